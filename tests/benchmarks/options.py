@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -60,6 +60,13 @@ def choice_list(allowed: Sequence[str]) -> Callable[[str], list[str]]:
         return names
 
     return parse
+
+
+def progress(items: Iterable[T], unit: str, total: int | None = None) -> Iterator[T]:
+    """Show on a terminal how many of some items are done."""
+    from tqdm import tqdm
+
+    yield from tqdm(items, unit=unit, total=total, disable=None, leave=False)
 
 
 def data_folder() -> Path:

@@ -50,7 +50,7 @@ from tests.benchmarks.image_pairs import (
     sequence_pairs,
     true_matches,
 )
-from tests.benchmarks.options import data_folder, positive, run_on_one_thread, save
+from tests.benchmarks.options import data_folder, positive, progress, run_on_one_thread, save
 from tests.benchmarks.quest.paper_problems import rotation_error
 
 _STEPS = (1, 2, 5, 10, 20, 30)
@@ -227,10 +227,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not named:
         print(f"no sequence below {data_folder()}: name folders, or set SLAM_INIT_DATA", file=sys.stderr)
         return 2
-    from tqdm import tqdm
-
-    bar = tqdm(named.items(), unit="set", disable=None, leave=False)
-    read = [read_data_set(name, open_source(folder), options.pairs, options.step) for name, folder in bar]
+    read = [
+        read_data_set(name, open_source(folder), options.pairs, options.step)
+        for name, folder in progress(named.items(), "set")
+    ]
     results = {data.name: _measure_all(data) for data in read}
     sets = [data for data in read if results[data.name]]
     parts = []

@@ -37,7 +37,7 @@ from tests.benchmarks.image_pairs import (
     sequence_pairs,
     true_matches,
 )
-from tests.benchmarks.options import choice_list, data_folder, number_list, positive, run_on_one_thread, save
+from tests.benchmarks.options import choice_list, data_folder, number_list, positive, progress, run_on_one_thread, save
 from tests.benchmarks.quest.cells import auc_cell, errors_cell, kept_cell, times_cell, verdicts_cell
 from tests.benchmarks.quest.robust_methods import METHODS, Estimate, available, limit_threads
 from tests.benchmarks.quest.robust_trials import Answer, judge, warm_up
@@ -215,10 +215,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     limit_threads()
     warm_up(methods)
-    from tqdm import tqdm
-
-    bar = tqdm(found, unit="set", disable=None, leave=False)
-    outcomes = {group: run_group(group, methods, options.threshold_px) for group in bar}
+    outcomes = {group: run_group(group, methods, options.threshold_px) for group in progress(found, "set")}
     title = f"SIFT with ratio test, except for the corners; threshold {options.threshold_px:g} px, one thread."
     save(options.out, "real_pairs.md", f"{title}\n\n{_tables(outcomes, methods)}")
     return 0

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
-from tests.benchmarks.options import positive, show
+from tests.benchmarks.options import positive, progress, show
 
 _SOURCE = "synth:static"
 _TENTHS = 10
@@ -94,7 +94,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the table to a file as well")
     arguments = parser.parse_args(argv)
     import cv2
-    from tqdm import tqdm
 
     from slam_init.datasets import open_source
 
@@ -104,7 +103,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise ValueError(f"{_SOURCE} has no camera")
     images = [frame.image for frame in source.frames(max_frames=60)]
     tenths = soak(images, source.camera, arguments.seconds, arguments.rate)
-    done = list(tqdm(tenths, total=_TENTHS, unit="tenth", disable=None, leave=False))
+    done = list(progress(tenths, "tenth", _TENTHS))
     show(soak_table(done) + "\n", arguments.out)
     return 0
 

@@ -10,11 +10,13 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Sequence
 from pathlib import Path
 
+from slam_init.output.tables import markdown_table
 from tests.benchmarks.attacks import disks, processes, surroundings
 from tests.benchmarks.attacks.attack import Attack, Pace, Seen
+from tests.benchmarks.options import progress, show
 
 _ALL = (*disks.ATTACKS, *processes.ATTACKS, *surroundings.ATTACKS)
 
@@ -30,8 +32,6 @@ def main() -> int:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     for name in ("SIGHUP", "SIGTERM", "SIGQUIT"):
         signal.signal(getattr(signal, name), signal.SIG_DFL)
-    from tqdm import tqdm
-
     chosen = [attack for attack in _ALL if arguments.only in f"{attack.area} {attack.name}"]
     if arguments.list:
         for attack in chosen:
@@ -39,11 +39,9 @@ def main() -> int:
         return 0
     if chosen:
         Pace.run_s()
-    done = [(attack, *_performed(attack)) for attack in tqdm(chosen, unit="attack", disable=None, leave=False)]
-    table = "\n".join(_table(done)) + "\n"
-    if arguments.out is not None:
-        arguments.out.write_text(table)
-    sys.stdout.write(table)
+    done = [(attack, *_performed(attack)) for attack in progress(chosen, "attack")]
+    table = _table(done)
+    show(table, arguments.out)
     return 0 if all(seen.holds for _, seen, _ in done) else 1
 
 
@@ -61,22 +59,23 @@ def _performed(attack: Attack) -> tuple[Seen, float]:
     return seen, seconds
 
 
-def _table(done: Iterable[tuple[Attack, Seen, float]]) -> Iterator[str]:
-    done = list(done)
+def _table(done: Sequence[tuple[Attack, Seen, float]]) -> str:
     held = sum(seen.holds for _, seen, _ in done)
-    yield f"{held} of {len(done)} attacks hold."
-    yield ""
-    yield "| area | attacks | held | fallen |"
-    yield "| --- | ---: | ---: | ---: |"
+    areas = []
     for area in dict.fromkeys(attack.area for attack, _, _ in done):
         holds = [seen.holds for attack, seen, _ in done if attack.area == area]
-        yield f"| {area} | {len(holds)} | {sum(holds)} | {len(holds) - sum(holds)} |"
-    yield ""
-    yield "| area | attack | expected | seen | holds | seconds |"
-    yield "| --- | --- | --- | --- | --- | ---: |"
+        areas.append([area, *(str(count) for count in (len(holds), sum(holds), len(holds) - sum(holds)))])
+    rows = []
     for attack, seen, seconds in done:
         cells = (attack.area, attack.name, attack.expected, seen.text, "yes" if seen.holds else "NO", f"{seconds:.1f}")
-        yield "| " + " | ".join(" ".join(cell.replace("|", "\\|").split()) for cell in cells) + " |"
+        rows.append([" ".join(cell.replace("|", "\\|").split()) for cell in cells])
+    return "\n\n".join(
+        [
+            f"{held} of {len(done)} attacks hold.",
+            markdown_table(["area", "attacks", "held", "fallen"], areas),
+            markdown_table(["area", "attack", "expected", "seen", "holds", "seconds"], rows) + "\n",
+        ]
+    )
 
 
 if __name__ == "__main__":

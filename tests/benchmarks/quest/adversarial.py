@@ -12,7 +12,7 @@ import inspect
 import sys
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import cast
 
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 import quest
 from slam_init.output.tables import markdown_table
-from tests.benchmarks.options import positive, run_on_one_thread, save
+from tests.benchmarks.options import positive, progress, run_on_one_thread, save
 
 Floats = NDArray[np.float64]
 #: Two views in any form that a caller could pass: arrays, lists, numbers, texts.
@@ -294,7 +294,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     outcomes: Counter[tuple[str, str]] = Counter()
     broken: list[str] = []
     names = tuple(FUNCTIONS)
-    for index in _with_progress(range(options.inputs)):
+    for index in progress(range(options.inputs), "input"):
         name = names[index % len(names)]
         outcome, what = judge(name, options.seed, index)
         outcomes[name, outcome] += 1
@@ -305,12 +305,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     table = markdown_table(["function", *kinds], rows)
     save(options.out, "adversarial.md", "\n".join([table, *(f"- {line}" for line in broken[:20])]) + "\n")
     return 1 if broken else 0
-
-
-def _with_progress(indices: Iterable[int]) -> Iterable[int]:
-    from tqdm import tqdm
-
-    return tqdm(indices, unit="input", disable=None, leave=False)
 
 
 if __name__ == "__main__":

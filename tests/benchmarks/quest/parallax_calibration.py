@@ -28,7 +28,7 @@ from quest.robust import kernels
 from quest.robust.rotation import refine_rotation
 from quest.uncertainty.parallax import LEAST_SINE2, RATIO_MADS, ParallaxStatement, parallax_statement
 from slam_init.output.tables import markdown_table
-from tests.benchmarks.options import positive, run_on_one_thread, save
+from tests.benchmarks.options import positive, progress, run_on_one_thread, save
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -221,11 +221,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
     first = markdown_table(
         ["matches", "wrong", "trials", *(f"p < {rate:g}" for rate in _ERROR_RATES), "smallest p"],
-        list(_with_progress(false_alarms(options.trials, options.seed), 12)),
+        list(progress(false_alarms(options.trials, options.seed), "row", 12)),
     )
     second = markdown_table(
         ["scene", "matches", "trials", *(f"ratio {ratio:g}" for ratio in _RATIOS)],
-        list(_with_progress(power(options.trials, options.seed), 12)),
+        list(progress(power(options.trials, options.seed), "row", 12)),
     )
     text = (
         "Cameras that only turn: share of trials whose p value lies under the stated error rate.\n\n"
@@ -237,12 +237,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     save(options.out, "parallax_calibration.md", text)
     return 0
-
-
-def _with_progress(rows: Iterator[list[str]], total: int) -> Iterator[list[str]]:
-    from tqdm import tqdm
-
-    yield from tqdm(rows, total=total, unit="row", disable=None, leave=False)
 
 
 if __name__ == "__main__":

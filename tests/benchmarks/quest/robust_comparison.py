@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from slam_init.output.tables import markdown_table
-from tests.benchmarks.options import choice_list, number_list, positive, run_on_one_thread, save
+from tests.benchmarks.options import choice_list, number_list, positive, progress, run_on_one_thread, save
 from tests.benchmarks.quest.cells import (
     FOUND_DEG,
     auc_cell,
@@ -148,7 +148,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     cells = (full_grid if options.full else star_grid)(options.scenes, outliers, options.noise, matches)
     limit_threads()
     warm_up(methods)
-    trials = _with_progress(cells, methods, options)
+    run = run_trials(cells, methods, options.trials, threshold_px=options.threshold_px, seed=options.seed)
+    trials = list(progress(run, "trial", len(cells) * options.trials * len(methods)))
     if options.out is not None:
         write_csv(trials, options.out / "robust_comparison.csv")
     title = (
@@ -156,14 +157,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     save(options.out, "robust_comparison.md", f"{title}\n\n{tables(trials)}")
     return 0
-
-
-def _with_progress(cells: Sequence[Cell], methods: Sequence[str], options: argparse.Namespace) -> list[Trial]:
-    from tqdm import tqdm
-
-    found = run_trials(cells, methods, options.trials, threshold_px=options.threshold_px, seed=options.seed)
-    total = len(cells) * options.trials * len(methods)
-    return list(tqdm(found, total=total, unit="trial", disable=None, leave=False))
 
 
 if __name__ == "__main__":

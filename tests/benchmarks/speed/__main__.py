@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tests.benchmarks.options import data_folder, positive, show
+from tests.benchmarks.options import choice_list, data_folder, positive, progress, show
 from tests.benchmarks.speed.frames import frames_table, measure, stages_table
 from tests.benchmarks.speed.timing import cpu_flow_ms, machine
 
@@ -44,13 +44,11 @@ def _sources(names: Sequence[str]) -> list[tuple[str, Source]]:
 
 
 def _frames(options: argparse.Namespace) -> str:
-    from tqdm import tqdm
-
     sources = _sources((*_SYNTHETIC, *_REAL))
     # The first run includes the import of libraries and is not counted.
     measure("warm-up", sources[0][1], options.max_frames)
     flows, measured = [cpu_flow_ms()], []
-    for name, source in tqdm(sources, unit="sequence", disable=None, leave=False):
+    for name, source in progress(sources, "sequence"):
         measured.append(measure(name, source, options.max_frames))
         flows.append(cpu_flow_ms())
     typical = sorted(flows)[len(flows) // 2]
@@ -81,18 +79,13 @@ _PARTS: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
 }
 
 
-def _parts(text: str) -> list[str]:
-    names = text.split(",")
-    if unknown := [name for name in names if name not in _PARTS]:
-        raise argparse.ArgumentTypeError(f"unknown {unknown[0]!r}: use {', '.join(_PARTS)}")
-    return names
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Print the tables; return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.speed", allow_abbrev=False)
     parser.description = "Time frames, robust estimates, the start, and the largest stages, on one thread."
-    parser.add_argument("--only", type=_parts, default=list(_PARTS), metavar="A,B", help=f"of {', '.join(_PARTS)}")
+    parser.add_argument(
+        "--only", type=choice_list(list(_PARTS)), default=list(_PARTS), metavar="A,B", help=f"of {', '.join(_PARTS)}"
+    )
     parser.add_argument("--max-frames", type=positive, default=100, metavar="N", help="of a sequence (default: 100)")
     parser.add_argument("--repetitions", type=positive, default=100, metavar="N", help="of an estimate (default: 100)")
     parser.add_argument("--processes", type=positive, default=3, metavar="N", help="of a kind of start (default: 3)")
