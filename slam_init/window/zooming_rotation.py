@@ -30,8 +30,12 @@ _ROUNDS, _MAX_STEPS, _LEAST_PROGRESS = 8, 30, 0.1
 _STEPS, _CONVERGED = 20, 1e-5
 #: Longest step of a rotation (rad) and of the logarithm of a zoom: outliers must not throw a view away.
 _LONGEST_STEP = 0.2
-#: Step of the numerical derivatives by a rotation, in radians.
+#: Step of the numerical derivatives by a rotation, in radians, and the rotations that have it: none, and one about each
+#: axis.
 _DERIVATIVE_RAD = 1e-6
+_TURNS: Floats = np.stack(
+    [rotation_from_vector(_DERIVATIVE_RAD * axis) for axis in np.vstack([np.zeros(3), np.eye(3)])]
+)
 #: The weights of the residuals are those of Geman and McClure, at twice the scale of the median residual.
 _OF_MEDIAN, _OF_SCALE = 1.4826, 2.0
 #: Fewer tracks than this do not locate a view: twice its four unknowns, at two coordinates a track.
@@ -114,23 +118,20 @@ def _located_view(
     """
     centre, log_zoom, sigma_px = _centre(camera), math.log1p(zoom), sigma_px[:, None]
 
-    def residuals(R: Floats, log_zoom: float) -> Floats:
-        projected = centre + math.exp(log_zoom) * (camera.project(world @ R.T) - centre)
-        return np.asarray((pixels - projected) / sigma_px)
-
     for _ in range(_STEPS):
-        left = residuals(R, log_zoom)
+        rays = world @ np.swapaxes(_TURNS @ R, 1, 2)
+        projected = camera.project(rays.reshape(-1, 3)).reshape(len(_TURNS), *pixels.shape)
+        left, *turned = (pixels - centre - math.exp(log_zoom) * (projected - centre)) / sigma_px
         if not np.isfinite(left).all():
             break
-        turned = [rotation_from_vector(_DERIVATIVE_RAD * axis) @ R for axis in np.eye(3)]
-        by_rotation = [(left - residuals(one, log_zoom)) / _DERIVATIVE_RAD for one in turned]
+        by_rotation = [(left - one) / _DERIVATIVE_RAD for one in turned]
         by_zoom = (pixels - centre) / sigma_px - left
         J = np.stack([*by_rotation, by_zoom], axis=-1)
         lengths = np.linalg.norm(left, axis=1)
         scale = _OF_SCALE * max(1.0, _OF_MEDIAN * float(np.median(lengths)))
         weights = (1 + (lengths / scale) ** 2) ** -2
-        information = np.einsum("n,nqi,nqj->ij", weights, J, J)
-        step = np.linalg.lstsq(information, np.einsum("n,nqi,nq->i", weights, J, left), rcond=None)[0]
+        J, weighted = J.reshape(-1, 4), (weights[:, None, None] * J).reshape(-1, 4)
+        step = np.linalg.lstsq(weighted.T @ J, weighted.T @ left.ravel(), rcond=None)[0]
         largest = float(np.abs(step).max())
         step *= min(1.0, _LONGEST_STEP / max(largest, _CONVERGED))
         R, log_zoom = rotation_from_vector(step[:3]) @ R, log_zoom + float(step[3])
