@@ -19,7 +19,7 @@ import numpy as np
 from quest.geometry.quaternion import vector_from_rotation
 from quest.robust.rotation import refine_rotation
 from slam_init.frontend.tracks import History, common_tracks
-from slam_init.types.arrays import Floats, Ints
+from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.lens_in_use import LensInUse
@@ -41,18 +41,14 @@ _STEP_S = 1e-4
 _SAME_READOUT_S = 2e-4
 
 
-def turning_flow(camera: Camera, observations: Observations, rows: Ints | None = None) -> Floats:
-    """How the pixels of a frame move by the turning of the camera.
+def turning_flow(camera: Camera, rays: Floats, turns_rad_s: Floats) -> Floats:
+    """How pixels move by the turning of the camera.
 
     Times :func:`readout_places` this is the derivative of the raw pixels by the readout.
 
-    Shapes: ``rows`` (N,), returns (N, 2).
+    Shapes: ``rays`` (N, 3), ``turns_rad_s`` (N, 3) or (3,), returns (N, 2).
     """
-    turn = observations.turn_rad_s
-    bearings = observations.bearings if rows is None else observations.bearings[rows]
-    if turn is None:
-        return np.zeros((len(bearings), 2))
-    return image_flow(camera, bearings, np.cross(turn, bearings))
+    return image_flow(camera, rays, np.cross(turns_rad_s, rays))
 
 
 def image_flow(camera: Camera, rays: Floats, rays_per_s: Floats) -> Floats:

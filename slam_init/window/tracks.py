@@ -118,7 +118,7 @@ class WindowTracks:
             sigmas_px = np.hypot(np.sqrt(np.maximum(variances, 0.0)), least_noise_px)
             least_noise_px = float(np.median(sigmas_px[seen, 0]))
             sigma_px = np.where(seen, sigmas_px[..., 0], least_noise_px) * max(noise_px / least_noise_px, 1.0)
-            whitening = np.einsum("...ij,...j,...kj->...ik", axes, sigmas_px[..., :1] / sigmas_px, axes)
+            whitening = _of_axes(sigmas_px[..., :1] / sigmas_px, axes)
         places = _orthonormal_polynomials(camera, np.where(seen[..., None], pixels, 0.0)) / sigma_px[..., None]
         return WindowTracks(
             camera,
@@ -288,15 +288,19 @@ def _motion_of_pixels(
     sweep_px_s, slides_px = np.zeros((*seen.shape, 2)), np.zeros((*seen.shape, 2))
     drifts = np.zeros((*seen.shape, 2, 2))
     for k, view in enumerate(views):
-        at, of = seen[k], rows[k, seen[k]]
         if len(view.drifts):
-            drifts[k, at] = view.drifts[of]
-        if view.turn_rad_s is None:
-            continue
-        flow_px_s = turning_flow(camera, view, of)
-        sweep_px_s[k, at] = flow_px_s * readout_places(camera, view.pixels[of])[:, None]
-        if view.exposure_s:
-            slides_px[k, at] = _INSTANT * view.exposure_s * flow_px_s
+            drifts[k, seen[k]] = view.drifts[rows[k, seen[k]]]
+    turning = [k for k, view in enumerate(views) if view.turn_rad_s is not None]
+    at = seen & np.isin(np.arange(len(views)), turning)[:, None]
+    if at.any():
+        # All views at once: a projection of some hundred rays takes as long as one of some thousand.
+        rays = np.concatenate([views[k].bearings[rows[k, seen[k]]] for k in turning])
+        pixels = np.concatenate([views[k].pixels[rows[k, seen[k]]] for k in turning])
+        turns = np.array([np.zeros(3) if view.turn_rad_s is None else view.turn_rad_s for view in views])
+        of_view = np.nonzero(at)[0]
+        flow_px_s = turning_flow(camera, rays, turns[of_view])
+        sweep_px_s[at] = flow_px_s * readout_places(camera, pixels)[:, None]
+        slides_px[at] = _INSTANT * np.array([view.exposure_s for view in views])[of_view, None] * flow_px_s
     return sweep_px_s, drifts, slides_px
 
 
@@ -308,8 +312,7 @@ def _since_anchor(seen: Bools, drifts: Floats, slides_px: Floats) -> Floats:
     slides_px = np.where(seen[..., None], slides_px - slides_px[anchor, np.arange(seen.shape[1])], 0.0)
     # A view that is earlier than the anchor has drifted less. Where descriptors found a track, its drift began anew.
     variances, axes = _principal_axes(np.where(seen[..., None, None], between, 0.0))
-    drifted = np.einsum("...ij,...j,...kj->...ik", axes, np.abs(variances), axes)
-    return np.asarray(drifted + np.einsum("...i,...j->...ij", slides_px, slides_px))
+    return _of_axes(np.abs(variances), axes) + slides_px[..., :, None] * slides_px[..., None, :]
 
 
 def _principal_axes(covariances: Floats) -> tuple[Floats, Floats]:
@@ -323,6 +326,11 @@ def _principal_axes(covariances: Floats) -> tuple[Floats, Floats]:
     cosine, sine = np.cos(angle), np.sin(angle)
     axes = np.stack([np.stack([-sine, cosine], axis=-1), np.stack([cosine, sine], axis=-1)], axis=-1)
     return np.stack([middle - radius, middle + radius], axis=-1), axes
+
+
+def _of_axes(values: Floats, axes: Floats) -> Floats:
+    """The symmetric matrices (..., 2, 2) with some eigenvalues (..., 2) and eigenvectors (..., 2, 2)."""
+    return np.asarray((axes * values[..., None, :]) @ np.swapaxes(axes, -1, -2))
 
 
 def _spread(camera: Camera, pixels: Floats, seen: Bools, score: Ints, max_tracks: int) -> Ints:

@@ -39,7 +39,8 @@ def turning(camera, readout_s, count=3, step_s=1 / 30, turn=TURN, seed=0):
 
 def sweep_of(camera, observations):
     """Derivatives of the raw pixels by the readout."""
-    return turning_flow(camera, observations) * readout_places(camera, observations.pixels)[:, None]
+    flow_px_s = turning_flow(camera, observations.bearings, observations.turn_rad_s)
+    return flow_px_s * readout_places(camera, observations.pixels)[:, None]
 
 
 def vector(camera):
