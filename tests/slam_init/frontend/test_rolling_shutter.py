@@ -15,6 +15,7 @@ from slam_init.initializer import Initializer
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.reasons import Verdict
+from slam_init.window.tracks import gather_tracks
 
 #: The camera turns about a fixed axis, in rad/s.
 TURN = np.array([0.6, -0.9, 0.3])
@@ -99,7 +100,7 @@ def test_a_global_shutter_leaves_the_frames_as_they_are():
     frames, _ = turning(camera, np.zeros(2))
     history, shutter = corrected_frames(camera, frames)
     assert all(history[one.frame] is one for one in frames)
-    assert not sweep_of(camera, history[1]).any()
+    assert not gather_tracks(camera, list(history), 0.3).sweep_px_s.any()
     assert shutter.readout_s == 0
 
 
@@ -133,7 +134,7 @@ def test_nothing_is_corrected_where_the_turning_is_not_known(case):
         frames = [replace(one, track_ids=one.track_ids + 1000 * one.frame) for one in frames]
     history, _ = corrected_frames(camera, frames)
     assert all(one.turn_rad_s is None for one in history)
-    assert all(not sweep_of(camera, one).any() for one in history)
+    assert not gather_tracks(camera, list(history), 0.3).sweep_px_s.any()
 
 
 def run(seed, **options):
