@@ -20,12 +20,12 @@ from slam_init.types.initial_map import InitialMap
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 from slam_init.types.result import ProvisionalMap
 from slam_init.window.levels import (
-    ADJUSTED_DIRECTION_DEG,
-    ADJUSTED_ROTATION_DEG,
     CERTAIN_FOCAL_SIGMAS,
+    EVEN,
     RISK_OF_A_VIEW,
 )
 from slam_init.window.motion import FittedMotion, difference_deg
+from slam_init.window.risk import WindowRisk
 
 
 class WindowMaps:
@@ -42,31 +42,26 @@ class WindowMaps:
     def accepted(self) -> tuple[BundleSolution | BundleFailure, TrackTable]:
         """The map of the best motion, in the views that add little risk.
 
-        The stated risk is that of the pair. A view that is left out costs some landmarks only.
+        A view that is left out costs some landmarks only.
         """
-        return self._agreeing(self._window.certain_frames(RISK_OF_A_VIEW))
+        return self._agreeing(RISK_OF_A_VIEW, self._config.acceptance.max_risk)
 
     def undecided(self) -> tuple[InitialMap, ...]:
         """The maps of both motions of a plane that the tracks do not decide between; none where one has no map."""
-        both = [self.built(self._adjusted(motion)[0]) for motion in self._window.hypotheses.motions[:2]]
-        maps = tuple(one.map for one in both if one is not None)
+        both = [self._adjusted(motion)[0] for motion in self._window.hypotheses.motions[:2]]
+        maps = tuple(self.built(one).map for one in both if isinstance(one, BundleSolution))
         return maps if len(maps) == 2 else ()
 
     def provisional(self) -> ProvisionalMap | None:
-        """The map of the best motion with its risk; None where it cannot be built.
-
-        The risk is 1 where bundle adjustment moved the map away from the motion.
-        """
-        total = self._window.risk.total
-        bundle, _ = self._agreeing(self._window.certain_frames(total))
-        risk = 1.0 if self.moved_frames(bundle) else total
-        built = self.built(bundle, risk)
-        return None if built is None else ProvisionalMap(built.map, risk)
-
-    def built(self, bundle: BundleSolution | BundleFailure, risk: float | None = None) -> MapWithViews | None:
-        """The map of an adjusted bundle, with what the window knows of its camera."""
+        """The map of the best motion with its risk; None where it cannot be built."""
+        bundle, _ = self._agreeing(self._window.risk.total, EVEN)
         if not isinstance(bundle, BundleSolution):
             return None
+        risk = self.risk_of(bundle).total
+        return ProvisionalMap(self.built(bundle, risk).map, risk)
+
+    def built(self, bundle: BundleSolution, risk: float | None = None) -> MapWithViews:
+        """The map of an adjusted bundle, with what the window knows of its camera."""
         lens, hypotheses = self._window.lens, self._window.hypotheses
         built = map_with_views(self._history, bundle, "planar" if hypotheses.planar else "general")
         map_, camera = built.map, built.map.camera
@@ -79,40 +74,47 @@ class WindowMaps:
             map_ = replace(map_, focal_factor=factor, focal_factor_sigma=factor * sigma)
         return replace(built, map=replace(map_, camera=camera, risk=risk))
 
-    def moved_frames(self, bundle: BundleSolution | BundleFailure) -> tuple[int, ...]:
-        """The keyframes whose motion from the reference is not that of the window any more, after bundle adjustment.
+    def risk_of(self, bundle: BundleSolution) -> WindowRisk:
+        """The risk of an adjusted map, whose pair may be away from the motion of the window.
 
-        Bundle adjustment does not know that points lie on a plane, nor the error fields: views with short baselines may
-        move far. A failure moved none.
+        Bundle adjustment holds the lens of a calibration, and does not know that points lie on a plane, nor the error
+        fields.
         """
-        if not isinstance(bundle, BundleSolution):
-            return ()
+        return self._window.risk.of_map(*self._differences_deg(bundle)[self._window.best.frames[1]])
+
+    def _differences_deg(self, bundle: BundleSolution) -> dict[int, tuple[float, float]]:
+        """Differences of rotation and direction between map and window, for each frame of a map but the reference."""
         world_from_cam = dict(zip(bundle.problem.frames, bundle.problem.world_from_cam, strict=True))
         fitted, reference = self._window.best.motion.cam_from_world, self._window.best.frames[0]
-        moved = []
-        for frame in set(world_from_cam) - {reference}:
-            adjusted = world_from_cam[frame].inverse() @ world_from_cam[reference]
-            rotation_deg, direction_deg = difference_deg(fitted[frame], adjusted)
-            if rotation_deg > ADJUSTED_ROTATION_DEG or direction_deg > ADJUSTED_DIRECTION_DEG:
-                moved.append(frame)
-        return tuple(moved)
+        first = world_from_cam.pop(reference)
+        return {frame: difference_deg(fitted[frame], pose.inverse() @ first) for frame, pose in world_from_cam.items()}
 
-    def _agreeing(self, frames: Sequence[int]) -> tuple[BundleSolution | BundleFailure, TrackTable]:
+    def _agreeing(self, of_view: float, of_pair: float) -> tuple[BundleSolution | BundleFailure, TrackTable]:
         """The map of the best motion, which bundle adjustment has not moved away from the motion.
 
-        A further view that moves away is left out. Where the pair moves, the joint estimate gives priors of the poses.
-        It knows more than the landmarks: tracks with uncertain depths, and that the points lie on a plane.
+        A further view whose own direction is riskier than ``of_view`` is left out, by the window or in the map. Where
+        the risk of the pair exceeds ``of_pair`` in the map, the joint estimate gives priors of the poses. It knows more
+        than the landmarks: tracks with uncertain depths, and that the points lie on a plane.
         """
         motion, risk = self._window.best, self._window.risk
+        frames: Sequence[int] = self._window.certain_frames(of_view)
         bundle, table = self._adjusted(motion, frames)
-        moved = self.moved_frames(bundle)
-        if moved and frames[1] not in moved:
-            bundle, table = self._adjusted(motion, [frame for frame in frames if frame not in moved])
-            moved = self.moved_frames(bundle)
-        if moved:
+        if isinstance(bundle, BundleSolution):
+            differences = self._differences_deg(bundle)
+            kept = [*frames[:2], *(frame for frame in frames[2:] if self._risk_of_view(frame, differences) <= of_view)]
+            if len(kept) < len(frames):
+                bundle, table = self._adjusted(motion, kept)
+        if isinstance(bundle, BundleSolution) and self.risk_of(bundle).total > of_pair:
             sigmas = np.radians([risk.rotation_sigma_deg, risk.direction_sigma_deg])
             bundle, table = self._adjusted(motion, frames, PosePrior(*sigmas.tolist()))
         return bundle, table
+
+    def _risk_of_view(self, frame: int, differences_deg: dict[int, tuple[float, float]]) -> float:
+        """The risk that a further view of a map adds."""
+        if frame not in differences_deg:  # bundle adjustment has left it out
+            return 0.0
+        view, risk = self._window.best.frames.index(frame) - 1, self._window.risk
+        return risk.direction_of_views[view] + risk.added_by_map(view, *differences_deg[frame])
 
     def _adjusted(
         self, motion: FittedMotion, frames: Sequence[int] | None = None, prior: PosePrior | None = None

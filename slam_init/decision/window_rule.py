@@ -211,10 +211,16 @@ class WindowRule:
         attempt = with_gates(replace(attempt, map=evidence), gates)
         if not all(gate.passes() for gate in gates):
             return Outcome(refused_by(attempt, Stage.MAP, gates), lens=lens)
-        if maps.moved_frames(bundle):
-            attempt = replace(attempt, map=MapEvidence(failure="the adjusted motion differs from that of the window"))
+        risk = maps.risk_of(bundle)
+        if risk.total > self._config.acceptance.max_risk:
+            failure = f"the adjusted motion differs from that of the window: risk {risk.total:.2g}"
+            attempt = replace(attempt, map=MapEvidence(failure=failure))
             return Outcome(refused_at(attempt, Verdict.BUNDLE_ADJUSTMENT_FAILED, Stage.MAP), lens=lens)
-        return Outcome(replace(attempt, progress=1.0), accepted=maps.built(bundle, window.risk.total), lens=lens)
+        # The stated risk is that of the map.
+        attempt = replace(window, risk=risk).with_evidence(attempt)
+        gates = [replace(one, value=risk.total) if one.name == GateName.RISK else one for one in attempt.gates]
+        attempt = replace(attempt, gates=tuple(gates))
+        return Outcome(replace(attempt, progress=1.0), accepted=maps.built(bundle, risk.total), lens=lens)
 
     def _map_gates(self, bundle: BundleSolution) -> list[Gate]:
         """The gates on the depths of a map and on the number of its landmarks."""

@@ -28,8 +28,9 @@ WRONG_ROTATION_DEG, WRONG_DIRECTION_DEG = 5.0, 15.0
 #: Class: assumption.
 FEW_VIEWS = 0.7
 
-#: A focal length that is off by two of its standard deviations widens the direction by sqrt(2), one that is off by more
-#: in proportion, as Student's distribution with four degrees of freedom is wider than a Gaussian one far out.
+#: Where a map follows the lens of the fit, a focal length that is off by two standard deviations of its prior widens
+#: the direction by sqrt(2), one that is off by more in proportion, as Student's distribution with four degrees of
+#: freedom is wider than a Gaussian one far out.
 #: Class: assumption.
 PULL_FREEDOM = 4.0
 
@@ -212,10 +213,6 @@ LEAST_ON_PLANE, LEAST_TRACKS_ON_PLANE = 0.5, 20
 #: Largest risk that a further keyframe adds: a tenth of the largest risk that is accepted.
 #: Class: assumption.
 RISK_OF_A_VIEW = 5e-4
-
-#: Bundle adjustment on all tracks may turn the fitted motion by as much as a third of what makes a map wrong.
-#: Class: definition.
-ADJUSTED_ROTATION_DEG, ADJUSTED_DIRECTION_DEG = 1.5, 5.0
 
 #: A calibration is left where the focal length is off by so many of its standard deviations: once in 400 by chance.
 #: Class: level.

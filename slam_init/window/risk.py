@@ -6,8 +6,9 @@ causes add their probabilities:
 * **direction**: the right hypothesis with a large error of the direction, or of the rotation. The covariance of the
   joint fit (Laplace) gives their standard deviations, the error fields integrated out. It knows noise, focal length and
   errors that the tracks of a view share. Errors that a track keeps over many views, and noise that differs between
-  tracks, show in the scatter of the scores; for the direction the larger deviation counts. A zoom and a shift of each
-  view widen and move it, with the probability that the lens changes from view to view.
+  tracks, show in the scatter of the scores; for the direction the larger deviation counts. The map of a calibrated
+  camera keeps the stated lens, which the fit moves: what that changes adds to both. A zoom and a shift of each view
+  widen and move the direction, with the probability that the lens changes from view to view.
 * **rival**: another motion is right. Each track votes by the difference of its two log likelihoods, by three nats at
   the most: so much it costs to say that the track is an outlier. The image region with the largest vote is left out,
   since a moving body or a step in the scene fills a region. What the error fields explain of the rival counts for it.
@@ -68,12 +69,14 @@ from slam_init.window.tracker_errors import (
 from slam_init.window.uncertainty import (
     CameraEstimate,
     ExpandedFit,
+    MovedByLens,
     VaryingLens,
     camera_estimate,
     direction_by_principal_point_deg,
     direction_sigmas_deg,
     expand,
     inverse_distances,
+    moved_by_lens,
     places_of,
     rotation_covariance,
     sigma_with_known_lens,
@@ -130,8 +133,53 @@ class WindowRisk:
     #: The term of the direction for each view of the best motion but the first: the pair's own first. A view near the
     #: reference has an uncertain direction although its position is certain.
     direction_of_views: tuple[float, ...]
+    #: Deviations of these directions where they are largest, in degrees.
+    sigmas_of_views_deg: tuple[float, ...]
+    #: How far the map is from the fit if it follows the expansion: the lens that a map holds moves it. The deviations
+    #: have that in them.
+    moved: MovedByLens
     #: The tracks with a rigid motion of their own, where ``moving`` was evaluated and there are many.
     moving_tracks: tuple[int, ...] = ()
+
+    def of_map(self, rotation_deg: float, direction_deg: float) -> WindowRisk:
+        """The risk of a map whose pair is that far from the fitted one."""
+        added = self.added_by_map(0, rotation_deg, direction_deg)
+        turned_deg, aside_deg = self._not_expected_deg(0, rotation_deg, direction_deg)
+        return replace(
+            self,
+            total=min(1.0, self.total + added),
+            direction=min(1.0, self.direction + added),
+            rotation_sigma_deg=math.hypot(self.rotation_sigma_deg, turned_deg),
+            direction_sigma_deg=math.hypot(self.direction_sigma_deg, aside_deg),
+        )
+
+    def added_by_map(self, view: int, rotation_deg: float, direction_deg: float) -> float:
+        """What the direction of a view, or its rotation, adds to the risk in a map that is that far from the fit.
+
+        Which of both is right is not known, so the distance adds to the second moments.
+
+        * ``view``: In the order of :attr:`direction_of_views`.
+        """
+        turned_deg, aside_deg = self._not_expected_deg(view, rotation_deg, direction_deg)
+        sigma_deg = self.sigmas_of_views_deg[view]
+        stated = _wrong_by_sigmas(self.rotation_sigma_deg, sigma_deg)
+        return (
+            _wrong_by_sigmas(math.hypot(self.rotation_sigma_deg, turned_deg), math.hypot(sigma_deg, aside_deg)) - stated
+        )
+
+    def _not_expected_deg(self, view: int, rotation_deg: float, direction_deg: float) -> tuple[float, float]:
+        """The parts of two differences that the lens of the map does not explain."""
+        turned_deg, aside_deg = self.moved.rotation_deg, float(self.moved.directions_deg[view])
+        return (
+            math.sqrt(max(rotation_deg**2 - turned_deg**2, 0.0)),
+            math.sqrt(max(direction_deg**2 - aside_deg**2, 0.0)),
+        )
+
+
+def _wrong_by_sigmas(rotation_deg: float, direction_deg: float) -> float:
+    """Probability that a rotation or a direction with these standard deviations is wrong."""
+    aside = float(two_directions(WRONG_DIRECTION_DEG, np.array([direction_deg]))[0])
+    return aside + three_directions(WRONG_ROTATION_DEG, rotation_deg)
 
 
 def risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
@@ -143,29 +191,36 @@ def risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
 def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     best = hypotheses.motions[0]
     expanded = expand(hypotheses, best)
+    calibrated = hypotheses.priors.focal_sigma <= CALIBRATED_SIGMA
     optimism = _optimism(hypotheses, best)
-    factor, weights = optimism.factor, expanded.scale_weights
+    factor, weights = optimism.factor(lens_held=calibrated), expanded.scale_weights
+    # The map of a calibrated camera keeps the stated lens.
+    moved = moved_by_lens(expanded, hypotheses.priors, held=calibrated)
     by_tracks_deg = [direction_sigmas_deg(expanded, view) for view in range(1, len(best.rows))]
     # What the fit does not know widens its deviations, but not that of the principal point with its own prior.
     of_views = [
-        _widened(sigmas_deg, factor, direction_by_principal_point_deg(expanded, 1 + view))
+        np.hypot(
+            _widened(sigmas_deg, factor, direction_by_principal_point_deg(expanded, 1 + view)),
+            moved.directions_deg[view],
+        )
         for view, sigmas_deg in enumerate(by_tracks_deg)
     ]
     varying = varying_lens(expanded, hypotheses.priors)
-    rotation_deg = factor * _largest_sigma_deg(rotation_covariance(expanded))
+    rotation_deg = math.hypot(factor * _largest_sigma_deg(rotation_covariance(expanded)), moved.rotation_deg)
     rotated = three_directions(WRONG_ROTATION_DEG, rotation_deg)
     direction_risks = tuple(
         min(1.0, float(weights @ _with_varying_lens(sigmas_deg, varying, view)) + rotated)
         for view, sigmas_deg in enumerate(of_views)
     )
-    direction, direction_deg = direction_risks[0], float(np.sqrt(weights @ of_views[0] ** 2))
-    calibrated = hypotheses.priors.focal_sigma <= CALIBRATED_SIGMA
+    sigmas_of_views = tuple(float(np.sqrt(weights @ sigmas_deg**2)) for sigmas_deg in of_views)
+    direction, direction_deg = direction_risks[0], sigmas_of_views[0]
     known_lens = (1.0 if calibrated else sigma_with_known_lens(expanded)) * by_tracks_deg[0]
     with_known_lens = float(weights @ two_directions(WRONG_DIRECTION_DEG, known_lens))
-    if_rigid = float(weights @ two_directions(WRONG_DIRECTION_DEG, optimism.if_rigid * by_tracks_deg[0]))
+    rigid_deg = np.hypot(optimism.if_rigid(lens_held=calibrated) * by_tracks_deg[0], moved.directions_deg[0])
+    if_rigid = float(weights @ two_directions(WRONG_DIRECTION_DEG, rigid_deg))
     gain, rotation, camera = _rotation_probability(hypotheses, expanded)
     if rotation <= MERE_ROTATION:
-        camera = camera_estimate(expanded, factor)
+        camera = camera_estimate(expanded, optimism.factor(lens_held=False))
     # Points at infinity lie on no plane, so that a plane needs no such test.
     rotation = max(rotation, 0.0 if hypotheses.planar else _bodies_probability(hypotheses, ON_BODIES))
     refused = rotation > _UNDECIDED or direction > _UNKNOWN
@@ -182,6 +237,8 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
         direction_with_known_lens=with_known_lens,
         direction_if_rigid=if_rigid,
         direction_of_views=direction_risks,
+        sigmas_of_views_deg=sigmas_of_views,
+        moved=moved,
         rival=rival,
         rotation=rotation,
         moving=other.probability,
@@ -278,15 +335,13 @@ class _Optimism:
     #: Tracks on bodies that the fit explains by chance, and residuals that neighbouring tracks share.
     bodies: float
 
-    @property
-    def if_rigid(self) -> float:
-        """Factor on the standard deviation if no track lies on a moving body."""
-        return math.sqrt(self.few_views * (1 + self.pulled_lens))
+    def factor(self, *, lens_held: bool) -> float:
+        """Factor on the standard deviation; a lens that a map holds has no part in it."""
+        return math.sqrt(self.few_views * (1 + (0.0 if lens_held else self.pulled_lens) + self.bodies))
 
-    @property
-    def factor(self) -> float:
-        """Factor on the standard deviation."""
-        return math.sqrt(self.few_views * (1 + self.pulled_lens + self.bodies))
+    def if_rigid(self, *, lens_held: bool) -> float:
+        """Factor on the standard deviation if no track lies on a moving body."""
+        return replace(self, bodies=0.0).factor(lens_held=lens_held)
 
 
 def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> _Optimism:

@@ -150,6 +150,16 @@ class VaryingLens:
         return float(np.exp(of_shifts - np.logaddexp(of_shifts, self.log_weights[0])))
 
 
+@dataclass(frozen=True, eq=False)
+class MovedByLens:
+    """How far a motion moves when the lens goes from where the fit has it to where a map has it."""
+
+    #: The pair's rotation.
+    rotation_deg: float
+    #: (V - 1,) The directions of all views but the first.
+    directions_deg: Floats
+
+
 @dataclass(frozen=True)
 class ReadoutEstimate:
     """The readout of a rolling shutter by a fit."""
@@ -293,6 +303,31 @@ def direction_by_principal_point_deg(expanded: ExpandedFit, view: int = 1) -> fl
     mixed = J @ covariance[:, columns]
     by_point = mixed @ np.linalg.solve(covariance[columns, columns], mixed.T)
     return math.degrees(math.sqrt(max(float(np.linalg.eigvalsh(by_point)[-1]), 0.0)))
+
+
+def moved_by_lens(expanded: ExpandedFit, priors: Priors, *, held: bool) -> MovedByLens:
+    """How far the motion of a map, whose lens is the expected one, is from that of the fit, which moves the lens.
+
+    All other unknowns follow the lens as their covariance says. A map never moves the principal point.
+
+    * ``held``: Whether the map keeps focal length and distortion too.
+    """
+    lin, state, covariance = expanded.linearization, expanded.fit.state, expanded.marginal.covariance
+    columns: list[int] = []
+    offsets: list[float] = []
+    if held:
+        columns += [lin.k1_column - 1, lin.k1_column]
+        offsets += [state.log_scale - priors.log_scale_mean, state.k1 - priors.k1_mean]
+    if lin.principal_columns is not None:
+        columns += [lin.principal_columns.start, lin.principal_columns.start + 1]
+        offsets += state.principal_px.tolist()
+    if not columns:
+        return MovedByLens(0.0, np.zeros(len(state.R) - 1))
+    moved = covariance[:, columns] @ np.linalg.solve(covariance[np.ix_(columns, columns)], np.array(offsets))
+    directions = [_direction_derivatives(expanded, view)[1] @ moved for view in range(1, len(state.R))]
+    return MovedByLens(
+        math.degrees(float(np.linalg.norm(moved[:3]))), np.degrees(np.linalg.norm(np.array(directions), axis=1))
+    )
 
 
 def varying_lens(expanded: ExpandedFit, priors: Priors) -> VaryingLens:

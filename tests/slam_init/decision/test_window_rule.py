@@ -11,9 +11,8 @@ from make_window import WINDOW_CONFIG, point_source, pose_errors_deg, true_motio
 
 from slam_init.calibration.prior import camera_with_focal
 from slam_init.config import Config
-from slam_init.decision import window_rule
+from slam_init.decision import window_map, window_rule
 from slam_init.decision.screening import LEAST_PARALLAX_SHARE
-from slam_init.decision.window_map import WindowMaps
 from slam_init.decision.window_rule import WindowRule
 from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.initializer import Initializer
@@ -129,6 +128,7 @@ def test_each_attempt_with_a_motion_has_its_window_and_one_gate_on_the_risk(scen
         terms = (
             window.risk_direction + window.risk_rival + window.risk_rotation + window.risk_moving + window.risk_floor
         )
+        # A map adds what bundle adjustment moved it to the term of the direction.
         assert window.risk == pytest.approx(min(1.0, terms))
         assert 2 <= window.views <= 12
         assert window.hypotheses >= 1
@@ -319,7 +319,7 @@ def test_the_provisional_map_is_none_then_too_risky_then_the_accepted_map(scene,
             break
         assert (provisional is None) == (status.attempt is None or status.attempt.window is None)
         if provisional is not None:
-            assert provisional.risk == status.attempt.window.risk
+            assert provisional.risk >= status.attempt.window.risk
             assert len(provisional.map.points)
             assert max(k.frame for k in provisional.map.keyframes) == observed.frame
             waiting += 1
@@ -329,17 +329,18 @@ def test_the_provisional_map_is_none_then_too_risky_then_the_accepted_map(scene,
     assert initializer.provisional.map is initializer.finish().map
 
 
-def test_a_map_that_bundle_adjustment_moves_away_is_refused_and_its_provisional_map_is_wrong_for_certain(monkeypatch):
-    monkeypatch.setattr(WindowMaps, "moved_frames", lambda maps, bundle: (1,))
+def test_a_map_that_bundle_adjustment_moves_away_is_refused_with_the_risk_that_this_makes(monkeypatch):
+    monkeypatch.setattr(window_map, "difference_deg", lambda fitted, adjusted: (0.0, 30.0))
     source = point_source("room", 2, baseline=0.1)
     initializer, risks = Initializer(source.camera, WINDOW_CONFIG), []
     for observed in source.observations():
         assert not initializer.process_tracks(observed)
         attempt = initializer.status.attempt
         if attempt is not None and attempt.verdict == Verdict.BUNDLE_ADJUSTMENT_FAILED:
+            assert attempt.window.risk <= WINDOW_CONFIG.acceptance.max_risk
             risks.append(initializer.provisional.risk)
     assert risks
-    assert set(risks) == {1.0}
+    assert min(risks) > 0.5
 
 
 def test_the_provisional_map_can_be_asked_for_after_its_frames_are_dropped():

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from make_window import PRIORS, Window, direction_covariance, equations, make_window, moved
 
-from quest.geometry.quaternion import matrix_from_quaternion, quaternion_from_vector
+from quest.geometry.quaternion import matrix_from_quaternion, quaternion_from_vector, rotation_angle
+from slam_init.types.camera import Camera
 from slam_init.window.joint_fit import fit_window
 from slam_init.window.linearization import information_by_chance, linearize_with_fields
 from slam_init.window.marginal import FIELD_SCALES_PX, marginalize_fields
@@ -16,6 +17,7 @@ from slam_init.window.uncertainty import (
     direction_sigmas_deg,
     direction_uncertainty,
     inverse_distances,
+    moved_by_lens,
     rotation_covariance,
 )
 
@@ -240,3 +242,37 @@ def test_a_rotation_vector_turns_by_its_angle():
     turn = matrix_from_quaternion(quaternion_from_vector(vector))
     found = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     np.testing.assert_allclose(found, vector, rtol=1e-5)
+
+
+@pytest.mark.parametrize("scene", ["room", "tilted-45"])
+def test_a_map_whose_lens_is_held_is_as_far_from_the_fit_as_stated(scene):
+    """The tracks are those of a lens of another focal length and distortion; the fit moves the lens, a map does not."""
+    stated = Camera("pinhole", 640, 480, 500.0, 500.0, 319.5, 239.5)
+    true = replace(stated, fx=503.0, fy=503.0, model="radtan", distortion=(0.004, 0.0, 0.0, 0.0))
+    window = make_window(scene, 2, 5, 120, noise_px=0.5, baseline=0.4, camera=true, stated=stated, turning=0.03)
+    priors = Priors(focal_sigma=0.02, k1_sigma=0.05, principal_sigma_px=2.0, gate_sigmas=100.0)
+    plane = window.plane if scene != "room" else None
+    free = fit_window(window.tracks, window.start(0, plane, error=1e-3), priors, tolerance=1e-8)
+    held_priors = replace(priors, focal_sigma=1e-7, k1_sigma=1e-7, principal_sigma_px=1e-5)
+    start = replace(free.state, log_scale=0.0, k1=0.0, principal_px=np.zeros(2))
+    held = fit_window(window.tracks, start, held_priors, tolerance=1e-8)
+    found = moved_by_lens(expanded(window, free, priors), priors, held=True)
+
+    def directions(fit):
+        found = np.einsum("kji,kj->ki", fit.state.R, fit.state.t)[1:]
+        return found / np.linalg.norm(found, axis=1, keepdims=True)
+
+    moved_deg = np.degrees(np.linalg.norm(directions(free) - directions(held), axis=1))
+    assert moved_deg.max() > 0.05
+    np.testing.assert_allclose(found.directions_deg, moved_deg, rtol=0.3, atol=0.02)
+    turned_deg = np.degrees(rotation_angle(free.state.R[1].T @ held.state.R[1]))
+    assert found.rotation_deg == pytest.approx(turned_deg, rel=0.3, abs=0.02)
+
+
+def test_a_map_that_follows_the_lens_moves_with_the_principal_point_only(window_and_fit):
+    window, fit = window_and_fit
+    found = expanded(window, replace(fit, state=replace(fit.state, log_scale=1e-3, k1=1e-3)))
+    moved = moved_by_lens(found, PRIORS, held=False)
+    assert moved.rotation_deg == 0.0
+    assert not moved.directions_deg.any()
+    assert moved_by_lens(found, PRIORS, held=True).directions_deg.min() > 0.0
