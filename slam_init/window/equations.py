@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from quest.geometry.quaternion import vector_from_rotation
 from slam_init.types.arrays import Bools, Floats, Ints
+from slam_init.window.arguments import Equations, Fitted, Layout, Lens, Observed, Scene, Sums
 from slam_init.window.kernels import accumulate
 from slam_init.window.projection import camera_vector
 from slam_init.window.state import Priors, WindowState
 from slam_init.window.steps import step_poses, step_tracks
-from slam_init.window.track_equations import FIELD_TERMS, collect, eliminate
+from slam_init.window.track_equations import collect, eliminate
 from slam_init.window.tracks import WindowTracks
 
 #: Cost of a track that leaves the plane: three nats, as much as a track may vote for or against a hypothesis.
@@ -22,28 +21,27 @@ _GAUGE = 1e4
 _NO_PLANE: Floats = np.zeros(3)
 
 
-@dataclass(frozen=True, eq=False)
-class Records:
-    """The observations of the tracks that take part, track by track."""
+def observed_by(tracks: WindowTracks, gate_sigmas: float) -> Observed:
+    """Collect the observations of some tracks."""
+    count = int(tracks.seen[:, tracks.anchor >= 0].sum())
+    records, view = np.empty((count, 9)), np.empty(count, np.int64)
+    first = np.empty(len(tracks.anchor) + 1, np.int64)
+    collect(
+        tracks.pixels, tracks.sigma_px, tracks.whitening, tracks.sweep_px_s, tracks.seen, tracks.anchor,
+        records, view, first,
+    )  # fmt: skip
+    return Observed(records, view, first, tracks.places, tracks.anchor, gate_sigmas**2)
 
-    #: (N, 9) See :func:`slam_init.window.kernels.accumulate`.
-    observed: Floats
-    #: (N,) The view of each observation.
-    view: Ints
-    #: (T + 1,) The first observation of each track, and their number.
-    first: Ints
 
-    @staticmethod
-    def of(tracks: WindowTracks) -> Records:
-        """Collect the observations of some tracks."""
-        count = int(tracks.seen[:, tracks.anchor >= 0].sum())
-        observed, view = np.empty((count, 9)), np.empty(count, np.int64)
-        first = np.empty(len(tracks.anchor) + 1, np.int64)
-        collect(
-            tracks.pixels, tracks.sigma_px, tracks.whitening, tracks.sweep_px_s, tracks.seen, tracks.anchor,
-            observed, view, first,
-        )  # fmt: skip
-        return Records(observed, view, first)
+def lens_of(tracks: WindowTracks, state: WindowState, camera: Floats) -> Lens:
+    """The lens of a state; ``camera`` (31,) is that of the tracks."""
+    return Lens(camera, state.log_scale, state.k1, state.readout_s - tracks.readout_s, state.principal_px)
+
+
+def scene_of(state: WindowState) -> Scene:
+    """The views and the tracks of a state."""
+    plane = _NO_PLANE if state.plane is None else state.plane
+    return Scene(state.R, state.t, state.field, plane, state.on_plane, state.rays, state.inverse_distances)
 
 
 class WindowEquations:
@@ -55,6 +53,7 @@ class WindowEquations:
     * ``costs``: (T,) Cost of each track at the last state, with the cost of leaving the plane.
     * ``residuals``: (V, T, 2) Of each observation in units of the noise, at the last state; infinite behind a camera.
     * ``across``: (T,) Chance across the epipolar lines, see :func:`slam_init.window.kernels.accumulate`.
+    * ``normal``: (G, G) The normal matrix of the last equations, with the scale free.
     * ``gradient``: (G,) Of the common unknowns, tracks eliminated.
     * ``shares``: (T, G) The share of each track in it; empty where they are not wanted.
     * ``back``: (T, 3, 4 + G) What the steps of the tracks need: gradient, inverse and coupling.
@@ -76,35 +75,22 @@ class WindowEquations:
         self.tracks, self.priors, self.rotation_only = tracks, priors, rotation_only
         self._camera = camera_vector(tracks.camera)
         self._has_plane = start.plane is not None
-        self._field_size = FIELD_TERMS if priors.field_sigma_px > 0 else 0
         views, count = tracks.seen.shape
-        self._views = views
-        self._block = 6 + self._field_size
-        self.focal = self._block * (views - 1) + self._field_size
-        self._readout_size = 1 if priors.readout_sigma_s > 0 else 0
-        self._principal_size = 2 if priors.principal_sigma_px > 0 else 0
-        size = self.focal + 2 + self._readout_size + self._principal_size + (3 if self._has_plane else 0)
-        self._normal, self.gradient = np.zeros((size, size)), np.zeros(size)
-        self.shares = np.zeros((count if with_shares else 0, size))
-        self.back, self._halves = np.zeros((count, 3, 4 + size)), np.zeros((count, 3, size + 1))
-        self.costs, self.across = np.zeros(count), np.zeros(count)
-        self.residuals = np.zeros((views, count, 2))
-        firsts = self._field_size + self._block * np.arange(views - 1)
-        self._pose_columns = firsts[:, None] + np.arange(6)
+        self._layout = layout = Layout.of(
+            views, field=priors.field_sigma_px > 0, readout=priors.readout_sigma_s > 0,
+            principal=priors.principal_sigma_px > 0,
+        )  # fmt: skip
+        self.focal = layout.focal
+        self._observed = observed_by(tracks, priors.gate_sigmas)
+        self._equations = Equations.empty(count, layout.plane + 3 * self._has_plane, with_shares=with_shares)
+        self.normal, self.gradient, self.shares, self.back, self._halves = self._equations
+        self._fitted, self._sums = Fitted.empty(views, count), Sums.empty(views, len(self.gradient))
+        self.free, self.costs, self.residuals, self.across = self._fitted
+        self._pose_columns = np.arange(layout.field, layout.focal, layout.block)[:, None] + np.arange(6)
         self.held_view = int(np.argmax(np.linalg.norm(start.t, axis=1)))
-        self.free = np.ones(count, bool)
         self._turned = bool(tracks.turned_weights.any())
         self._used = tracks.anchor >= 0
-        self._records = Records.of(tracks)
         self._prior_weights = self._weights_of_priors()
-
-    @property
-    def normal(self) -> Floats:
-        """The normal matrix of the last equations, with the scale free.
-
-        Shapes: returns (G, G).
-        """
-        return self._normal
 
     @property
     def squares(self) -> Floats:
@@ -163,7 +149,7 @@ class WindowEquations:
         Shapes: returns (G,).
         """
         columns = np.zeros(len(self.gradient), bool)
-        for k in range(self._views):
+        for k in range(len(self.tracks.seen)):
             columns[self._field_columns(k)] = True
         return columns
 
@@ -172,8 +158,8 @@ class WindowEquations:
 
         Shapes: returns (G, G).
         """
-        normal = self._normal.copy()
-        first = self._field_size + self._block * (self.held_view - 1) + 3
+        normal = self.normal.copy()
+        first = self._layout.field + self._layout.block * (self.held_view - 1) + 3
         own = slice(first, first + 3)
         along = state.t[self.held_view] / max(float(np.linalg.norm(state.t[self.held_view])), 1e-300)
         normal[own, own] += _GAUGE * max(1.0, float(normal[own, own].trace())) * np.outer(along, along)
@@ -189,11 +175,11 @@ class WindowEquations:
             self.back, coupled.reshape(-1, 3), length, state.rays, state.inverse_distances, self.free, state.on_plane,
             self._camera, np.array([state.log_scale, state.k1]), step[self.focal : self.focal + 2],
         )  # fmt: skip
-        R, t, field = step_poses(step, length, self._field_size, state.R, state.t, state.field)
+        R, t, field = step_poses(step, length, self._layout.field, state.R, state.t, state.field)
         readout_s, principal_px = state.readout_s, state.principal_px
-        if self._readout_size:
+        if self._layout.readout:
             readout_s += length * float(step[self.focal + 2])
-        if self._principal_size:
+        if self._layout.principal:
             principal_px = principal_px + length * step[self._principal_columns]
         return WindowState(
             R=R,
@@ -210,15 +196,9 @@ class WindowEquations:
         )
 
     def _accumulate(self, state: WindowState, *, fill: bool, hold: bool = False) -> float:
-        tracks, priors = self.tracks, self.priors
         cost = accumulate(
-            self._camera, state.R, state.t, state.log_scale, state.k1,
-            _NO_PLANE if state.plane is None else state.plane, state.on_plane, state.field,
-            self._field_size, state.readout_s - tracks.readout_s, self._readout_size, state.principal_px,
-            self._principal_size, self._records.observed, self._records.view, self._records.first, tracks.places,
-            tracks.anchor, state.rays, state.inverse_distances, self.free, priors.gate_sigmas**2,
-            self._normal, self.gradient, self.shares, self.back, self._halves, self.costs, self.residuals, self.across,
-            fill, hold,
+            self._observed, lens_of(self.tracks, state, self._camera), scene_of(state), self._layout, self._equations,
+            self._fitted, self._sums, fill, hold,
         )  # fmt: skip
         if self._has_plane:
             off = self._used & ~state.on_plane
@@ -228,20 +208,20 @@ class WindowEquations:
         weighted = self._prior_weights * pulls
         cost += float(weighted @ pulls)
         if fill:
-            eliminate(self._normal, self.gradient, self._halves)
+            eliminate(self.normal, self.gradient, self._halves)
             self.gradient += weighted
-            self._normal.flat[:: len(weighted) + 1] += self._prior_weights
+            self.normal.flat[:: len(weighted) + 1] += self._prior_weights
         return cost
 
     def _weights_of_priors(self) -> Floats:
         """One over the variance of each common unknown before the tracks are seen."""
         priors, weights = self.priors, np.zeros(len(self.gradient))
         weights[self.focal], weights[self.focal + 1] = 1 / priors.focal_sigma**2, 1 / priors.k1_sigma**2
-        if self._readout_size:
+        if self._layout.readout:
             weights[self.focal + 2] = 1 / priors.readout_sigma_s**2
-        if self._principal_size:
+        if self._layout.principal:
             weights[self._principal_columns] = 1 / priors.principal_sigma_px**2
-        if self._field_size:
+        if self._layout.field:
             weights[self.columns_of_fields()] = 1 / priors.field_sigma_px**2
         weights[self._pose_columns[:, :3]] += self.tracks.turned_weights[1:, None]
         return weights
@@ -250,12 +230,12 @@ class WindowEquations:
         """How far each common unknown is from what is expected of it; 0 where nothing is."""
         priors, pulls = self.priors, np.zeros(len(self.gradient))
         pulls[self.focal], pulls[self.focal + 1] = state.log_scale - priors.log_scale_mean, state.k1 - priors.k1_mean
-        if self._readout_size:
+        if self._layout.readout:
             pulls[self.focal + 2] = state.readout_s
-        if self._principal_size:
+        if self._layout.principal:
             pulls[self._principal_columns] = state.principal_px
-        if self._field_size:
-            for k in range(self._views):
+        if self._layout.field:
+            for k in range(len(self.tracks.seen)):
                 pulls[self._field_columns(k)] = state.field[k]
         if self._turned:
             pulls[self._pose_columns[:, :3]] = self.turned_pulls(state)[1:]
@@ -263,12 +243,12 @@ class WindowEquations:
 
     @property
     def _principal_columns(self) -> Ints:
-        first = self.focal + 2 + self._readout_size
-        return np.arange(first, first + self._principal_size)
+        first = self.focal + 2 + self._layout.readout
+        return np.arange(first, first + self._layout.principal)
 
     def _field_columns(self, view: int) -> Ints:
-        first = self._field_size + self._block * (view - 1) + 6 if view else 0
-        return np.arange(first, first + self._field_size)
+        first = self._layout.field + self._layout.block * (view - 1) + 6 if view else 0
+        return np.arange(first, first + self._layout.field)
 
 
 def explained_at_most(freedom: Ints) -> Floats:

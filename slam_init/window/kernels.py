@@ -34,18 +34,47 @@ Let ``M`` be the derivatives of a residual by the point in the axes of the ancho
 derivatives by the pose of view k, turned into the axes of the anchor, are ``M B`` with ``B = [-[v]x, rho I]``. Those by
 the pose of the anchor are ``-M B``. ``B`` is the same in all views of a track. So each pair of anchor and view has sums
 over its tracks (:mod:`slam_init.window.pair_sums`), which are turned into the view once.
+
+The loop reads as the equations do: an observation is projected (:func:`_residual`), weighted, and differentiated
+(:func:`_row`). Its row joins the sums of its track (:mod:`slam_init.window.track_equations`), of its anchor and view
+(:mod:`slam_init.window.pair_sums`), and those of the lens and of the error field of its view
+(:mod:`slam_init.window.shared_unknowns`).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from quest.robust.kernels.compiler import inlined
 from quest.robust.kernels.small_algebra import tangents
-from slam_init.types.arrays import Bools, Floats, Ints
+from slam_init.window.arguments import (
+    Equations,
+    Fitted,
+    Layout,
+    Lens,
+    Observed,
+    PairSums,
+    Row,
+    Scene,
+    Sums,
+    Track,
+    TrackSums,
+)
 from slam_init.window.compiler import compiled
-from slam_init.window.pair_sums import assemble, pose_products, relative_poses
+from slam_init.window.pair_sums import add_depth, add_pose, assemble, clear_pairs, to_anchor
 from slam_init.window.projection import project_point
-from slam_init.window.track_equations import add_field, by_pose, clear_track, depth_on_plane, solve_track
+from slam_init.window.shared_unknowns import add_field, add_lens, differentiate_lens, whitening
+from slam_init.window.track_equations import (
+    add_row,
+    clear_track,
+    couple_anchor,
+    couple_plane,
+    couple_view,
+    depth_on_plane,
+    finish_track,
+    hold_at_infinity,
+)
+from slam_init.window.vectors import Vector, dot, joint, to_view, to_world, vector_of
 
 #: An observation whose square is this many squared gates has no influence. With 3 the cost of a small residual is its
 #: square.
@@ -54,339 +83,175 @@ TUKEY_GATES = 3.0
 
 @compiled
 def accumulate(
-    camera: Floats,
-    R: Floats,
-    t: Floats,
-    log_scale: float,
-    k1: float,
-    plane: Floats,
-    on_plane: Bools,
-    field: Floats,
-    field_size: int,
-    readout_s: float,
-    readout_size: int,
-    principal_px: Floats,
-    principal_size: int,
-    observed: Floats,
-    view: Ints,
-    first: Ints,
-    places: Floats,
-    anchor: Ints,
-    d: Floats,
-    rho: Floats,
-    free: Bools,
-    gate2: float,
-    normal: Floats,
-    gradient: Floats,
-    shares: Floats,
-    back: Floats,
-    halves: Floats,
-    costs: Floats,
-    residuals: Floats,
-    across: Floats,
+    observed: Observed,
+    lens: Lens,
+    scene: Scene,
+    layout: Layout,
+    equations: Equations,
+    fitted: Fitted,
+    sums: Sums,
     fill: bool,
     hold: bool,
 ) -> float:
-    """Robust cost of all observations, and the equations of a Gauss-Newton step.
+    """Robust cost of all observations, and with ``fill`` the equations of a Gauss-Newton step.
 
-    Shapes: ``camera`` (31,), ``R, t`` (V, 3, 3), ``plane`` (3,), ``on_plane`` (T,), ``field`` (V, 12), ``principal_px``
-    (2,), ``observed`` (N, 9), ``view`` (N,), ``first`` (T + 1,), ``places`` (V, T, 6), ``anchor`` (T,), ``d`` (T, 3),
-    ``rho`` (T,), ``free`` (T,), ``normal`` (G, G), ``gradient`` (G,), ``shares`` (T, G), ``back`` (T, 3, 4 + G),
-    ``halves`` (T, 3, G + 1), ``costs`` (T,), ``residuals`` (V, T, 2), ``across`` (T,).
-
-    * ``readout_s``: Readout in seconds, beyond the one that the pixels are corrected for.
-    * ``observed``: The observations, track by track: measured pixel, one over the standard deviation in the direction
-      in which the pixel is best known, the matrix that makes the noise equal in all directions (row by row, symmetric),
-      and the derivative of the pixel by the readout. One record each, since reading them from arrays by view and track
-      took as long as the arithmetic.
-    * ``places``: The polynomials of the field at the measured pixels, over sigma_px.
-    * ``anchor``: First view of a track; negative for a track that is left out.
-    * ``free``: Tracks off the plane whose inverse distance is an unknown; those of the others are held. With ``hold``,
-      tracks at infinity whose distance would become negative are held from here on.
-    * ``normal``: Receives the lower half of the equations of the common unknowns, before the tracks are eliminated.
-      With tracks on the plane the last three unknowns are those of the plane.
-    * ``shares``: Receives the share of each track in the gradient, the track eliminated; empty where the shares are not
-      wanted.
-    * ``back``: Receives what the steps of the tracks need: gradient, inverse and coupling.
-    * ``halves``: Receives what :func:`eliminate` needs: coupling and gradient of each track, over a root of its
-      equations.
-    * ``residuals``: Receives the residual of each observation in units of the noise; infinite behind a camera.
-    * ``across``: Receives how much the cost of a track with a free distance would fall if its point moved across its
-      epipolar lines, in proportion to what a distance moves it along them. A rigid scene does not move so: this is
-      chance.
+    * ``hold``: Tracks at infinity whose distance would become negative are held from here on.
     """
-    V, T = len(R), len(anchor)
-    half = field_size // 2
-    block = 6 + field_size
-    focal = block * (V - 1) + field_size  # view 0 has a field and no pose
-    lens = 2 + readout_size + principal_size
-    at_plane, G = focal + lens, len(gradient)
-    pairs = V if fill else 0
-    turn, shift, pose_sums = np.empty((pairs, pairs, 9)), np.empty((pairs, pairs, 3)), np.zeros((pairs, pairs, 21))
-    lens_sums, plane_sums = np.zeros((pairs, pairs, 5, 6)), np.zeros((pairs, pairs, 9, 6))
     if fill:
-        for p in range(G):
-            gradient[p] = 0.0
-            for q in range(G):
-                normal[p, q] = 0.0
-        relative_poses(R, t, turn, shift)
-    A, b, share, by_lens, Jc = np.zeros((3, 3)), np.zeros(3), np.zeros(G), np.zeros(5), np.zeros((2, 5))
-    coupled, by_depth, rows, by = np.zeros((3, 3)), np.zeros(3), np.zeros((3, 7)), np.zeros(12)
-    total, focal_scale, flats, share_gate = 0.0, np.exp(log_scale), False, 1.0 / (TUKEY_GATES * gate2)
-    for i in range(T):
-        costs[i] = 0.0
-        a = anchor[i]
+        equations.normal[:], equations.gradient[:] = 0.0, 0.0
+        clear_pairs(scene, sums.pairs)
+    total, flats = _add_tracks(observed, lens, scene, layout, equations, fitted, sums.pairs, sums.track, fill, hold)
+    if fill:
+        assemble(layout, sums.pairs, flats, sums.turned, equations.normal)
+    return total
+
+
+@inlined
+def _add_tracks(
+    observed: Observed,
+    lens: Lens,
+    scene: Scene,
+    layout: Layout,
+    equations: Equations,
+    fitted: Fitted,
+    pairs: PairSums,
+    sums: TrackSums,
+    fill: bool,
+    hold: bool,
+) -> tuple[float, bool]:
+    """Robust cost of all tracks, and whether one is on the plane; with ``fill`` each one joins the equations."""
+    total, flats, scale = 0.0, False, np.exp(lens.log_scale)
+    for i in range(len(observed.anchor)):
+        fitted.costs[i] = 0.0
         if fill:
-            across[i] = 0.0
-            clear_track(i, back, halves, shares, share, A, b, coupled, by_depth, by_lens)
-        if a < 0:
+            fitted.across[i] = 0.0
+            clear_track(i, equations, sums)
+        if observed.anchor[i] < 0:
             continue
-        flat = on_plane[i]
-        flats |= flat
-        r = depth_on_plane(R, t, a, d[i], plane, by) if flat else rho[i]
-        behind = flat and r <= 0.0
-        x0, x1, x2, y0, y1, y2 = tangents(d[i])
-        by_x, by_y = 0.0, 0.0
-        if flat:
-            by_x, by_y = by[3] * x0 + by[4] * x1 + by[5] * x2, by[3] * y0 + by[4] * y1 + by[5] * y2
-        of_depth = 1.0 if free[i] and not flat else 0.0
-        v0, v1, v2 = d[i, 0] - r * t[a, 0], d[i, 1] - r * t[a, 1], d[i, 2] - r * t[a, 2]
-        Y0 = R[a, 0, 0] * v0 + R[a, 1, 0] * v1 + R[a, 2, 0] * v2
-        Y1 = R[a, 0, 1] * v0 + R[a, 1, 1] * v1 + R[a, 2, 1] * v2
-        Y2 = R[a, 0, 2] * v0 + R[a, 1, 2] * v1 + R[a, 2, 2] * v2
-        E0, E1, E2, slope, curvature, depth_gradient, depth_curvature = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        cost = 0.0
-        for n in range(first[i], first[i + 1]):
-            k = view[n]
-            z0 = R[k, 0, 0] * Y0 + R[k, 0, 1] * Y1 + R[k, 0, 2] * Y2
-            z1 = R[k, 1, 0] * Y0 + R[k, 1, 1] * Y1 + R[k, 1, 2] * Y2
-            z2 = R[k, 2, 0] * Y0 + R[k, 2, 1] * Y1 + R[k, 2, 2] * Y2
-            sees, px, py, a0, a1, a2, b0, b1, b2, f0, f1 = project_point(
-                camera, focal_scale, k1, z0 + r * t[k, 0], z1 + r * t[k, 1], z2 + r * t[k, 2]
-            )
-            if behind or not sees:
-                cost += gate2
-                residuals[k, i, 0] = residuals[k, i, 1] = np.inf
-                continue
-            inverse = observed[n, 2]
-            w00, w01, w10, w11 = observed[n, 3], observed[n, 4], observed[n, 5], observed[n, 6]
-            g0 = (px + principal_px[0] + readout_s * observed[n, 7] - observed[n, 0]) * inverse
-            g1 = (py + principal_px[1] + readout_s * observed[n, 8] - observed[n, 1]) * inverse
-            for q in range(half):
-                g0 += places[k, i, q] * field[k, q]
-                g1 += places[k, i, q] * field[k, half + q]
-            e0, e1 = w00 * g0 + w01 * g1, w10 * g0 + w11 * g1
-            r2 = e0 * e0 + e1 * e1
-            residuals[k, i, 0], residuals[k, i, 1] = e0, e1
-            left = max(1.0 - r2 * share_gate, 0.0)
-            cost += gate2 * (1.0 - left * left * left)
-            if not fill or left == 0.0:
-                continue
-            weight = left * left
-            # Derivatives by the point, in units of the noise: in the axes of the view, then in those of the anchor.
-            w00, w01, w10, w11 = w00 * inverse, w01 * inverse, w10 * inverse, w11 * inverse
-            a0, b0 = w00 * a0 + w01 * b0, w10 * a0 + w11 * b0
-            a1, b1 = w00 * a1 + w01 * b1, w10 * a1 + w11 * b1
-            a2, b2 = w00 * a2 + w01 * b2, w10 * a2 + w11 * b2
-            c0 = a0 * turn[a, k, 0] + a1 * turn[a, k, 3] + a2 * turn[a, k, 6]
-            c1 = a0 * turn[a, k, 1] + a1 * turn[a, k, 4] + a2 * turn[a, k, 7]
-            c2 = a0 * turn[a, k, 2] + a1 * turn[a, k, 5] + a2 * turn[a, k, 8]
-            d0 = b0 * turn[a, k, 0] + b1 * turn[a, k, 3] + b2 * turn[a, k, 6]
-            d1 = b0 * turn[a, k, 1] + b1 * turn[a, k, 4] + b2 * turn[a, k, 7]
-            d2 = b0 * turn[a, k, 2] + b1 * turn[a, k, 5] + b2 * turn[a, k, 8]
-            # Derivatives by the ray and by the inverse distance, then weighted.
-            s0, s1 = 0.0, 0.0
-            if k != a:
-                s0 = c0 * shift[a, k, 0] + c1 * shift[a, k, 1] + c2 * shift[a, k, 2]
-                s1 = d0 * shift[a, k, 0] + d1 * shift[a, k, 1] + d2 * shift[a, k, 2]
-            l00, l10 = c0 * x0 + c1 * x1 + c2 * x2 + s0 * by_x, d0 * x0 + d1 * x1 + d2 * x2 + s1 * by_x
-            l01, l11 = c0 * y0 + c1 * y1 + c2 * y2 + s0 * by_y, d0 * y0 + d1 * y1 + d2 * y2 + s1 * by_y
-            l02, l12 = s0 * of_depth, s1 * of_depth
-            j00, j10 = weight * l00, weight * l10
-            j01, j11 = weight * l01, weight * l11
-            j02, j12 = weight * l02, weight * l12
-            h0, h1 = weight * e0, weight * e1
-            b[0] += l00 * h0 + l10 * h1
-            b[1] += l01 * h0 + l11 * h1
-            b[2] += l02 * h0 + l12 * h1
-            A[0, 0] += j00 * l00 + j10 * l10
-            A[1, 0] += j01 * l00 + j11 * l10
-            A[1, 1] += j01 * l01 + j11 * l11
-            A[2, 0] += j02 * l00 + j12 * l10
-            A[2, 1] += j02 * l01 + j12 * l11
-            A[2, 2] += j02 * l02 + j12 * l12
-            slope += l02 * h1 - l12 * h0
-            curvature += weight * (l02 * l02 + l12 * l12)
-            # Derivatives by the lens.
-            Jc[0, 0], Jc[1, 0], Jc[0, 1], Jc[1, 1] = px - camera[3], py - camera[4], f0, f1
-            if readout_size:
-                Jc[0, 2], Jc[1, 2] = observed[n, 7], observed[n, 8]
-            if principal_size:
-                Jc[0, lens - 2], Jc[1, lens - 2], Jc[0, lens - 1], Jc[1, lens - 1] = 1.0, 0.0, 0.0, 1.0
-            for c in range(lens):
-                g0, g1 = w00 * Jc[0, c] + w01 * Jc[1, c], w10 * Jc[0, c] + w11 * Jc[1, c]
-                Jc[0, c], Jc[1, c] = g0, g1
-                share[focal + c] += g0 * h0 + g1 * h1
-                back[i, 0, 4 + focal + c] += j00 * g0 + j10 * g1
-                back[i, 1, 4 + focal + c] += j01 * g0 + j11 * g1
-                back[i, 2, 4 + focal + c] += j02 * g0 + j12 * g1
-                g0, g1 = weight * g0, weight * g1
-                for q in range(c + 1):
-                    normal[focal + c, focal + q] += g0 * Jc[0, q] + g1 * Jc[1, q]
-                if k != a:
-                    m0, m1, m2 = c0 * g0 + d0 * g1, c1 * g0 + d1 * g1, c2 * g0 + d2 * g1
-                    lens_sums[a, k, c, 0] += v1 * m2 - v2 * m1
-                    lens_sums[a, k, c, 1] += v2 * m0 - v0 * m2
-                    lens_sums[a, k, c, 2] += v0 * m1 - v1 * m0
-                    lens_sums[a, k, c, 3] += r * m0
-                    lens_sums[a, k, c, 4] += r * m1
-                    lens_sums[a, k, c, 5] += r * m2
-                    if flat:
-                        by_lens[c] += s0 * g0 + s1 * g1
-            if k != a:
-                E0, E1, E2 = E0 + c0 * h0 + d0 * h1, E1 + c1 * h0 + d1 * h1, E2 + c2 * h0 + d2 * h1
-                if a > 0:
-                    coupled[0, 0] += j00 * c0 + j10 * d0
-                    coupled[0, 1] += j00 * c1 + j10 * d1
-                    coupled[0, 2] += j00 * c2 + j10 * d2
-                    coupled[1, 0] += j01 * c0 + j11 * d0
-                    coupled[1, 1] += j01 * c1 + j11 * d1
-                    coupled[1, 2] += j01 * c2 + j11 * d2
-                    coupled[2, 0] += j02 * c0 + j12 * d0
-                    coupled[2, 1] += j02 * c1 + j12 * d1
-                    coupled[2, 2] += j02 * c2 + j12 * d2
-                m0, n0 = weight * c0, weight * d0
-                m1, n1 = weight * c1, weight * d1
-                m2, n2 = weight * c2, weight * d2
-                sums = pose_products(
-                    m0 * c0 + n0 * d0, m0 * c1 + n0 * d1, m0 * c2 + n0 * d2,
-                    m1 * c1 + n1 * d1, m1 * c2 + n1 * d2, m2 * c2 + n2 * d2, v0, v1, v2, r,
-                )  # fmt: skip
-                pose_sums[a, k, 0] += sums[0]
-                pose_sums[a, k, 1] += sums[1]
-                pose_sums[a, k, 2] += sums[2]
-                pose_sums[a, k, 3] += sums[3]
-                pose_sums[a, k, 4] += sums[4]
-                pose_sums[a, k, 5] += sums[5]
-                pose_sums[a, k, 6] += sums[6]
-                pose_sums[a, k, 7] += sums[7]
-                pose_sums[a, k, 8] += sums[8]
-                pose_sums[a, k, 9] += sums[9]
-                pose_sums[a, k, 10] += sums[10]
-                pose_sums[a, k, 11] += sums[11]
-                pose_sums[a, k, 12] += sums[12]
-                pose_sums[a, k, 13] += sums[13]
-                pose_sums[a, k, 14] += sums[14]
-                pose_sums[a, k, 15] += sums[15]
-                pose_sums[a, k, 16] += sums[16]
-                pose_sums[a, k, 17] += sums[17]
-                pose_sums[a, k, 18] += sums[18]
-                pose_sums[a, k, 19] += sums[19]
-                pose_sums[a, k, 20] += sums[20]
-                if flat:
-                    # What moves the distance moves the point along s.
-                    g0, g1 = weight * s0, weight * s1
-                    m0, m1, m2 = c0 * g0 + d0 * g1, c1 * g0 + d1 * g1, c2 * g0 + d2 * g1
-                    depth_gradient += s0 * h0 + s1 * h1
-                    depth_curvature += g0 * s0 + g1 * s1
-                    by_depth[0] += l00 * g0 + l10 * g1
-                    by_depth[1] += l01 * g0 + l11 * g1
-                    m0, m1, m2, n0, n1, n2 = (
-                        v1 * m2 - v2 * m1,
-                        v2 * m0 - v0 * m2,
-                        v0 * m1 - v1 * m0,
-                        r * m0,
-                        r * m1,
-                        r * m2,
-                    )
-                    for q in range(9 if a > 0 else 3):
-                        c = by[q if q < 3 else q + 3]
-                        plane_sums[a, k, q, 0] += m0 * c
-                        plane_sums[a, k, q, 1] += m1 * c
-                        plane_sums[a, k, q, 2] += m2 * c
-                        plane_sums[a, k, q, 3] += n0 * c
-                        plane_sums[a, k, q, 4] += n1 * c
-                        plane_sums[a, k, q, 5] += n2 * c
-                if k > 0:
-                    at = field_size + block * (k - 1)
-                    g0, g1 = z1 * a2 - z2 * a1, z1 * b2 - z2 * b1
-                    share[at] = g0 * h0 + g1 * h1
-                    back[i, 0, 4 + at] = j00 * g0 + j10 * g1
-                    back[i, 1, 4 + at] = j01 * g0 + j11 * g1
-                    back[i, 2, 4 + at] = j02 * g0 + j12 * g1
-                    g0, g1 = z2 * a0 - z0 * a2, z2 * b0 - z0 * b2
-                    share[at + 1] = g0 * h0 + g1 * h1
-                    back[i, 0, 5 + at] = j00 * g0 + j10 * g1
-                    back[i, 1, 5 + at] = j01 * g0 + j11 * g1
-                    back[i, 2, 5 + at] = j02 * g0 + j12 * g1
-                    g0, g1 = z0 * a1 - z1 * a0, z0 * b1 - z1 * b0
-                    share[at + 2] = g0 * h0 + g1 * h1
-                    back[i, 0, 6 + at] = j00 * g0 + j10 * g1
-                    back[i, 1, 6 + at] = j01 * g0 + j11 * g1
-                    back[i, 2, 6 + at] = j02 * g0 + j12 * g1
-                    g0, g1 = r * a0, r * b0
-                    share[at + 3] = g0 * h0 + g1 * h1
-                    back[i, 0, 7 + at] = j00 * g0 + j10 * g1
-                    back[i, 1, 7 + at] = j01 * g0 + j11 * g1
-                    back[i, 2, 7 + at] = j02 * g0 + j12 * g1
-                    g0, g1 = r * a1, r * b1
-                    share[at + 4] = g0 * h0 + g1 * h1
-                    back[i, 0, 8 + at] = j00 * g0 + j10 * g1
-                    back[i, 1, 8 + at] = j01 * g0 + j11 * g1
-                    back[i, 2, 8 + at] = j02 * g0 + j12 * g1
-                    g0, g1 = r * a2, r * b2
-                    share[at + 5] = g0 * h0 + g1 * h1
-                    back[i, 0, 9 + at] = j00 * g0 + j10 * g1
-                    back[i, 1, 9 + at] = j01 * g0 + j11 * g1
-                    back[i, 2, 9 + at] = j02 * g0 + j12 * g1
-            if field_size:
-                rows[0, 0], rows[0, 1], rows[0, 2], rows[0, 3], rows[0, 4], rows[0, 5] = c0, c1, c2, l00, l01, l02
-                rows[1, 0], rows[1, 1], rows[1, 2], rows[1, 3], rows[1, 4], rows[1, 5] = d0, d1, d2, l10, l11, l12
-                rows[0, 6], rows[1, 6], rows[2, 0], rows[2, 1], rows[2, 2], rows[2, 3] = s0, s1, h0, h1, weight, r
-                add_field(
-                    n, k, i, a, flat, observed, places, rows, Jc, by, turn, v0, v1, v2, focal, lens, back, share, normal
-                )
-        costs[i] = cost
+        track = _track(i, observed, scene, fitted, sums)
+        flats |= track.flat
+        cost = _observe(track, observed, lens, scale, scene, layout, equations, fitted, pairs, sums, fill)
+        fitted.costs[i] = cost
         total += cost
         if not fill:
             continue
-        across[i] = slope * slope / curvature if curvature > 0.0 else 0.0
-        if hold and r == 0.0 and not flat and b[2] > 0.0:
-            free[i], b[2], coupled[2, 0], coupled[2, 1], coupled[2, 2] = False, 0.0, 0.0, 0.0, 0.0
-            for q in range(G):
-                back[i, 2, 4 + q] = 0.0
-        at_a = field_size + block * (a - 1)
-        if a > 0:
-            by_anchor = by_pose(E0, E1, E2, v0, v1, v2, r)
-            for q in range(6):
-                share[at_a + q] = -by_anchor[q] + (depth_gradient * by[6 + q] if flat else 0.0)
-            for p in range(3):
-                by_anchor = by_pose(coupled[p, 0], coupled[p, 1], coupled[p, 2], v0, v1, v2, r)
-                for q in range(6):
-                    back[i, p, 4 + at_a + q] = -by_anchor[q] + (by_depth[p] * by[6 + q] if flat else 0.0)
-        if flat:
-            for p in range(3):
-                share[at_plane + p] = depth_gradient * by[p]
-                for q in range(3):
-                    back[i, q, 4 + at_plane + p] = by_depth[q] * by[p]
-                    normal[at_plane + p, at_plane + q] += depth_curvature * by[p] * by[q]
-                for c in range(lens):
-                    normal[at_plane + p, focal + c] += by[p] * by_lens[c]
-            for q in range(6 if a > 0 else 0):
-                for p in range(6):
-                    normal[at_a + p, at_a + q] += depth_curvature * by[6 + p] * by[6 + q]
-                for p in range(3):
-                    normal[at_plane + p, at_a + q] += depth_curvature * by[p] * by[6 + q]
-                for c in range(lens):
-                    normal[focal + c, at_a + q] += by_lens[c] * by[6 + q]
-        unknowns = 2 if (flat or not free[i]) else 3
-        solve_track(i, A, b, unknowns, back, halves)
-        for q in range(G):
-            gradient[q] += share[q]
-        if len(shares):
-            for q in range(G):
-                own = halves[i, 0, q] * halves[i, 0, G] + halves[i, 1, q] * halves[i, 1, G]
-                shares[i, q] = share[q] - own - halves[i, 2, q] * halves[i, 2, G]
-    if fill:
-        assemble(turn, pose_sums, lens_sums, plane_sums, field_size, lens, flats, normal)
-    return total
+        slope, curvature = sums.across[0], sums.across[1]
+        fitted.across[i] = slope * slope / curvature if curvature > 0.0 else 0.0
+        if hold:
+            hold_at_infinity(track, equations, fitted, sums)
+        if track.anchor > 0:
+            couple_anchor(track, layout, equations, sums)
+        if track.flat:
+            couple_plane(track, layout, equations, sums)
+        finish_track(track, fitted.free[i], equations, sums)
+    return total, flats
+
+
+@inlined
+def _track(i: int, observed: Observed, scene: Scene, fitted: Fitted, sums: TrackSums) -> Track:
+    """The ray, the inverse distance and the point of a track, and how they follow its unknowns."""
+    a, flat, ray = observed.anchor[i], scene.on_plane[i], scene.rays[i]
+    d = vector_of(scene.rays, i)
+    rho = depth_on_plane(scene.R, scene.t, a, d, scene.plane, sums.by) if flat else scene.inverse_distances[i]
+    x0, x1, x2, y0, y1, y2 = tangents(ray)
+    x, y = (x0, x1, x2), (y0, y1, y2)
+    by_x, by_y = 0.0, 0.0
+    if flat:
+        by_ray = (sums.by[3], sums.by[4], sums.by[5])
+        by_x, by_y = dot(by_ray, x), dot(by_ray, y)
+    of_depth = 1.0 if fitted.free[i] and not flat else 0.0
+    v = (d[0] - rho * scene.t[a, 0], d[1] - rho * scene.t[a, 1], d[2] - rho * scene.t[a, 2])
+    return Track(i, a, flat, rho, v, x, y, by_x, by_y, of_depth)
+
+
+@inlined
+def _observe(
+    track: Track,
+    observed: Observed,
+    lens: Lens,
+    focal_scale: float,
+    scene: Scene,
+    layout: Layout,
+    equations: Equations,
+    fitted: Fitted,
+    pairs: PairSums,
+    sums: TrackSums,
+    fill: bool,
+) -> float:
+    """Robust cost of the observations of a track; with ``fill`` each one joins all sums."""
+    i, a, rho, gate2 = track.i, track.anchor, track.rho, observed.gate2
+    behind, share_gate, cost = track.flat and rho <= 0.0, 1.0 / (TUKEY_GATES * gate2), 0.0
+    Y = to_world(scene.R, a, track.v)
+    for n in range(observed.first[i], observed.first[i + 1]):
+        k = observed.views[n]
+        z = to_view(scene.R, k, Y)
+        sees, px, py, a0, a1, a2, b0, b1, b2, f0, f1 = project_point(
+            lens.camera, focal_scale, lens.k1,
+            z[0] + rho * scene.t[k, 0], z[1] + rho * scene.t[k, 1], z[2] + rho * scene.t[k, 2],
+        )  # fmt: skip
+        if behind or not sees:
+            cost += gate2
+            fitted.residuals[k, i, 0] = fitted.residuals[k, i, 1] = np.inf
+            continue
+        e0, e1 = _residual(n, k, i, px, py, observed, lens, scene, layout)
+        fitted.residuals[k, i, 0], fitted.residuals[k, i, 1] = e0, e1
+        left = max(1.0 - (e0 * e0 + e1 * e1) * share_gate, 0.0)
+        cost += gate2 * (1.0 - left * left * left)
+        if not fill or left == 0.0:
+            continue
+        row = _row(n, k, left * left, e0, e1, (a0, a1, a2), (b0, b1, b2), track, observed, pairs)
+        add_row(row, sums)
+        differentiate_lens(n, px - lens.camera[3], py - lens.camera[4], f0, f1, observed, layout, sums.lens)
+        add_lens(track, row, layout, equations, pairs, sums)
+        if k != a:
+            add_pose(track, row, pairs, sums)
+            if track.flat:
+                add_depth(track, row, pairs, sums)
+        if k > 0:
+            couple_view(track, row, z, layout, equations, sums)
+        if layout.field:
+            add_field(track, row, observed, layout, equations, pairs.turn, sums)
+    return cost
+
+
+@inlined
+def _residual(
+    n: int, k: int, i: int, px: float, py: float, observed: Observed, lens: Lens, scene: Scene, layout: Layout
+) -> tuple[float, float]:
+    """The residual of an observation in units of the noise, from the projection of its point."""
+    records, half = observed.records, layout.field // 2
+    inverse = records[n, 2]
+    g0 = (px + lens.principal_px[0] + lens.readout_s * records[n, 7] - records[n, 0]) * inverse
+    g1 = (py + lens.principal_px[1] + lens.readout_s * records[n, 8] - records[n, 1]) * inverse
+    for q in range(half):
+        g0 += observed.places[k, i, q] * scene.field[k, q]
+        g1 += observed.places[k, i, q] * scene.field[k, half + q]
+    return records[n, 3] * g0 + records[n, 4] * g1, records[n, 5] * g0 + records[n, 6] * g1
+
+
+@inlined
+def _row(
+    n: int,
+    k: int,
+    weight: float,
+    e0: float,
+    e1: float,
+    a: Vector,
+    b: Vector,
+    track: Track,
+    observed: Observed,
+    pairs: PairSums,
+) -> Row:
+    """The equations of an observation, from its residual and the derivatives a, b of its pixel by the point."""
+    w00, w01, w10, w11 = whitening(n, observed.records)
+    a, b = joint(a, b, w00, w01), joint(a, b, w10, w11)
+    c, d = to_anchor(pairs.turn, track.anchor, k, a), to_anchor(pairs.turn, track.anchor, k, b)
+    s0, s1 = 0.0, 0.0
+    if k != track.anchor:
+        shift = (pairs.shift[track.anchor, k, 0], pairs.shift[track.anchor, k, 1], pairs.shift[track.anchor, k, 2])
+        s0, s1 = dot(c, shift), dot(d, shift)
+    x, y, by_x, by_y = track.x, track.y, track.by_x, track.by_y
+    l0 = (dot(c, x) + s0 * by_x, dot(c, y) + s0 * by_y, s0 * track.of_depth)
+    l1 = (dot(d, x) + s1 * by_x, dot(d, y) + s1 * by_y, s1 * track.of_depth)
+    j0, j1 = (weight * l0[0], weight * l0[1], weight * l0[2]), (weight * l1[0], weight * l1[1], weight * l1[2])
+    return Row(n, k, weight, weight * e0, weight * e1, a, b, c, d, s0, s1, l0, l1, j0, j1)

@@ -9,8 +9,8 @@ import numpy as np
 
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
+from slam_init.window.arguments import FIELD_TERMS
 from slam_init.window.measured_rays import triangulated
-from slam_init.window.track_equations import FIELD_TERMS
 from slam_init.window.tracks import WindowTracks
 
 

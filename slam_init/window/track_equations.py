@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from quest.robust.kernels.compiler import inlined
 from slam_init.types.arrays import Bools, Floats, Ints
+from slam_init.window.arguments import Equations, Fitted, Layout, Row, Track, TrackSums
 from slam_init.window.compiler import compiled
-
-#: Coefficients of the error field of a view: 1, u, v, u^2, uv, v^2 for each component of the pixel.
-FIELD_TERMS = 12
+from slam_init.window.vectors import Vector, by_pose, cross, dot, to_view, to_world, vector_of
 
 
 @compiled
@@ -46,147 +46,139 @@ def collect(
     first[T] = n
 
 
-@compiled
-def depth_on_plane(R: Floats, t: Floats, a: int, d: Floats, plane: Floats, out: Floats) -> float:
+@inlined
+def depth_on_plane(R: Floats, t: Floats, a: int, d: Vector, plane: Floats, out: Floats) -> float:
     """Inverse distance of a ray to a plane.
 
-    Shapes: ``R, t`` (V, 3, 3), ``d`` (3,), ``plane`` (3,), ``out`` (12,).
+    Shapes: ``R, t`` (V, 3, 3), ``plane`` (3,), ``out`` (12,).
 
     * ``out``: Receives the derivatives by the plane, by the ray, and by the rotation and the translation of the view.
     """
-    u0 = R[a, 0, 0] * d[0] + R[a, 1, 0] * d[1] + R[a, 2, 0] * d[2]
-    u1 = R[a, 0, 1] * d[0] + R[a, 1, 1] * d[1] + R[a, 2, 1] * d[2]
-    u2 = R[a, 0, 2] * d[0] + R[a, 1, 2] * d[1] + R[a, 2, 2] * d[2]
-    c0 = -(R[a, 0, 0] * t[a, 0] + R[a, 1, 0] * t[a, 1] + R[a, 2, 0] * t[a, 2])
-    c1 = -(R[a, 0, 1] * t[a, 0] + R[a, 1, 1] * t[a, 1] + R[a, 2, 1] * t[a, 2])
-    c2 = -(R[a, 0, 2] * t[a, 0] + R[a, 1, 2] * t[a, 1] + R[a, 2, 2] * t[a, 2])
-    ku = plane[0] * u0 + plane[1] * u1 + plane[2] * u2
-    den = 1.0 - (plane[0] * c0 + plane[1] * c1 + plane[2] * c2)
+    p, t_a = (plane[0], plane[1], plane[2]), vector_of(t, a)
+    u, s, k = to_world(R, a, d), to_world(R, a, t_a), to_view(R, a, p)  # s is -c, with the centre c
+    ku, den = dot(p, u), 1.0 - dot(p, (-s[0], -s[1], -s[2]))
     f = ku / (den * den)
-    out[0] = u0 / den + f * c0
-    out[1] = u1 / den + f * c1
-    out[2] = u2 / den + f * c2
-    k0 = R[a, 0, 0] * plane[0] + R[a, 0, 1] * plane[1] + R[a, 0, 2] * plane[2]
-    k1 = R[a, 1, 0] * plane[0] + R[a, 1, 1] * plane[1] + R[a, 1, 2] * plane[2]
-    k2 = R[a, 2, 0] * plane[0] + R[a, 2, 1] * plane[1] + R[a, 2, 2] * plane[2]
-    out[3] = k0 / den
-    out[4] = k1 / den
-    out[5] = k2 / den
-    out[6] = (k1 * d[2] - k2 * d[1]) / den - f * (k1 * t[a, 2] - k2 * t[a, 1])
-    out[7] = (k2 * d[0] - k0 * d[2]) / den - f * (k2 * t[a, 0] - k0 * t[a, 2])
-    out[8] = (k0 * d[1] - k1 * d[0]) / den - f * (k0 * t[a, 1] - k1 * t[a, 0])
-    out[9] = -f * k0
-    out[10] = -f * k1
-    out[11] = -f * k2
+    by_ray, by_t = cross(k, d), cross(k, t_a)
+    for q in range(3):
+        out[q] = u[q] / den + f * -s[q]
+        out[3 + q] = k[q] / den
+        out[6 + q] = by_ray[q] / den - f * by_t[q]
+        out[9 + q] = -f * k[q]
     return float(ku / den)
 
 
-@compiled
-def by_pose(
-    m0: float, m1: float, m2: float, v0: float, v1: float, v2: float, r: float
-) -> tuple[float, float, float, float, float, float]:
-    """Turn a derivative by the point into one by a pose: ``B^T m`` (:mod:`slam_init.window.pair_sums`)."""
-    return v1 * m2 - v2 * m1, v2 * m0 - v0 * m2, v0 * m1 - v1 * m0, r * m0, r * m1, r * m2
+@inlined
+def clear_track(i: int, equations: Equations, sums: TrackSums) -> None:
+    """Set the equations of a track to zero."""
+    sums.A[:], sums.b[:], sums.share[:], sums.pulls[:], sums.coupled[:] = 0.0, 0.0, 0.0, 0.0, 0.0
+    sums.depth[:], sums.by_depth[:], sums.by_lens[:], sums.across[:] = 0.0, 0.0, 0.0, 0.0
+    equations.back[i], equations.halves[i] = 0.0, 0.0
+    if len(equations.shares):
+        equations.shares[i] = 0.0
 
 
-@compiled
-def add_field(
-    n: int,
-    k: int,
-    i: int,
-    a: int,
-    flat: bool,
-    observed: Floats,
-    places: Floats,
-    rows: Floats,
-    Jc: Floats,
-    by: Floats,
-    turn: Floats,
-    v0: float,
-    v1: float,
-    v2: float,
-    focal: int,
-    lens: int,
-    back: Floats,
-    share: Floats,
-    normal: Floats,
-) -> None:
-    """Add what an observation tells of the error field of its view, alone and with the other unknowns.
+@inlined
+def add_row(row: Row, sums: TrackSums) -> None:
+    """Add an observation to the equations ``A = L^T W L``, ``b = L^T W e`` of the track, and to :attr:`Fitted.across`.
 
-    Shapes: ``observed`` (N, 9), ``places`` (V, T, 6), ``rows`` (3, 7), ``Jc`` (2, 5), ``by`` (12,), ``turn`` (V, V, 9),
-    ``back, share, normal`` (T, 3, 4 + G).
-
-    * ``rows``: The first two hold the derivatives by the point in the axes of the anchor (3), by the unknowns of the
-      track (3) and by the inverse distance. The third holds the weighted residual (2), the weight and rho.
-    * ``focal, lens``: Place of the focal length, and number of unknowns of the lens.
+    The residual across the epipolar line is that along L_rho, turned by a right angle.
     """
-    half, block = FIELD_TERMS // 2, 6 + FIELD_TERMS
-    first = FIELD_TERMS + block * (k - 1) + 6 if k > 0 else 0
-    h0, h1, weight, r = rows[2, 0], rows[2, 1], rows[2, 2], rows[2, 3]
-    for p in range(FIELD_TERMS):
-        f0, f1 = (
-            observed[n, 3 + p // half] * places[k, i, p % half],
-            observed[n, 5 + p // half] * places[k, i, p % half],
-        )
-        share[first + p] += f0 * h0 + f1 * h1
-        g0, g1 = weight * f0, weight * f1
-        for q in range(3):
-            back[i, q, 4 + first + p] = g0 * rows[0, 3 + q] + g1 * rows[1, 3 + q]
-        for q in range(p + 1):
-            f0, f1 = observed[n, 3 + q // half], observed[n, 5 + q // half]
-            normal[first + p, first + q] += (g0 * f0 + g1 * f1) * places[k, i, q % half]
-        for c in range(lens):
-            normal[focal + c, first + p] += g0 * Jc[0, c] + g1 * Jc[1, c]
-        if k == a:
-            continue
-        m0, m1, m2 = (
-            g0 * rows[0, 0] + g1 * rows[1, 0], g0 * rows[0, 1] + g1 * rows[1, 1], g0 * rows[0, 2] + g1 * rows[1, 2],
-        )  # fmt: skip
-        depth = g0 * rows[0, 6] + g1 * rows[1, 6]
-        turned = by_pose(m0, m1, m2, v0, v1, v2, r)
-        if a > 0:
-            for q in range(6):
-                by_anchor = -turned[q] + (depth * by[6 + q] if flat else 0.0)
-                normal[first + p, FIELD_TERMS + block * (a - 1) + q] += by_anchor
-        for q in range(3 if flat else 0):
-            normal[focal + lens + q, first + p] += depth * by[q]
-        for q in range(6 if k > 0 else 0):
-            of, at = 3 * (q // 3), 3 * (q % 3)
-            by_view = turn[a, k, at] * turned[of] + turn[a, k, at + 1] * turned[of + 1]
-            normal[first + p, first - 6 + q] += by_view + turn[a, k, at + 2] * turned[of + 2]
+    (x0, x1, x2), (y0, y1, y2), (j00, j01, j02), (j10, j11, j12) = row.l0, row.l1, row.j0, row.j1
+    A, b, h0, h1 = sums.A, sums.b, row.h0, row.h1
+    b[0] += x0 * h0 + y0 * h1
+    b[1] += x1 * h0 + y1 * h1
+    b[2] += x2 * h0 + y2 * h1
+    A[0, 0] += j00 * x0 + j10 * y0
+    A[1, 0] += j01 * x0 + j11 * y0
+    A[1, 1] += j01 * x1 + j11 * y1
+    A[2, 0] += j02 * x0 + j12 * y0
+    A[2, 1] += j02 * x1 + j12 * y1
+    A[2, 2] += j02 * x2 + j12 * y2
+    sums.across[0] += x2 * h1 - y2 * h0
+    sums.across[1] += row.weight * (x2 * x2 + y2 * y2)
 
 
-@compiled
-def clear_track(
-    i: int,
-    back: Floats,
-    halves: Floats,
-    shares: Floats,
-    share: Floats,
-    A: Floats,
-    b: Floats,
-    coupled: Floats,
-    by_depth: Floats,
-    by_lens: Floats,
-) -> None:
-    """Set the equations of a track to zero.
+@inlined
+def couple_view(track: Track, row: Row, z: Vector, layout: Layout, equations: Equations, sums: TrackSums) -> None:
+    """The gradient by the pose of view k, and the coupling of the track with it: a track is seen once in a view.
 
-    Shapes: ``back, halves, shares`` (T, 3, 4 + G), ``share, A, b, coupled, by_depth, by_lens`` (G,).
+    * ``z``: The point, scaled by rho, relative to the camera centre of ``t_k = 0``: ``R_k R_a^T v``.
     """
-    for q in range(len(share)):
-        share[q] = 0.0
-    for q in range(len(share) if len(shares) else 0):
-        shares[i, q] = 0.0
-    for q in range(5):
-        by_lens[q] = 0.0
+    at = layout.field + layout.block * (row.k - 1)
+    first, second = by_pose(row.a, z, track.rho), by_pose(row.b, z, track.rho)
+    _couple(at, first[0], second[0], track.i, row, equations.back, sums.share)
+    _couple(at + 1, first[1], second[1], track.i, row, equations.back, sums.share)
+    _couple(at + 2, first[2], second[2], track.i, row, equations.back, sums.share)
+    _couple(at + 3, first[3], second[3], track.i, row, equations.back, sums.share)
+    _couple(at + 4, first[4], second[4], track.i, row, equations.back, sums.share)
+    _couple(at + 5, first[5], second[5], track.i, row, equations.back, sums.share)
+
+
+@inlined
+def _couple(at: int, g0: float, g1: float, i: int, row: Row, back: Floats, share: Floats) -> None:
+    """The product of a common unknown, of which the residual has the derivatives g, with residual and track."""
+    share[at] = g0 * row.h0 + g1 * row.h1
+    back[i, 0, 4 + at] = row.j0[0] * g0 + row.j1[0] * g1
+    back[i, 1, 4 + at] = row.j0[1] * g0 + row.j1[1] * g1
+    back[i, 2, 4 + at] = row.j0[2] * g0 + row.j1[2] * g1
+
+
+@inlined
+def hold_at_infinity(track: Track, equations: Equations, fitted: Fitted, sums: TrackSums) -> None:
+    """Hold the inverse distance of a track at infinity that would become negative."""
+    if track.rho == 0.0 and not track.flat and sums.b[2] > 0.0:
+        fitted.free[track.i], sums.b[2], sums.coupled[2, :] = False, 0.0, 0.0
+        equations.back[track.i, 2, 4:] = 0.0
+
+
+@inlined
+def couple_anchor(track: Track, layout: Layout, equations: Equations, sums: TrackSums) -> None:
+    """The gradient by the pose of the anchor and the coupling with it: ``-B^T`` times the sums by the point.
+
+    On a plane the distance follows the pose of the anchor too.
+    """
+    at, flat, by = layout.field + layout.block * (track.anchor - 1), track.flat, sums.by
+    turned = by_pose((sums.pulls[0], sums.pulls[1], sums.pulls[2]), track.v, track.rho)
+    for q in range(6):
+        sums.share[at + q] = -turned[q] + (sums.depth[0] * by[6 + q] if flat else 0.0)
     for p in range(3):
-        b[p], by_depth[p] = 0.0, 0.0
+        turned = by_pose(vector_of(sums.coupled, p), track.v, track.rho)
+        for q in range(6):
+            equations.back[track.i, p, 4 + at + q] = -turned[q] + (sums.by_depth[p] * by[6 + q] if flat else 0.0)
+
+
+@inlined
+def couple_plane(track: Track, layout: Layout, equations: Equations, sums: TrackSums) -> None:
+    """What a track on the plane tells of the plane by its depth, alone and with the anchor and the lens."""
+    normal, by, at, plane = equations.normal, sums.by, layout.field + layout.block * (track.anchor - 1), layout.plane
+    gradient, curvature = sums.depth[0], sums.depth[1]
+    for p in range(3):
+        sums.share[plane + p] = gradient * by[p]
         for q in range(3):
-            A[p, q], coupled[p, q] = 0.0, 0.0
-        for q in range(back.shape[2]):
-            back[i, p, q] = 0.0
-        for q in range(halves.shape[2]):
-            halves[i, p, q] = 0.0
+            equations.back[track.i, q, 4 + plane + p] = sums.by_depth[q] * by[p]
+            normal[plane + p, plane + q] += curvature * by[p] * by[q]
+        for q in range(layout.lens):
+            normal[plane + p, layout.focal + q] += by[p] * sums.by_lens[q]
+    for q in range(6 if track.anchor > 0 else 0):
+        for p in range(6):
+            normal[at + p, at + q] += curvature * by[6 + p] * by[6 + q]
+        for p in range(3):
+            normal[plane + p, at + q] += curvature * by[p] * by[6 + q]
+        for p in range(layout.lens):
+            normal[layout.focal + p, at + q] += sums.by_lens[p] * by[6 + q]
+
+
+@inlined
+def finish_track(track: Track, free: bool, equations: Equations, sums: TrackSums) -> None:
+    """Solve the equations of a track, and add its gradient and its share to those of the common unknowns."""
+    i, shares, halves, share, G = track.i, equations.shares, equations.halves, sums.share, len(sums.share)
+    solve_track(i, sums.A, sums.b, 2 if (track.flat or not free) else 3, equations.back, halves)
+    for q in range(G):
+        equations.gradient[q] += share[q]
+    if len(shares):
+        for q in range(G):
+            own = halves[i, 0, q] * halves[i, 0, G] + halves[i, 1, q] * halves[i, 1, G]
+            shares[i, q] = share[q] - own - halves[i, 2, q] * halves[i, 2, G]
 
 
 @compiled

@@ -27,6 +27,7 @@ from quest.robust.spatial_blocks import regions_of
 from slam_init.system.linear_algebra import deviations
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
+from slam_init.window.arguments import FIELD_TERMS
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import JointFit
 from slam_init.window.kernels import TUKEY_GATES
@@ -35,7 +36,6 @@ from slam_init.window.linearization import Linearization, information_by_chance,
 from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, FieldMarginal, marginalize_fields
 from slam_init.window.motion import FittedMotion
 from slam_init.window.state import Priors
-from slam_init.window.track_equations import FIELD_TERMS
 from slam_init.window.tracks import WindowTracks
 
 #: Regions across and down for the scatter of the scores: a dozen sums determine a standard deviation to a fifth, and

@@ -17,13 +17,15 @@ from slam_init.frontend.tracks import common_tracks
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.pose import Pose
-from slam_init.window.equations import Records
+from slam_init.window.arguments import FIELD_TERMS, Fitted, Layout, Sums
+from slam_init.window.arguments import Equations as Arrays
+from slam_init.window.equations import lens_of, observed_by, scene_of
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
 from slam_init.window.joint_fit import JointFit, fit_window
 from slam_init.window.kernels import accumulate
 from slam_init.window.projection import camera_vector
 from slam_init.window.state import Priors, WindowState, start_at
-from slam_init.window.track_equations import FIELD_TERMS, eliminate
+from slam_init.window.track_equations import eliminate
 from slam_init.window.tracks import WindowTracks, gather_tracks
 
 #: The options of the tests of the window.
@@ -220,26 +222,19 @@ def equations(
 ) -> Equations:
     """The equations at a state, by the compiled loop, without any prior."""
     views, count = tracks.seen.shape
-    field_size, readout_size, principal_size = FIELD_TERMS * with_field, int(with_readout), 2 * with_principal
-    size = (6 + field_size) * (views - 1) + field_size + 2 + readout_size + principal_size
-    size += 0 if state.plane is None else 3
-    normal, gradient = np.full((size, size), np.nan), np.full(size, np.nan)
-    shares, halves = np.full((count, size), np.nan), np.full((count, 3, size + 1), np.nan)
-    back, costs = np.full((count, 3, 4 + size), np.nan), np.full(count, np.nan)
-    residuals = np.full((views, count, 2), np.nan)
-    records = Records.of(tracks)
-    cost = accumulate(
-        camera_vector(tracks.camera), state.R, state.t, state.log_scale, state.k1,
-        np.zeros(3) if state.plane is None else state.plane, state.on_plane, state.field, field_size,
-        state.readout_s - tracks.readout_s, readout_size, state.principal_px, principal_size,
-        records.observed, records.view, records.first, tracks.places, tracks.anchor, state.rays,
-        state.inverse_distances,
-        np.ones(count, bool) if free is None else free, gate**2, normal, gradient, shares, back, halves,
-        costs, residuals, np.zeros(count), True, False,
-    )  # fmt: skip
-    eliminate(normal, gradient, halves)
-    squares = np.sum(residuals**2, axis=2)
-    return Equations(cost, costs, squares, normal, gradient, shares, back)
+    layout = Layout.of(views, field=with_field, readout=with_readout, principal=with_principal)
+    arrays = Arrays.empty(count, layout.plane + (0 if state.plane is None else 3))
+    fitted = Fitted.empty(views, count)
+    sums = Sums.empty(views, len(arrays.gradient))
+    for array in (*arrays, *fitted[1:], *sums.pairs, *sums.turned):
+        array[:] = np.nan  # all that is read must have been written
+    if free is not None:
+        fitted.free[:] = free
+    lens = lens_of(tracks, state, camera_vector(tracks.camera))
+    cost = accumulate(observed_by(tracks, gate), lens, scene_of(state), layout, arrays, fitted, sums, True, False)
+    eliminate(arrays.normal, arrays.gradient, arrays.halves)
+    squares = np.sum(fitted.residuals**2, axis=2)
+    return Equations(cost, fitted.costs, squares, *arrays[:4])
 
 
 def cost_at(tracks: WindowTracks, state: WindowState, gate: float, **unknowns: bool) -> float:

@@ -17,6 +17,7 @@ try:
         # It reads numbers in the environment, and goes on with a warning of many lines where one is none.
         warnings.filterwarnings("error", "Environment variable 'NUMBA_", RuntimeWarning)
         import numba
+        from numba import extending
         from numba.core import codegen, serialize
         from numba.core.compiler import CompileResult
         from numba.core.runtime.nrt import rtsys
@@ -28,6 +29,7 @@ from quest.robust.kernels import machine_code
 
 #: numba states no types for these.
 _njit: Any = numba.njit
+_jitable: Any = cast("Any", extending).register_jitable
 _rebuild: Any = CompileResult._rebuild
 _dumps: Any = serialize.dumps
 _llvm: Any = cast("Any", codegen).ll
@@ -61,6 +63,16 @@ def compiler_of(folder: Path) -> Callable[[Function], Function]:
         return cast("Function", dispatcher)
 
     return _compiled
+
+
+def inlined(function: Function) -> Function:
+    """The decorator for a function that becomes a part of each loop that calls it; Python calls it as it is written.
+
+    A call that passes arrays takes as long as some hundred operations, since each of its arrays counts its users. Here
+    nothing is counted. So the function must not make arrays, and neither must the loops that it calls.
+    """
+    part = _jitable(error_model="numpy", forceinline=True, no_cpython_wrapper=True, _nrt=False)
+    return cast("Function", part(function))
 
 
 def _without_collector(compile_: Callable[..., object]) -> Callable[..., object]:
