@@ -8,6 +8,7 @@ from slam_init.types.reasons import Verdict
 
 
 def test_every_verdict_has_a_colour_of_its_own():
+    assert set(VERDICT_COLORS) == set(Verdict)
     assert len({VERDICT_COLORS[verdict] for verdict in Verdict}) == len(Verdict)
 
 
