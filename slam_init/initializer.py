@@ -21,7 +21,8 @@ stage          what it does
 
 A map is **accepted** if its risk is small enough and its depths are known. It is **handed over** when it does not
 change any more: at once, or after it has grown by further frames (``Config.refine_frames``). A refusal has a reason and
-its evidence. If the views cannot decide between the two motions of a plane, both maps are kept.
+its evidence. If the views cannot decide between two motions, those of a plane or those of the scene and a
+large body, both maps are kept.
 """
 
 from __future__ import annotations

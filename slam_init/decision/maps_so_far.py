@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 class MapsSoFar:
     """The maps of the attempts up to now: an accepted map, or two undecided maps, and the segments before a restart.
 
+    Two maps are undecided where they are those of both motions of a plane, or of the scene at rest and a large body.
     An accepted map may grow by further frames. From the end of its growth on it is handed over.
 
     * ``recorder``: Receives a report when a map is accepted or has grown, and when the undecided maps change.

@@ -18,6 +18,7 @@ from slam_init.mapping.map_building import MapWithViews, map_with_views
 from slam_init.mapping.views import TrackTable, table_of
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
+from slam_init.types.reasons import Verdict
 from slam_init.types.result import ProvisionalMap
 from slam_init.window.levels import (
     CERTAIN_FOCAL_SIGMAS,
@@ -25,6 +26,7 @@ from slam_init.window.levels import (
     RISK_OF_A_VIEW,
 )
 from slam_init.window.motion import FittedMotion, difference_deg
+from slam_init.window.other_motion import fit_other_motion
 from slam_init.window.risk import WindowRisk
 
 
@@ -46,9 +48,19 @@ class WindowMaps:
         """
         return self._agreeing(RISK_OF_A_VIEW, self._config.acceptance.max_risk)
 
-    def undecided(self) -> tuple[InitialMap, ...]:
-        """The maps of both motions of a plane that the tracks do not decide between; none where one has no map."""
-        both = [self._adjusted(motion)[0] for motion in self._window.hypotheses.motions[:2]]
+    def undecided(self, reason: Verdict) -> tuple[InitialMap, ...]:
+        """The maps of the two motions that the tracks do not decide between, the best first; none where one has no map.
+
+        These are both motions of a plane, or those of the scene and of a body that holds many tracks.
+        """
+        hypotheses = self._window.hypotheses
+        motions: list[FittedMotion] = []
+        if reason == Verdict.AMBIGUOUS_PLANE:
+            motions = list(hypotheses.motions[:2])
+        elif reason == Verdict.MOVING_BODIES and self._window.risk.moving:
+            other = fit_other_motion(hypotheses)
+            motions = [] if other is None else [hypotheses.motions[0], other]
+        both = [self._adjusted(motion)[0] for motion in motions]
         maps = tuple(self.built(one).map for one in both if isinstance(one, BundleSolution))
         return maps if len(maps) == 2 else ()
 

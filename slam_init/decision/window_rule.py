@@ -197,8 +197,7 @@ class WindowRule:
             refused = refused_by(attempt, Stage.MAP, gates)
             if refused.verdict == Verdict.PURE_ROTATION:
                 refused = replace(refused, rotation_only=window.rotation_evidence())
-            undecided = maps.undecided() if refused.verdict == Verdict.AMBIGUOUS_PLANE else ()
-            return Outcome(refused, hypotheses=undecided, lens=window.next_lens)
+            return Outcome(refused, hypotheses=maps.undecided(refused.verdict), lens=window.next_lens)
         bundle, table = maps.accepted()
         attempt = replace(attempt, frames=table.frames)
         # The frames after the map see through its lens.

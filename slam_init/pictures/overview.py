@@ -197,7 +197,7 @@ def _draw_segments(figure: Figure, result: Result) -> None:
 
 
 def _draw_conjugate_maps(figure: Figure, result: Result) -> None:
-    """Both maps of a plane, side by side, and what has to decide between them."""
+    """Both undecided maps, side by side, and what has to decide between them."""
     left, bottom, width, height = _MAP
     gap = 0.012
     each = (width - gap) / 2
@@ -208,12 +208,14 @@ def _draw_conjugate_maps(figure: Figure, result: Result) -> None:
         side = figure.add_axes((x + half + 0.004, bottom, half, height))
         draw_map(side, map_, SIDE, f"map {name} from the side")
     box = _blank(figure, (left, bottom - 0.045, width, 0.04))
-    color = VERDICT_COLORS[Verdict.AMBIGUOUS_PLANE]
+    color = VERDICT_COLORS[result.reason or Verdict.AMBIGUOUS_PLANE]
     write(box, 0.0, 1.0, wrapped(" ".join(_deciding(result)), 85, 2), 11, color, "bold")
 
 
 def _deciding(result: Result) -> list[str]:
     """The evidence that has to decide between two maps: their vote, and the risk by another motion."""
+    if result.reason == Verdict.MOVING_BODIES:
+        return ["The tracks of A are at rest and those of B move, or the other way round."]
     facts = []
     if result.margin is not None:
         facts.append(f"The tracks prefer A by {result.margin.log_likelihood:.1f} nats.")

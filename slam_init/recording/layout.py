@@ -106,7 +106,7 @@ _FLAT = ("keypoints", "motion", "moving")
 
 
 class End(StrEnum):
-    """What a recording shows first: the map of a run, both maps of a plane, or why there is no map."""
+    """What a recording shows first: the map of a run, both undecided maps, or why there is no map."""
 
     MAP = "map"
     TWINS = "twins"
@@ -146,7 +146,7 @@ def _image_views() -> tuple[Any, Any, Any]:
 
 
 def _conjugate_maps() -> Any:
-    """Make the view of both maps of a plane, side by side, over the evidence that has to decide."""
+    """Make the view of both undecided maps, side by side, over the evidence that has to decide."""
     import rerun.blueprint as rrb
 
     # From above, the planes of both maps are lines of different directions.
@@ -159,7 +159,7 @@ def _conjugate_maps() -> Any:
         rrb.Horizontal(*views),
         rrb.TextDocumentView(origin=f"{TWINS}/evidence", name="what has to decide between A and B"),
         row_shares=[2, 1],
-        name="both maps of a plane",
+        name="both maps",
     )
 
 

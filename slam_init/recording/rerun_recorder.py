@@ -10,7 +10,7 @@ entity                      content
 ``world/points``            the landmarks
 ``world/trajectory``        ``est`` and ``gt``, the ground truth aligned to the map by a similarity;
                             ``hypothesis1``, ``hypothesis2`` while two maps are kept
-``twins/a``, ``twins/b``    both maps of a plane while they are kept, the better one first
+``twins/a``, ``twins/b``    both undecided maps while they are kept, the better one first
 ``twins/evidence``          what has to decide between them
 ``pairs``                   the last pair tried: images, matches (green inliers, red outliers,
                             purple on a body that moves, yellow where no motion was estimated),

@@ -67,7 +67,9 @@ def evidence_markdown(attempt: Attempt) -> str:
 
 
 def conjugate_maps_markdown(attempt: Attempt | None) -> str:
-    """Write what has to decide between the two maps of a plane."""
+    """Write what has to decide between two maps."""
+    if attempt is not None and attempt.verdict == Verdict.MOVING_BODIES:
+        return "The tracks of A are at rest and those of B move, or the other way round: one of the maps is right."
     lines = ["Two motions explain these views of a plane: one of the maps is right.", ""]
     bound = None if attempt is None else next((g for g in attempt.gates if g.name is GateName.RISK), None)
     if attempt is not None and attempt.window is not None and bound is not None:

@@ -9,15 +9,18 @@ it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from quest.estimate import RelativePose, estimate_relative_pose
 from slam_init.types.arrays import Bools, Floats, Ints
+from slam_init.types.pose import Pose
 from slam_init.window.equations import explained_at_most
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.levels import EVEN, LEAST_OTHER_TRACKS, OTHER_SIGMAS, SHARE_OF_COMPACT, SHARE_OF_WIDE, WIDE
+from slam_init.window.locating import locate_views
+from slam_init.window.motion import FittedMotion, fit_motion
 from slam_init.window.uncertainty import places_of
 
 
@@ -39,14 +42,15 @@ class OtherMotion:
     probability: float = 0.0
     #: (M,) The tracks that have this motion; empty where there is none.
     track_ids: Ints = field(default_factory=lambda: np.zeros(0, int))
+    #: ``cam2_from_cam1`` of the pair, if these tracks are at rest.
+    pose: Pose = field(default_factory=Pose.identity)
 
 
 def other_motion(hypotheses: WindowHypotheses) -> OtherMotion:
     """Find a rigid motion of the tracks that the best motion does not explain."""
     tracks, explained = hypotheses.tracks, explained_tracks(hypotheses)
-    state = hypotheses.motions[0].fit.state
-    rays = tracks.bearings(state.log_scale, state.readout_s, state.k1)[:2]
-    rest = tracks.seen[0] & tracks.seen[1] & (tracks.anchor >= 0) & ~explained & np.isfinite(rays).all(axis=(0, 2))
+    rays = bearings_of_best(hypotheses)[:2]
+    rest = (tracks.anchor >= 0) & ~explained & np.isfinite(rays).all(axis=(0, 2))
     count = int(explained.sum())
     if rest.sum() < max(LEAST_OTHER_TRACKS, SHARE_OF_WIDE * count):
         return OtherMotion()
@@ -57,7 +61,32 @@ def other_motion(hypotheses: WindowHypotheses) -> OtherMotion:
     places, others = places_of(hypotheses.motions[0].fit), np.flatnonzero(rest)[pose.inliers]
     wide = _extent(places[others]) > WIDE * _extent(places[explained])
     enough = max(LEAST_OTHER_TRACKS, (SHARE_OF_WIDE if wide else SHARE_OF_COMPACT) * count)
-    return OtherMotion(EVEN if len(others) >= enough else 0.0, tracks.track_ids[others])
+    return OtherMotion(EVEN if len(others) >= enough else 0.0, tracks.track_ids[others], Pose(pose.R, pose.t))
+
+
+def fit_other_motion(hypotheses: WindowHypotheses) -> FittedMotion | None:
+    """The motion of the camera if the other tracks are at rest, fitted to these in the views that they locate.
+
+    * Returns: None where there is no such motion, or it does not locate the pair.
+    """
+    other = other_motion(hypotheses)
+    if not other.probability:
+        return None
+    tracks, best = hypotheses.tracks, hypotheses.motions[0].motion
+    moving = np.flatnonzero(np.isin(tracks.track_ids, other.track_ids))
+    pair = {tracks.frames[0]: Pose.identity(), tracks.frames[1]: other.pose}
+    start = replace(best, cam_from_world=pair, plane=None, points=None)
+    bearings, rotations = bearings_of_best(hypotheses)[:, moving], hypotheses.rotation_only.state.R
+    located = locate_views(tracks.of_tracks(moving), start, bearings, rotations)
+    return None if located is None else fit_motion(tracks.of_tracks(moving), located, hypotheses.priors)
+
+
+def bearings_of_best(hypotheses: WindowHypotheses) -> Floats:
+    """The measured rays (V, T, 3) by the lens of the best motion; NaN where a view does not see a track."""
+    state, tracks = hypotheses.motions[0].fit.state, hypotheses.tracks
+    bearings = tracks.bearings(state.log_scale, state.readout_s, state.k1)
+    bearings[~tracks.seen] = np.nan
+    return bearings
 
 
 def _extent(places: Floats) -> float:

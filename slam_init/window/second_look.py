@@ -29,7 +29,7 @@ from slam_init.window.hypotheses import WindowHypotheses, different_optima
 from slam_init.window.levels import FAR_BEHIND_IN_PAIR
 from slam_init.window.locating import MIN_RESECTED, locate_views
 from slam_init.window.motion import FittedMotion, Motion, fit_motion
-from slam_init.window.other_motion import explained_tracks
+from slam_init.window.other_motion import bearings_of_best, explained_tracks
 
 #: Steps of a fit with free depths. It starts at the poses of a plane, from where twelve steps left costs of 1675 and
 #: 2420 that end at 1207 and 721: the order of the motions turned.
@@ -53,21 +53,13 @@ def _look_again(hypotheses: WindowHypotheses) -> WindowHypotheses:
     starts = [one.motion for one in hypotheses.motions]
     free = [replace(one, plane=None, points=None if hypotheses.planar else one.points) for one in starts]
     fits = [fit_motion(tracks, one, priors, max_steps=_STEPS) for one in free]
-    bearings = _bearings(hypotheses)
+    bearings = bearings_of_best(hypotheses)
     for start in _different_starts(hypotheses, fits, bearings):
         located = locate_views(tracks, start, bearings, hypotheses.rotation_only.state.R)
         if located is not None:
             least = min(one.fit.cost for one in fits if len(one.rows) == len(fits[0].rows))
             fits.append(fit_motion(tracks, located, priors, least + 6 * FAR_BEHIND_IN_PAIR, max_steps=_STEPS))
     return replace(hypotheses, planar=False, motions=tuple(different_optima(fits)))
-
-
-def _bearings(hypotheses: WindowHypotheses) -> Floats:
-    """The measured rays (V, T, 3) by the lens of the best motion; NaN where a view does not see a track."""
-    state, tracks = hypotheses.motions[0].fit.state, hypotheses.tracks
-    bearings = tracks.bearings(state.log_scale, state.readout_s, state.k1)
-    bearings[~tracks.seen] = np.nan
-    return bearings
 
 
 def _different_starts(hypotheses: WindowHypotheses, known: Sequence[FittedMotion], bearings: Floats) -> list[Motion]:

@@ -21,6 +21,7 @@ from slam_init.types.gates import GateName, Stage
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
 from slam_init.types.stopwatch import Stopwatch
+from slam_init.window.levels import WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
 
 
 def finished(source, config=WINDOW_CONFIG, initializer=None):
@@ -421,3 +422,19 @@ def test_the_inliers_of_an_accepted_pair_are_those_of_its_map_where_the_lens_was
     attempt, map_ = initializer.status.attempt, initializer.map
     assert map_ is not None and map_.camera.source == "estimated"
     assert attempt.inliers.sum() >= 0.9 * len(map_.points)
+
+
+def test_the_maps_of_the_scene_and_of_a_large_body_are_kept_and_one_of_them_is_right():
+    source = point_source("room", 4, moving=0.6, bodies=1, baseline=0.2)
+    result = finished(source)
+    assert (result.reason, result.map, len(result.hypotheses)) == (Verdict.MOVING_BODIES, None, 2)
+    moving = [np.mean(source.sequence.is_moving[one.track_ids]) for one in result.hypotheses]
+    assert max(moving) > 0.9
+    assert min(moving) < 0.1
+    truth = source.groundtruth.world_from_cam
+    at_rest = result.hypotheses[int(np.argmin(moving))]
+    first, last = at_rest.keyframes[0], max(at_rest.keyframes, key=lambda one: one.frame)
+    found = last.world_from_cam.inverse() @ first.world_from_cam
+    rotation_deg, direction_deg = pose_errors_deg(found, truth[last.frame].inverse() @ truth[first.frame])
+    assert rotation_deg < WRONG_ROTATION_DEG
+    assert direction_deg < WRONG_DIRECTION_DEG
