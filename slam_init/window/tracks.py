@@ -35,6 +35,25 @@ _LEAST_VARIANCE_RAD2 = 3e-10
 
 
 @dataclass(frozen=True, eq=False)
+class Readout:
+    """The readout of a rolling shutter in the views of a window."""
+
+    #: (V, T, 2) Derivatives of the raw pixels by the readout.
+    sweep_px_s: Floats
+    #: (V,) Relative standard deviations of the sweeps of each view.
+    sweep_errors: Floats
+    #: Readout that the pixels are corrected for.
+    readout_s: float
+    #: (V,) Time stamps of the views.
+    times_s: Floats
+
+    @staticmethod
+    def none(views: int, tracks: int) -> Readout:
+        """That of a global shutter: all is zero."""
+        return Readout(np.zeros((views, tracks, 2)), np.zeros(views), 0.0, np.zeros(views))
+
+
+@dataclass(frozen=True, eq=False)
 class WindowTracks:
     """The tracks of a window."""
 
@@ -87,38 +106,28 @@ class WindowTracks:
         pixels: Floats,
         seen: Bools,
         noise_px: float,
-        sweep_px_s: Floats | None = None,
-        readout_s: float = 0.0,
-        times_s: Floats | None = None,
+        readout: Readout | None = None,
         least_noise_px: float = 0.0,
         drifts: Floats | None = None,
-        sweep_errors: Floats | None = None,
         attitudes: Sequence[Attitude | None] = (),
     ) -> WindowTracks:
         """Prepare tracks for the fit.
 
-        Shapes: ``track_ids`` (T,), ``pixels`` (V, T, 2), ``seen`` (V, T), ``sweep_px_s`` (V, T, 2), ``times_s`` (V,),
-        ``drifts`` (V, T, 2, 2), ``sweep_errors`` (V,).
+        Shapes: ``track_ids`` (T,), ``pixels`` (V, T, 2), ``seen`` (V, T), ``drifts`` (V, T, 2, 2).
 
         * ``noise_px``: Standard deviation of a coordinate of a pixel, of the median observation.
-        * ``times_s``: Time stamps of the views; by default zero. Only a rolling shutter needs them.
+        * ``readout``: By default that of a global shutter.
         * ``least_noise_px``: Lower limit of the standard deviation of a coordinate of a pixel.
         * ``drifts``: Covariances of the drifts since the anchor views, px^2; by default none. With the lower limit they
           are the least that the noise can be; where it is larger, it is so by one factor.
         """
-        if sweep_px_s is None:
-            sweep_px_s = np.zeros((*seen.shape, 2))
+        readout = readout or Readout.none(*seen.shape)
         anchor = np.where(seen.sum(axis=0) >= 2, np.argmax(seen, axis=0), -1).astype(np.int64)
         rays = camera.bearings(pixels[np.maximum(anchor, 0), np.arange(pixels.shape[1])])
         anchor[~np.isfinite(rays).all(axis=1)] = -1
-        sigma_px = np.full(seen.shape, float(noise_px))
-        whitening = np.broadcast_to(np.eye(2), (*seen.shape, 2, 2))
+        sigma_px, whitening = np.full(seen.shape, float(noise_px)), np.broadcast_to(np.eye(2), (*seen.shape, 2, 2))
         if drifts is not None and seen.any():
-            variances, axes = _principal_axes(drifts)
-            sigmas_px = np.hypot(np.sqrt(np.maximum(variances, 0.0)), least_noise_px)
-            least_noise_px = float(np.median(sigmas_px[seen, 0]))
-            sigma_px = np.where(seen, sigmas_px[..., 0], least_noise_px) * max(noise_px / least_noise_px, 1.0)
-            whitening = _of_axes(sigmas_px[..., :1] / sigmas_px, axes)
+            sigma_px, whitening, least_noise_px = _noise_with_drifts(seen, noise_px, least_noise_px, drifts)
         places = _orthonormal_polynomials(camera, np.where(seen[..., None], pixels, 0.0)) / sigma_px[..., None]
         return WindowTracks(
             camera,
@@ -131,10 +140,10 @@ class WindowTracks:
             sigma_px,
             whitening,
             places,
-            np.nan_to_num(sweep_px_s),
-            np.zeros(len(frames)) if sweep_errors is None else sweep_errors,
-            readout_s,
-            np.zeros(len(frames)) if times_s is None else times_s,
+            np.nan_to_num(readout.sweep_px_s),
+            readout.sweep_errors,
+            readout.readout_s,
+            readout.times_s,
             least_noise_px,
             *_turned_from_first(attitudes or [None] * len(frames)),
         )
@@ -178,10 +187,7 @@ class WindowTracks:
             self.pixels[chosen],
             self.seen[chosen],
             self.noise_px,
-            self.sweep_px_s[chosen],
-            self.readout_s,
-            self.times_s[chosen],
-            sweep_errors=self.sweep_errors[chosen],
+            Readout(self.sweep_px_s[chosen], self.sweep_errors[chosen], self.readout_s, self.times_s[chosen]),
         )
         return replace(
             part,
@@ -230,25 +236,35 @@ def gather_tracks(
     chosen = _spread(camera, pixels, seen, score, max_tracks)
     pixels, seen, rows = pixels[:, chosen], seen[:, chosen], rows[:, chosen]
     sweep_px_s, drifts, slides_px = _motion_of_pixels(camera, views, seen, rows)
-    frames = tuple(view.frame for view in views)
+    sweep_errors = np.array([view.turn_error for view in views])
+    times_s = np.array([view.timestamp_s for view in views])
     since_anchor = None
     if drifts.any() or slides_px.any():
         since_anchor = _since_anchor(seen, drifts, slides_px)
     return WindowTracks.gather(
         camera,
-        frames,
+        tuple(view.frame for view in views),
         track_ids[chosen],
         pixels,
         seen,
         max(noise_px, 1e-3),
-        sweep_px_s,
-        _common_readout(views),
-        np.array([view.timestamp_s for view in views]),
+        Readout(sweep_px_s, sweep_errors, _common_readout(views), times_s),
         least_noise_px,
         since_anchor,
-        np.array([view.turn_error for view in views]),
         attitudes,
     )
+
+
+def _noise_with_drifts(
+    seen: Bools, noise_px: float, least_noise_px: float, drifts: Floats
+) -> tuple[Floats, Floats, float]:
+    """Noise of the pixels with drifts (V, T, 2, 2): sigma_px (V, T), whitening (V, T, 2, 2), the median least noise."""
+    variances, axes = _principal_axes(drifts)
+    sigmas_px = np.hypot(np.sqrt(np.maximum(variances, 0.0)), least_noise_px)
+    least_noise_px = float(np.median(sigmas_px[seen, 0]))
+    sigma_px = np.where(seen, sigmas_px[..., 0], least_noise_px) * max(noise_px / least_noise_px, 1.0)
+    whitening = np.einsum("...ij,...j,...kj->...ik", axes, sigmas_px[..., :1] / sigmas_px, axes)
+    return sigma_px, whitening, least_noise_px
 
 
 def _turned_from_first(attitudes: Sequence[Attitude | None]) -> tuple[Floats, Floats]:
