@@ -5,7 +5,7 @@ import pytest
 from make_bundle import ROTATING
 from make_metric import solve
 from make_scene import cloud
-from make_window import WINDOW_CONFIG, point_source
+from make_window import WINDOW_CONFIG, point_source, pose_errors_deg, true_motion
 from paths import DATA
 
 from slam_init.config import AcceptanceConfig, Config
@@ -128,10 +128,27 @@ def test_the_stated_deviations_of_depths_are_their_scatter():
 # -- the initializer ------------------------------------------------------------------------------
 
 
-def test_straight_ahead_the_initializer_waits_until_depths_are_known():
-    """The motion is known after seven frames, and half of the depths are not."""
+@pytest.fixture(scope="module")
+def straight_ahead():
+    """A camera that moves forward in a corridor: its source, and the initializer up to the map with its attempts."""
     source = point_source("corridor", 50104, baseline=0.03, noise_px=0.7, outliers=0.3)
-    initializer, attempts = initialized(source)
+    return source, *initialized(source)
+
+
+def test_straight_ahead_the_joint_estimate_holds_the_poses(straight_ahead):
+    """Most depths are uncertain, so that the landmarks alone move the motion away."""
+    source, initializer, attempts = straight_ahead
+    assert any(attempt.map is not None and attempt.map.pose_prior for attempt in attempts)
+    first, second = initializer.map.keyframes[:2]
+    found = second.world_from_cam.inverse() @ first.world_from_cam
+    rotation, direction = pose_errors_deg(found, true_motion(source, first.frame, second.frame))
+    assert rotation < 1
+    assert direction < 15
+
+
+def test_straight_ahead_the_initializer_waits_until_depths_are_known(straight_ahead):
+    """The motion is known after seven frames, and half of the depths are not."""
+    _, initializer, attempts = straight_ahead
     refused = [
         one for one in attempts if one.verdict == Verdict.LOW_PARALLAX and one.failed_gates[0].name in DEPTH_GATES
     ]

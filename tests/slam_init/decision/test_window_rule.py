@@ -68,17 +68,6 @@ def test_a_translating_camera_is_initialized_correctly(scene, baseline, seed):
     assert result.hypotheses == (result.map,)
 
 
-def test_the_joint_estimate_holds_the_poses_where_few_landmarks_are_certain():
-    """Straight ahead in a corridor most depths are uncertain, so that the landmarks alone move the motion away."""
-    source = point_source("corridor", 50104, baseline=0.03, noise_px=0.7, outliers=0.3)
-    result = finished(source)
-    assert result, result.reason
-    assert any(attempt.map is not None and attempt.map.pose_prior for attempt in result.attempts)
-    rotation, direction = errors_deg(source, result.map)
-    assert rotation < 1
-    assert direction < 15
-
-
 def test_landmarks_alone_determine_the_poses_where_they_agree_with_the_joint_estimate():
     assert not finished(point_source("room", 1, baseline=0.1)).attempts[-1].map.pose_prior
 
@@ -340,7 +329,9 @@ def test_a_map_that_bundle_adjustment_moves_away_is_refused_with_the_risk_that_t
         if attempt is not None and attempt.verdict == Verdict.BUNDLE_ADJUSTMENT_FAILED:
             assert attempt.window.risk <= WINDOW_CONFIG.acceptance.max_risk
             risks.append(initializer.provisional.risk)
-    assert risks
+        if len(risks) == 2:
+            break
+    assert len(risks) == 2
     assert min(risks) > 0.5
 
 

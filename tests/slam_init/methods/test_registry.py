@@ -5,6 +5,7 @@ from importlib.util import find_spec
 import pytest
 from add_a_method import MedianParallax
 from make_scene import CAMERA, CONFIG
+from make_source import synth
 from paths import ROOT
 
 from slam_init.config import Config
@@ -45,11 +46,12 @@ def test_a_method_whose_package_is_not_installed_names_the_package(monkeypatch):
         make_two_view("rare")
 
 
-def test_a_method_of_your_own_is_imported_by_its_path(room, tmp_path):
+def test_a_method_of_your_own_is_imported_by_its_path(tmp_path):
     """As the command line runs the example; the summary and the configuration name the method."""
     name = "add_a_method:MedianParallax"
     assert method_info(name).home == name
     assert isinstance(make_two_view(name), MedianParallax)
+    room = synth("room", width=320, height=240)
     result, summary = run(room, room.camera, Config(method=name), out=tmp_path)
     assert result
     assert summary.method == name

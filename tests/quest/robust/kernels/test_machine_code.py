@@ -35,14 +35,14 @@ def answer(process: subprocess.Popen[str]) -> list[str]:
 
 @pytest.fixture(scope="module")
 def compiled_folder(tmp_path_factory):
-    """A folder that three processes have filled at once, and what they printed."""
+    """A folder that two processes have filled at once, and what they printed."""
     folder = tmp_path_factory.mktemp("machine_code")
-    return folder, [answer(process) for process in [start(folder) for _ in range(3)]]
+    return folder, [answer(process) for process in [start(folder) for _ in range(2)]]
 
 
 def test_processes_that_compile_at_once_agree_and_leave_one_file_for_each_loop(compiled_folder):
     folder, answers = compiled_folder
-    assert answers[0] == answers[1] == answers[2]
+    assert answers[0] == answers[1]
     names = [path.name for path in (folder / "quest").iterdir()]
     assert len(names) == len({name.split("-")[0] for name in names}) > 0
     assert all(name.endswith(".code") and not name.startswith(".") for name in names)
