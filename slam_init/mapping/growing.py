@@ -33,7 +33,6 @@ from slam_init.mapping.map_building import initial_map
 from slam_init.mapping.resection import resect
 from slam_init.mapping.triangulation import triangulate
 from slam_init.types.arrays import Bools, Floats, Image, Ints
-from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose
@@ -136,7 +135,7 @@ class GrowingMap:
 
     def _corrected(self, observed: Observations) -> Observations:
         """The tracks of a frame with the rays of the camera of the map, at the middle of the readout."""
-        self._rays.put(_by_camera(self.camera, observed))
+        self._rays.put(observed.through(self.camera))
         self._rays.forget(keep=())
         return self._shutter.correct_newest(self._rays, observed.frame)
 
@@ -275,10 +274,3 @@ def _last(problem: BundleProblem, count: int) -> BundleProblem:
         world_from_cam=kept.world_from_cam[dropped:],
         views=kept.views - dropped,
     )
-
-
-def _by_camera(camera: Camera, observed: Observations) -> Observations:
-    """The tracks of a frame with the rays of another camera, without those that it cannot have seen."""
-    bearings = camera.bearings(observed.pixels)
-    known = np.isfinite(bearings).all(axis=1)
-    return replace(observed, bearings=bearings).at(np.flatnonzero(known))
