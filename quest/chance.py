@@ -124,8 +124,9 @@ def false_alarms_of_rotation(
     r2 = half * np.sum((problem.n - turned) ** 2, axis=1)
     explained, shuffles = 0, max(1, min(total - 1, _trials(total) // total))
     order = rng.permutation(total)
+    n, turned = np.tile(problem.n[order], (2, 1)), turned[order]
     for shuffle in range(1, shuffles + 1):
-        wrong = half * np.sum((problem.n[np.roll(order, shuffle)] - turned[order]) ** 2, axis=1)
+        wrong = half * np.sum((n[total - shuffle : 2 * total - shuffle] - turned) ** 2, axis=1)
         explained += int(np.count_nonzero(wrong < (_WIDE * threshold_rad) ** 2))
     share = np.asarray(_upper_share(explained, shuffles * total) / _WIDE**2 * _GATES2)
     tests = log(len(_GATES)) + log_binomial(total, _OF_ROTATION)

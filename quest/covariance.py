@@ -109,7 +109,7 @@ def plane_of_pose(pose: Hypothesis, m: Floats, n: Floats, noise_rad: float) -> t
         depths = m @ k
         off_rad = np.abs(weights * depths - products) / np.sqrt(np.maximum(weights, 1e-300))
         off_rad /= np.maximum(np.linalg.norm(rotated + np.outer(depths, pose.t), axis=1), 1e-300)
-        on = off_rad <= max(GATE_SIGMAS * np.sqrt(2) * noise_rad, GATE_SIGMAS * float(np.median(off_rad)))
+        on = off_rad <= max(GATE_SIGMAS * np.sqrt(2) * noise_rad, GATE_SIGMAS * kernels.median_in_place(off_rad.copy()))
     return k, on
 
 

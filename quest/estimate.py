@@ -435,7 +435,7 @@ def _rotation_of(problem: PoseProblem, rotation: Floats, rng: np.random.Generato
 
 
 def _noise_of_rotation(r2: Floats) -> float:
-    return float(np.sqrt(np.median(r2) / (2 * np.log(2))))  # Rayleigh: median^2 = 2 ln 2 sigma^2
+    return float(np.sqrt(kernels.median_in_place(r2.copy()) / (2 * np.log(2))))  # Rayleigh: median^2 = 2 ln 2 sigma^2
 
 
 def _rotation_or_no_pose(

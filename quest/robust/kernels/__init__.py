@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from quest.robust.kernels.six_point import try_samples_of_six
     from quest.robust.kernels.small_algebra import (
         eigen_in_place,
+        median_in_place,
         model_of_pose,
         models_of_poses,
         rotation_of_model,
@@ -53,6 +54,7 @@ __all__ = [
     "fit_plane",
     "log_likelihood",
     "mark_typical",
+    "median_in_place",
     "model_of_pose",
     "models_of_poses",
     "newton_five",
@@ -90,7 +92,7 @@ _LOOPS = {
     "samples": "try_samples",
     "scoring": "rays_by_row residuals residuals_of_model score",
     "six_point": "try_samples_of_six",
-    "small_algebra": "eigen_in_place model_of_pose models_of_poses rotation_of_model unit_rows",
+    "small_algebra": "eigen_in_place median_in_place model_of_pose models_of_poses rotation_of_model unit_rows",
 }
 _MODULE_OF = {loop: module for module, loops in _LOOPS.items() for loop in loops.split()}
 
