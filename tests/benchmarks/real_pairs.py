@@ -98,13 +98,15 @@ def groups(data: str | os.PathLike[str], steps: Sequence[int] | None, limit: int
 
 @dataclass(frozen=True, eq=False)
 class _Outcome:
+    """The answers of each method come pair by pair, with all seeds of a pair together."""
+
     matches: list[int]
     true_shares: list[float]
     answers: dict[str, list[Answer]]
 
 
-def run_group(group: Group, methods: Sequence[str], threshold_px: float) -> _Outcome:
-    """Run all methods on all pairs of a group."""
+def run_group(group: Group, methods: Sequence[str], threshold_px: float, seeds: int = 1) -> _Outcome:
+    """Run all methods on all pairs of a group, with each seed."""
     outcome = _Outcome([], [], {name: [] for name in methods})
     for pair in group.read():
         threshold_rad = threshold_px / pair.focal_px
@@ -113,14 +115,15 @@ def run_group(group: Group, methods: Sequence[str], threshold_px: float) -> _Out
             found = true_matches(pair, pair.bearings1, pair.bearings2, threshold_rad)
             outcome.true_shares.append(float(found.mean()))
         for name in methods:
-            outcome.answers[name].append(_answer(pair, name, threshold_rad, group.rotation_only))
+            for seed in range(seeds):
+                outcome.answers[name].append(_answer(pair, name, threshold_rad, seed, group.rotation_only))
     return outcome
 
 
-def _answer(pair: ImagePair, method: str, threshold_rad: float, rotation_only: bool) -> Answer:
+def _answer(pair: ImagePair, method: str, threshold_rad: float, seed: int, rotation_only: bool) -> Answer:
     few = len(pair.bearings1) < _MIN_MATCHES
     run = METHODS[method][1]
-    estimate = Estimate((), 0.0, "none") if few else run(pair.bearings1, pair.bearings2, threshold_rad, 0)
+    estimate = Estimate((), 0.0, "none") if few else run(pair.bearings1, pair.bearings2, threshold_rad, seed)
     return judge(method, estimate, pair.cam2_from_cam1.R, pair.cam2_from_cam1.t, rotation_only=rotation_only)
 
 
@@ -175,9 +178,11 @@ def _paired(outcomes: dict[Group, _Outcome], methods: Sequence[str]) -> str:
 
 
 def _scores(outcomes: Sequence[_Outcome], method: str) -> Floats:
-    """What each pair adds to the AUC, (pairs, 3): the mean over the pairs is the AUC."""
+    """What each pair adds to the AUC in the mean of its seeds, (pairs, 3): the mean over the pairs is the AUC."""
     errors = np.array([answer.error_deg for outcome in outcomes for answer in outcome.answers[method]])
-    return np.asarray(np.clip(1 - errors[:, None] / np.array(_AUC_DEG), 0, 1))
+    scores = np.clip(1 - errors[:, None] / np.array(_AUC_DEG), 0, 1)
+    pairs = sum(len(outcome.matches) for outcome in outcomes)
+    return np.asarray(scores.reshape(pairs, -1, len(_AUC_DEG)).mean(axis=1) if pairs else scores)
 
 
 def _difference(scores: Floats) -> str:
@@ -200,6 +205,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         help="by default three by the length of a sequence",
     )
     parser.add_argument("--pairs", type=positive, default=14, metavar="N", help="of a sequence and step (default 14)")
+    parser.add_argument("--seeds", type=positive, default=5, metavar="N", help="of each method and pair (default 5)")
     parser.add_argument("--methods", type=choice_list(list(METHODS)), default=list(METHODS), metavar="A,B")
     parser.add_argument("--only", metavar="TEXT", default="", help="only sets whose name contains this text")
     parser.add_argument("--threshold-px", type=float, default=2.0, metavar="X", help="of all methods (default 2)")
@@ -215,8 +221,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     limit_threads()
     warm_up(methods)
-    outcomes = {group: run_group(group, methods, options.threshold_px) for group in progress(found, "set")}
-    title = f"SIFT with ratio test, except for the corners; threshold {options.threshold_px:g} px, one thread."
+    outcomes = {
+        group: run_group(group, methods, options.threshold_px, options.seeds) for group in progress(found, "set")
+    }
+    title = f"SIFT with ratio test, except for the corners; threshold {options.threshold_px:g} px, one thread. All "
+    title += f"figures are over {options.seeds} seeds of each method."
     save(options.out, "real_pairs.md", f"{title}\n\n{_tables(outcomes, methods)}")
     return 0
 
