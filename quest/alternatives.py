@@ -62,12 +62,7 @@ def decides(votes_for: int, votes_against: int, total: int, scatter: float | Non
 
 
 def has_larger_residuals(
-    problem: PoseProblem,
-    model: Floats,
-    other: Floats,
-    gate_rad: float,
-    noise_rad: float,
-    level: tuple[float, float],
+    problem: PoseProblem, model: Floats, other: Floats, gate_rad: float, noise_rad: float, level: tuple[float, float]
 ) -> bool:
     """Whether a motion leaves significantly larger residuals than another motion.
 

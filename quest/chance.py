@@ -38,8 +38,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 #: Gates of the test: the threshold times these shares. The least is the least noise, see quest.noise.refine_with_noise.
-_GATES = 0.5 ** np.arange(10.0)
-_GATES2 = _GATES**2
+_GATES, _GATES2 = 0.5 ** np.arange(10.0), 0.25 ** np.arange(10.0)
 #: Matches that fix a motion, and the mean number of motions with all five random points in front of both cameras.
 _OF_MOTION, _MOTIONS = 5, 2
 #: Matches that fix a rotation, matches outside a patch that fix the turn about the patch, and those that fix this turn

@@ -41,14 +41,7 @@ from quest.robust.pose_problem import PoseProblem
 from quest.robust.rotation import propose_rotation, settle_rotation
 from quest.uncertainty.parallax import ParallaxStatement, as_direction, as_rotation, statement_of_inliers
 
-__all__ = [
-    "Hypothesis",
-    "NoPose",
-    "PoseEvidence",
-    "RelativePose",
-    "estimate_relative_pose",
-    "refine_relative_pose",
-]
+__all__ = ["Hypothesis", "NoPose", "PoseEvidence", "RelativePose", "estimate_relative_pose", "refine_relative_pose"]
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -352,11 +345,7 @@ def _tested_parallax(problem: PoseProblem, motion: _Motion, chance: float, rotat
 
 
 def _pose_with_alternatives(
-    problem: PoseProblem,
-    others: list[Floats],
-    motion: _Motion,
-    evidence: PoseEvidence,
-    parallax: ParallaxStatement,
+    problem: PoseProblem, others: list[Floats], motion: _Motion, evidence: PoseEvidence, parallax: ParallaxStatement
 ) -> RelativePose | NoPose:
     """The pose of a motion with observable translation, its kind, and the motions that explain the matches as well."""
     gate_rad, noise_rad, best, inliers = motion.gate_rad, motion.noise_rad, motion.model, motion.inliers

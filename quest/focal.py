@@ -56,12 +56,7 @@ class SharedFocal:
 
 
 def estimate_shared_focal(
-    points1: ArrayLike,
-    points2: ArrayLike,
-    principal_point: ArrayLike,
-    *,
-    threshold_px: float = 1.5,
-    seed: int = 0,
+    points1: ArrayLike, points2: ArrayLike, principal_point: ArrayLike, *, threshold_px: float = 1.5, seed: int = 0
 ) -> SharedFocal | NoPose:
     """Estimate the focal length and the motion of a camera with square pixels from two of its views.
 

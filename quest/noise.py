@@ -15,7 +15,6 @@ from quest.robust.samples import RansacReport
 from quest.uncertainty.parallax import LEAST_SINE2, RATIO_MADS
 
 Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 #: A Gaussian error exceeds three standard deviations in 0.3 % of the cases.
 GATE_SIGMAS = 3.0
@@ -152,6 +151,5 @@ def _polished(problem: PoseProblem, model: Floats) -> Floats:
 
     The motion stays as it is where fewer than six matches are inliers.
     """
-    threshold_rad = problem.threshold_rad
-    stages = threshold_rad * _STAGES
-    return kernels.climb(problem.m, problem.n, model, threshold_rad, stages, len(problem), _STEPS)[0]
+    stages = problem.threshold_rad * _STAGES
+    return kernels.climb(problem.m, problem.n, model, problem.threshold_rad, stages, len(problem), _STEPS)[0]

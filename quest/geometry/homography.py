@@ -34,10 +34,7 @@ def fit_homography(m: Floats, n: Floats, weight: Floats | None = None) -> Floats
     if weight is not None:
         first, second = first * weight[:, None], second * weight[:, None]
     rows = np.concatenate(
-        [
-            (first[:, :, None] * m[:, None, :]).reshape(-1, 9),
-            (second[:, :, None] * m[:, None, :]).reshape(-1, 9),
-        ]
+        [(first[:, :, None] * m[:, None, :]).reshape(-1, 9), (second[:, :, None] * m[:, None, :]).reshape(-1, 9)]
     )
     _, vectors = np.linalg.eigh(rows.T @ rows)
     H = vectors[:, 0].reshape(3, 3)
@@ -72,16 +69,15 @@ def decompose_homography(H: Floats, m: Floats) -> list[tuple[Floats, Floats, Flo
     """
     if not np.isfinite(H).all():
         return []
-    _, S, Vt = np.linalg.svd(H)
+    _, S, (v1, v2, v3) = np.linalg.svd(H)
     if not S[1] > _SINGULAR * S[0]:
         return []
     H = H / S[1]
-    if _determinant(H) < 0:
+    if H[0] @ _cross(H[1], H[2]) < 0:  # the determinant
         H = -H
     s1, s3 = (S[0] / S[1]) ** 2, (S[2] / S[1]) ** 2
     if s1 - s3 < 1e-12:
         return []
-    v1, v2, v3 = Vt
     solutions = []
     spread1, spread3 = np.sqrt(max(1 - s3, 0.0)), np.sqrt(max(s1 - 1, 0.0))
     for sign in (1.0, -1.0):
@@ -104,8 +100,3 @@ def _cross(a: Floats, b: Floats) -> Floats:
     a0, a1, a2 = a.tolist()
     b0, b1, b2 = b.tolist()
     return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])
-
-
-def _determinant(A: Floats) -> float:
-    """Determinant of a matrix (3, 3)."""
-    return float(A[0] @ _cross(A[1], A[2]))

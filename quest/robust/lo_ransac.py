@@ -13,8 +13,8 @@ References
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,9 @@ from numpy.typing import NDArray
 from quest.robust import kernels
 from quest.robust.prosac import progressive_samples, subset_size
 from quest.robust.samples import RansacReport, samples_needed
+
+if TYPE_CHECKING:
+    from quest.robust.kernels.samples import Pool
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -105,30 +108,21 @@ class _Matches:
         return samples, directions
 
 
-@dataclass(eq=False)
-class _Pool:
-    """The best raw model of each mode, ordered by cost (infinite where empty), see ``kernels.try_samples``."""
+def _empty_pool() -> Pool:
+    return np.zeros((_POOL, 3, 3)), np.zeros((_POOL, 3)), np.full(_POOL, np.inf), np.zeros(_POOL, np.int64), np.zeros(2)
 
-    R: Floats = field(default_factory=lambda: np.zeros((_POOL, 3, 3)))
-    t: Floats = field(default_factory=lambda: np.zeros((_POOL, 3)))
-    costs: Floats = field(default_factory=lambda: np.full(_POOL, np.inf))
-    inliers: Ints = field(default_factory=lambda: np.zeros(_POOL, np.int64))
-    chance: Floats = field(default_factory=lambda: np.zeros(2))
 
-    def try_samples(self, solver: str, matches: _Matches, samples: Ints, rotation: Floats, directions: Floats) -> None:
-        """Enter the solutions of some samples."""
-        pool = (matches.threshold_rad, self.R, self.t, self.costs, self.inliers, self.chance)
-        if solver == "quest5":
-            kernels.try_samples_of_five(matches.m, matches.n, samples, *pool)
-        elif solver == "quest6":
-            kernels.try_samples_of_six(matches.m, matches.n, samples, *pool)
-        else:
-            kernels.try_samples(matches.m, matches.n, samples, np.stack([np.eye(3), rotation]), directions, *pool)
-
-    def models(self) -> Floats:
-        """The models (k, 7), as rows (q_wxyz, t)."""
-        found = int(np.isfinite(self.costs).sum())
-        return kernels.models_of_poses(self.R[:found], self.t[:found])
+def _try_samples(
+    solver: str, matches: _Matches, samples: Ints, rotation: Floats, directions: Floats, pool: Pool
+) -> None:
+    """Enter the solutions of some samples into the pool."""
+    m, n, threshold_rad = matches.m, matches.n, matches.threshold_rad
+    if solver == "quest5":
+        kernels.try_samples_of_five(m, n, samples, threshold_rad, pool)
+    elif solver == "quest6":
+        kernels.try_samples_of_six(m, n, samples, threshold_rad, pool)
+    else:
+        kernels.try_samples(m, n, samples, np.stack([np.eye(3), rotation]), directions, threshold_rad, pool)
 
 
 def lo_ransac(
@@ -164,7 +158,8 @@ def lo_ransac(
     """
     matches = _Matches.shuffled(m, n, threshold_rad, scores, rng)
     sample_size, sample_yield, starts = PROPOSALS[solver]
-    pool = _Pool()
+    pool = _empty_pool()
+    pool_R, pool_t, costs, _, _ = pool
     best: _Refined | None = None if start is None else _polish(matches, kernels.model_of_pose(*start))
     leader: _Refined | None = None
     leading_cost = math.inf
@@ -172,12 +167,12 @@ def lo_ransac(
     while drawn < max_samples:
         chunk = min(chunk, max_samples - drawn)
         samples, directions = matches.draw(rng, sample_size, drawn, chunk, starts)
-        pool.try_samples(solver, matches, samples, rotation, directions)
+        _try_samples(solver, matches, samples, rotation, directions, pool)
         drawn += chunk
         # A raw model from few noisy matches is worse than the same model refined, so each new leader is refined.
-        if pool.costs[0] < leading_cost:
-            leading_cost = pool.costs[0]
-            leader = _polish(matches, kernels.model_of_pose(pool.R[0], pool.t[0]))
+        if costs[0] < leading_cost:
+            leading_cost = costs[0]
+            leader = _polish(matches, kernels.model_of_pose(pool_R[0], pool_t[0]))
             if best is None or leader.cost < best.cost:
                 best = leader
         share = 0.0 if best is None else best.inliers / len(m)
@@ -191,12 +186,13 @@ def lo_ransac(
         chunk = min(2 * chunk, _LARGEST_CHUNK, max(_FIRST_CHUNK, math.ceil(min(needed, max_samples)) - drawn))
     if best is None:
         return None
-    models, costs = pool.models(), pool.costs
-    refined = 0
+    found = int(np.isfinite(costs).sum())
+    models = kernels.models_of_poses(pool_R[:found], pool_t[:found])
+    refined = 0 if leader is None else 1
     if leader is not None:
-        models[0], refined = leader.model, 1
+        models[0] = leader.model
     # A mode whose raw model misses half of the inliers is not beside the best optimum.
-    near = int((costs[: len(models)] < costs[0] + 0.5 * best.inliers * threshold_rad**2).sum())
+    near = int((costs[:found] < costs[0] + 0.5 * best.inliers * threshold_rad**2).sum())
     # The noise of a sample may lead to a model beside the best optimum, which refinement takes to a local one.
     for k in range(1, min(near, 1 + _RUNNERS_UP)):
         other = _polish(matches, models[k])
@@ -207,8 +203,8 @@ def lo_ransac(
         refit = _polish(matches, model)
         if refit.cost < best.cost:
             best = refit
-    models = np.concatenate([best.model[None], models])
-    return RansacReport(models, np.concatenate([[best.cost], costs[: len(models) - 1]]), drawn, 1 + refined)
+    costs = np.concatenate([[best.cost], costs[:found]])
+    return RansacReport(np.concatenate([best.model[None], models]), costs, drawn, 1 + refined)
 
 
 def _share_of_rows(matches: _Matches, motion: _Refined, rows: Ints) -> float:

@@ -39,12 +39,7 @@ _POLISHING_STEPS = 2
 
 # i p: its w' is -x' of p. At w' = 0 the vector x1 = w'^3 q' vanishes and A2 loses its rank; a rotation with w' = 0 for
 # p has w' = 0 for i p only by coincidence.
-_OTHER_PRE_ROTATION = (
-    -PRE_ROTATION[1],
-    PRE_ROTATION[0],
-    -PRE_ROTATION[3],
-    PRE_ROTATION[2],
-)
+_OTHER_PRE_ROTATION = (-PRE_ROTATION[1], PRE_ROTATION[0], -PRE_ROTATION[3], PRE_ROTATION[2])
 
 # The median inverse condition number is 1e-7. Below this bound the candidates are too inaccurate for refinement.
 _BAD_CONDITION = 1e-11

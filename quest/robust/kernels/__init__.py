@@ -15,68 +15,39 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from quest.robust.kernels.five_point import newton_five
-    from quest.robust.kernels.local_optimization import climb, draw_starts, refit
-    from quest.robust.kernels.mixture import log_likelihood, refine_with_noise
-    from quest.robust.kernels.noise import chance_inliers, mark_typical
-    from quest.robust.kernels.parallax import (
-        anisotropy_sums,
-        depths_and_parallax,
-        pose_information,
-        ratio_sums,
-        rotation_of_all,
-    )
-    from quest.robust.kernels.planes import best_plane, fit_plane, off_line, planar_information
-    from quest.robust.kernels.quest_five import try_samples_of_five
-    from quest.robust.kernels.refinement import refine, refine_rotation
-    from quest.robust.kernels.rotations import best_rotation
-    from quest.robust.kernels.samples import try_samples
-    from quest.robust.kernels.scoring import rays_by_row, residuals, residuals_of_model, score
-    from quest.robust.kernels.six_point import try_samples_of_six
-    from quest.robust.kernels.small_algebra import (
-        eigen_in_place,
-        median_in_place,
-        model_of_pose,
-        models_of_poses,
-        rotation_of_model,
-        unit_rows,
-    )
-
-__all__ = [
-    "anisotropy_sums",
-    "best_plane",
-    "best_rotation",
-    "chance_inliers",
-    "climb",
-    "depths_and_parallax",
-    "draw_starts",
-    "eigen_in_place",
-    "fit_plane",
-    "log_likelihood",
-    "mark_typical",
-    "median_in_place",
-    "model_of_pose",
-    "models_of_poses",
-    "newton_five",
-    "off_line",
-    "planar_information",
-    "pose_information",
-    "ratio_sums",
-    "rays_by_row",
-    "refine",
-    "refine_rotation",
-    "refine_with_noise",
-    "refit",
-    "residuals",
-    "residuals_of_model",
-    "rotation_of_all",
-    "rotation_of_model",
-    "score",
-    "try_samples",
-    "try_samples_of_five",
-    "try_samples_of_six",
-    "unit_rows",
-]
+    from quest.robust.kernels.five_point import newton_five as newton_five
+    from quest.robust.kernels.local_optimization import climb as climb
+    from quest.robust.kernels.local_optimization import draw_starts as draw_starts
+    from quest.robust.kernels.local_optimization import refit as refit
+    from quest.robust.kernels.mixture import log_likelihood as log_likelihood
+    from quest.robust.kernels.mixture import refine_with_noise as refine_with_noise
+    from quest.robust.kernels.noise import chance_inliers as chance_inliers
+    from quest.robust.kernels.noise import mark_typical as mark_typical
+    from quest.robust.kernels.parallax import anisotropy_sums as anisotropy_sums
+    from quest.robust.kernels.parallax import depths_and_parallax as depths_and_parallax
+    from quest.robust.kernels.parallax import pose_information as pose_information
+    from quest.robust.kernels.parallax import ratio_sums as ratio_sums
+    from quest.robust.kernels.parallax import rotation_of_all as rotation_of_all
+    from quest.robust.kernels.planes import best_plane as best_plane
+    from quest.robust.kernels.planes import fit_plane as fit_plane
+    from quest.robust.kernels.planes import off_line as off_line
+    from quest.robust.kernels.planes import planar_information as planar_information
+    from quest.robust.kernels.quest_five import try_samples_of_five as try_samples_of_five
+    from quest.robust.kernels.refinement import refine as refine
+    from quest.robust.kernels.refinement import refine_rotation as refine_rotation
+    from quest.robust.kernels.rotations import best_rotation as best_rotation
+    from quest.robust.kernels.samples import try_samples as try_samples
+    from quest.robust.kernels.scoring import rays_by_row as rays_by_row
+    from quest.robust.kernels.scoring import residuals as residuals
+    from quest.robust.kernels.scoring import residuals_of_model as residuals_of_model
+    from quest.robust.kernels.scoring import score as score
+    from quest.robust.kernels.six_point import try_samples_of_six as try_samples_of_six
+    from quest.robust.kernels.small_algebra import eigen_in_place as eigen_in_place
+    from quest.robust.kernels.small_algebra import median_in_place as median_in_place
+    from quest.robust.kernels.small_algebra import model_of_pose as model_of_pose
+    from quest.robust.kernels.small_algebra import models_of_poses as models_of_poses
+    from quest.robust.kernels.small_algebra import rotation_of_model as rotation_of_model
+    from quest.robust.kernels.small_algebra import unit_rows as unit_rows
 
 #: The loops by module. A module is loaded, and numba with it, when one of its loops is first used.
 _LOOPS = {

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quest.robust.kernels.compiler import compiled
-from quest.robust.kernels.samples import enter_if_better
+from quest.robust.kernels.samples import Pool, enter_if_better
 from quest.robust.kernels.scoring import rays_by_row
 from quest.robust.kernels.small_algebra import orthonormalize
 
@@ -458,32 +458,15 @@ def solve_five(
 
 
 @compiled
-def try_samples_of_five(
-    m: Floats,
-    n: Floats,
-    samples: Ints,
-    threshold_rad: float,
-    pool_R: Floats,
-    pool_t: Floats,
-    pool_costs: Floats,
-    pool_inliers: Ints,
-    chance: Floats,
-) -> None:
+def try_samples_of_five(m: Floats, n: Floats, samples: Ints, threshold_rad: float, pool: Pool) -> None:
     """Solve samples of five matches, score the poses, and keep the best of each mode in the pool.
 
-    Shapes: ``m, n`` (N, 3), ``samples`` (S, 5), ``pool_R, pool_t, pool_costs, pool_inliers`` (P, 3, 3), ``chance``
-    (2,).
+    Shapes: ``m, n`` (N, 3), ``samples`` (S, 5).
 
     * ``m, n``: Unit bearings, in random order: a bad model is recognized by the first matches.
-    * ``pool_R, pool_t, pool_costs, pool_inliers``: The pool, see :func:`quest.robust.kernels.try_samples`; updated in
-      place.
-    * ``chance``: The share of matches that a model explains, summed over all models so far, and the number of models;
-      updated in place.
     """
     rays, space = rays_by_row(m, n), workspace()
     found_R, found_t = np.empty((MOST_POSES, 3, 3)), np.empty((MOST_POSES, 3))
     for i in range(len(samples)):
         for k in range(solve_five(m, n, samples[i], 2 * threshold_rad * threshold_rad, space, found_R, found_t)):
-            enter_if_better(
-                rays, found_R[k], found_t[k], threshold_rad, pool_R, pool_t, pool_costs, pool_inliers, chance
-            )
+            enter_if_better(rays, found_R[k], found_t[k], threshold_rad, pool)

@@ -12,6 +12,10 @@ from quest.robust.kernels.small_algebra import copy_pose
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+#: R (P, 3, 3) and t (P, 3) of the best models of P modes, their costs (P,), in this order and infinite where empty, and
+#: numbers of inliers (P,); then the share of matches that a model explains, summed over all models so far, and the
+#: number of models (2,). Functions change it in place.
+Pool = tuple[Floats, Floats, Floats, Ints, Floats]
 
 #: Two models of a pool nearer than this (radians, rotation plus direction) are one mode: models from five noisy
 #: matches scatter by several degrees about their mode.
@@ -34,27 +38,13 @@ def mode_distance(R1: Floats, t1: Floats, R2: Floats, t2: Floats) -> float:
 
 @compiled
 def try_samples(
-    m: Floats,
-    n: Floats,
-    samples: Ints,
-    rotations: Floats,
-    directions: Floats,
-    threshold_rad: float,
-    pool_R: Floats,
-    pool_t: Floats,
-    pool_costs: Floats,
-    pool_inliers: Ints,
-    chance: Floats,
+    m: Floats, n: Floats, samples: Ints, rotations: Floats, directions: Floats, threshold_rad: float, pool: Pool
 ) -> None:
     """Solve samples from several starts each, score the solutions, and keep the best of each mode in the pool.
 
-    Shapes: ``m, n`` (N, 3), ``samples`` (S, 5), ``rotations`` (K, 3, 3), ``directions`` (S, K, 3), ``pool_R, pool_t,
-    pool_costs, pool_inliers`` (P, 3, 3), ``chance`` (2,).
+    Shapes: ``m, n`` (N, 3), ``samples`` (S, 5), ``rotations`` (K, 3, 3), ``directions`` (S, K, 3).
 
     * ``m, n``: Unit bearings, in random order: a bad model is recognized by the first matches.
-    * ``pool_R, pool_t, pool_costs, pool_inliers``: The pool, ordered by cost (infinite where empty); updated in place.
-    * ``chance``: The share of matches that a model explains, summed over all models so far, and the number of models;
-      updated in place.
     """
     rays = rays_by_row(m, n)
     R, t = np.empty((3, 3)), np.empty(3)
@@ -72,75 +62,57 @@ def try_samples(
                 continue
             copy_pose(R, t, found_R[found], found_t[found])
             found += 1
-            enter_if_better(rays, R, t, threshold_rad, pool_R, pool_t, pool_costs, pool_inliers, chance)
+            enter_if_better(rays, R, t, threshold_rad, pool)
 
 
 @compiled
-def enter_if_better(
-    rays: Floats,
-    R: Floats,
-    t: Floats,
-    threshold_rad: float,
-    pool_R: Floats,
-    pool_t: Floats,
-    pool_costs: Floats,
-    pool_inliers: Ints,
-    chance: Floats,
-) -> None:
+def enter_if_better(rays: Floats, R: Floats, t: Floats, threshold_rad: float, pool: Pool) -> None:
     """Score a model, and enter it into the pool where it is better than the last of the pool.
 
-    Shapes: ``rays`` (6, N), ``R, t`` (3, 3), ``pool_R, pool_t, pool_costs, pool_inliers`` (P, 3, 3), ``chance`` (2,).
+    Shapes: ``rays`` (6, N), ``R, t`` (3, 3).
 
     * ``rays``: Unit bearings in random order, see :func:`quest.robust.kernels.scoring.rays_by_row`.
     """
-    size = len(pool_costs)
+    _, _, costs, counts, chance = pool
     # A model from a few noisy matches explains at least half of the matches that it explains after refinement. Nearly
     # all models so far were bad, so the mean share over them is the share of a bad model.
-    good = 0.5 * pool_inliers[0] / rays.shape[1]
+    good = 0.5 * counts[0] / rays.shape[1]
     cost, inliers, share = score_or_refute(
-        rays, R, t, threshold_rad, pool_costs[size - 1], good, chance[0] / max(chance[1], 1.0)
+        rays, R, t, threshold_rad, costs[len(costs) - 1], good, chance[0] / max(chance[1], 1.0)
     )
     chance[0] += share
     chance[1] += 1
-    if cost < pool_costs[size - 1]:
-        _enter_pool(R, t, cost, inliers, pool_R, pool_t, pool_costs, pool_inliers)
+    if cost < costs[len(costs) - 1]:
+        _enter_pool(R, t, cost, inliers, pool)
 
 
 @compiled
-def _enter_pool(
-    R: Floats,
-    t: Floats,
-    cost: float,
-    inliers: int,
-    pool_R: Floats,
-    pool_t: Floats,
-    pool_costs: Floats,
-    pool_inliers: Ints,
-) -> None:
+def _enter_pool(R: Floats, t: Floats, cost: float, inliers: int, pool: Pool) -> None:
     """Enter a model into the ordered pool, unless a better model of its mode is there.
 
     The model takes the place of all members of its mode, not only of the nearest: a new model between two members of
     the pool makes one mode of both. Where there is no such member, the model takes the place of the last one.
     """
-    size, kept = len(pool_costs), 0
+    pool_R, pool_t, costs, counts, _ = pool
+    size, kept = len(costs), 0
     for j in range(size):
-        if not pool_costs[j] < np.inf:
+        if not costs[j] < np.inf:
             break
         if mode_distance(R, t, pool_R[j], pool_t[j]) < SAME_MODE_RAD:
             # The members are ordered by cost, so no member of this mode has been removed yet.
-            if not cost < pool_costs[j]:
+            if not cost < costs[j]:
                 return
             continue
         if kept < j:
             copy_pose(pool_R[j], pool_t[j], pool_R[kept], pool_t[kept])
-            pool_costs[kept], pool_inliers[kept] = pool_costs[j], pool_inliers[j]
+            costs[kept], counts[kept] = costs[j], counts[j]
         kept += 1
     for j in range(kept, size):
-        pool_costs[j], pool_inliers[j] = np.inf, 0
+        costs[j], counts[j] = np.inf, 0
     at = min(kept, size - 1)
-    while at > 0 and cost < pool_costs[at - 1]:
+    while at > 0 and cost < costs[at - 1]:
         copy_pose(pool_R[at - 1], pool_t[at - 1], pool_R[at], pool_t[at])
-        pool_costs[at], pool_inliers[at] = pool_costs[at - 1], pool_inliers[at - 1]
+        costs[at], counts[at] = costs[at - 1], counts[at - 1]
         at -= 1
     copy_pose(R, t, pool_R[at], pool_t[at])
-    pool_costs[at], pool_inliers[at] = cost, inliers
+    costs[at], counts[at] = cost, inliers

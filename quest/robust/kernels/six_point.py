@@ -47,7 +47,7 @@ from numpy.typing import NDArray
 
 from quest.robust.kernels.compiler import compiled
 from quest.robust.kernels.refinement import refine
-from quest.robust.kernels.samples import enter_if_better, mode_distance
+from quest.robust.kernels.samples import Pool, enter_if_better, mode_distance
 from quest.robust.kernels.scoring import rays_by_row
 from quest.robust.kernels.small_algebra import copy_pose, orthonormalize
 
@@ -381,31 +381,14 @@ def solve_six(
 
 
 @compiled
-def try_samples_of_six(
-    m: Floats,
-    n: Floats,
-    samples: Ints,
-    threshold_rad: float,
-    pool_R: Floats,
-    pool_t: Floats,
-    pool_costs: Floats,
-    pool_inliers: Ints,
-    chance: Floats,
-) -> None:
+def try_samples_of_six(m: Floats, n: Floats, samples: Ints, threshold_rad: float, pool: Pool) -> None:
     """Solve samples of six matches, score the poses, and keep the best of each mode in the pool.
 
-    Shapes: ``m, n`` (N, 3), ``samples`` (S, 6), ``pool_R, pool_t, pool_costs, pool_inliers`` (P, 3, 3), ``chance``
-    (2,).
+    Shapes: ``m, n`` (N, 3), ``samples`` (S, 6).
 
     * ``m, n``: Unit bearings, in random order: a bad model is recognized by the first matches.
-    * ``pool_R, pool_t, pool_costs, pool_inliers``: The pool, see :func:`quest.robust.kernels.try_samples`; updated in
-      place.
-    * ``chance``: The share of matches that a model explains, summed over all models so far, and the number of models;
-      updated in place.
     """
     rays, found_R, found_t = rays_by_row(m, n), np.empty((MOST_POSES, 3, 3)), np.empty((MOST_POSES, 3))
     for i in range(len(samples)):
         for k in range(solve_six(m, n, samples[i], threshold_rad, STEPS, found_R, found_t)):
-            enter_if_better(
-                rays, found_R[k], found_t[k], threshold_rad, pool_R, pool_t, pool_costs, pool_inliers, chance
-            )
+            enter_if_better(rays, found_R[k], found_t[k], threshold_rad, pool)

@@ -33,7 +33,7 @@ def searched(m, n, samples, seed: int = 0, size: int = 8):
     rotations = np.stack([np.eye(3), rotation_from_vector([0.1, 0.0, -0.1])])
     directions = unit(rng.normal(size=(len(samples), 2, 3)))
     pool = np.zeros((size, 3, 3)), np.zeros((size, 3)), np.full(size, np.inf), np.zeros(size, np.int64)
-    kernels.try_samples(m, n, samples, rotations, directions, THRESHOLD_RAD, *pool, np.zeros(2))
+    kernels.try_samples(m, n, samples, rotations, directions, THRESHOLD_RAD, (*pool, np.zeros(2)))
     return pool
 
 

@@ -199,7 +199,7 @@ def test_the_search_keeps_distinct_modes_ordered_by_cost():
     _, _, m, n = pose_and_matches(1, 120, wrong=40, planar=True)
     samples = np.random.default_rng(1).permuted(np.tile(np.arange(120), (300, 1)), axis=1)[:, :6]
     pool = np.zeros((8, 3, 3)), np.zeros((8, 3)), np.full(8, np.inf), np.zeros(8, np.int64)
-    six_point.try_samples_of_six(m, n, samples, THRESHOLD_RAD, *pool, np.zeros(2))
+    six_point.try_samples_of_six(m, n, samples, THRESHOLD_RAD, (*pool, np.zeros(2)))
     R, t, costs, inliers = pool
     assert (costs[:-1] <= costs[1:]).all()
     assert inliers[0] >= 60
