@@ -126,7 +126,7 @@ print(sorted({name.split(".")[0] for name in sys.modules} & heavy))
 # --- the kinds, with noise and outliers ---
 
 
-@settings(deadline=None, max_examples=8)
+@settings(max_examples=8)
 @given(seed=SEEDS)
 def test_a_general_scene_with_outliers_is_estimated(seed):
     pose = estimate_relative_pose(*views(box(seed), noise_rad=NOISE_RAD, outliers=0.4, seed=seed))
@@ -137,7 +137,7 @@ def test_a_general_scene_with_outliers_is_estimated(seed):
     assert pose.inliers[:80].mean() < 0.15  # some random matches lie near their epipolar line
 
 
-@settings(deadline=None, max_examples=8)
+@settings(max_examples=8)
 @given(seed=SEEDS)
 def test_the_poses_of_a_plane_with_outliers_contain_the_true_one(seed):
     pose = estimate_relative_pose(*views(plane(seed), noise_rad=NOISE_RAD, outliers=0.3, seed=seed))
@@ -157,7 +157,7 @@ def test_the_twin_of_a_plane_is_an_alternative():
     assert twin.inliers[pose.inliers].mean() > 0.95
 
 
-@settings(deadline=None, max_examples=8)
+@settings(max_examples=8)
 @given(seed=SEEDS)
 @example(seed=644)  # a free translation fits the noise so well that the estimated noise is a third too small
 def test_a_rotation_only_camera_with_outliers_is_recognized(seed):
@@ -190,7 +190,7 @@ def test_an_exact_rotation_only_camera_is_recognized(R, outliers):
 # --- laws ---
 
 
-@settings(deadline=None, max_examples=6)
+@settings(max_examples=6)
 @given(seed=SEEDS)
 def test_inliers_obey_u_R_m_plus_t_is_v_n_within_the_noise(seed):
     m, n = views(box(seed), noise_rad=NOISE_RAD, outliers=0.2, seed=seed)
@@ -212,7 +212,7 @@ def test_depths_are_the_distances_of_the_points():
     assert pose.depths2 * baseline == pytest.approx(np.linalg.norm(X @ R_TRUE.T + T_TRUE, axis=1), rel=1e-5)
 
 
-@settings(deadline=None, max_examples=6)
+@settings(max_examples=6)
 @given(seed=SEEDS)
 def test_swapping_the_views_inverts_the_pose(seed):
     m, n = views(box(seed), noise_rad=NOISE_RAD, outliers=0.2, seed=seed)
@@ -222,7 +222,7 @@ def test_swapping_the_views_inverts_the_pose(seed):
     assert (there.inliers == back.inliers).mean() > 0.95
 
 
-@settings(deadline=None, max_examples=6)
+@settings(max_examples=6)
 @given(seed=SEEDS)
 def test_permuting_the_matches_permutes_the_inliers(seed):
     m, n = views(box(seed), noise_rad=NOISE_RAD, outliers=0.2, seed=seed)
@@ -232,7 +232,7 @@ def test_permuting_the_matches_permutes_the_inliers(seed):
     assert (first.inliers[order] == second.inliers).mean() > 0.95
 
 
-@settings(deadline=None, max_examples=6)
+@settings(max_examples=6)
 @given(seed=SEEDS)
 def test_rotating_a_view_composes(seed):
     m, n = views(box(seed), noise_rad=NOISE_RAD, outliers=0.2, seed=seed)
@@ -243,7 +243,7 @@ def test_rotating_a_view_composes(seed):
     assert is_true(first_turned, plain.R @ Q.T, plain.t, rotation_deg=0.2, direction_deg=0.5)
 
 
-@settings(deadline=None, max_examples=6)
+@settings(max_examples=6)
 @given(seed=SEEDS)
 def test_the_length_of_bearings_has_no_influence(seed):
     m, n = views(box(seed), noise_rad=NOISE_RAD, outliers=0.2, seed=seed)

@@ -25,8 +25,7 @@ from quest.robust.pose_problem import PoseProblem
 from quest.uncertainty.parallax import LEAST_SINE2, RATIO_MADS
 
 SEEDS = st.integers(0, 2**32 - 1)
-#: The first call compiles, so there is no deadline.
-laws = settings(deadline=None, max_examples=40)
+laws = settings(max_examples=40)
 
 
 @laws

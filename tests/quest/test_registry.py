@@ -110,7 +110,7 @@ def test_weak_translations_give_unit_quaternions_or_nothing(solver: Solver, t, n
 
 
 @ALL
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=SEEDS)
 def test_swapping_permuting_rotating_and_scaling_act_as_they_should(solver: Solver, seed: int):
     rng = np.random.default_rng(seed)

@@ -91,7 +91,7 @@ GIVING_ONE = pytest.mark.parametrize("name", [name for name in FUNCTIONS if name
 
 
 @GIVING_ONE
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 2**32 - 1), kind=st.sampled_from(sorted(RAYS)), count=st.sampled_from([5, 6, 7, 8, 12, 30]))
 def test_each_public_function_gives_rotations_or_refuses(name, seed, kind, count):
     exact = {"quest5": 5, "five_point": 5, "quest6_fast": 6}
@@ -126,7 +126,7 @@ def test_views_are_not_changed_and_may_be_read_only(name):
     np.testing.assert_array_equal(views, before)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     seed=st.integers(0, 2**32 - 1), kind=st.sampled_from(sorted(RAYS)), threshold_rad=st.sampled_from([1e-4, 2e-3, 1])
 )

@@ -28,7 +28,7 @@ def camera(k1=0.0):
     return PinholeCamera(640, 480, 458.0, 458.0, 319.5, 239.5, k1)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(SEEDS, st.floats(-0.2, 1.0))
 def test_the_ray_of_a_pixel_projects_to_the_pixel(seed, k1):
     lens = camera(k1)
@@ -57,7 +57,7 @@ def test_the_shutter_runs_in_its_direction_and_the_middle_has_the_time_of_the_fr
     assert shutter.delay_s(np.array([early, late, (320.0, 240.0)])) == pytest.approx([-0.015, 0.015, 0.0])
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(SEEDS, st.integers(2, 80), st.floats(0, 0.8), st.floats(0, 0.8), st.booleans())
 def test_a_schedule_keeps_its_frames_ends_and_order(seed, frames, dropped, repeated, has_cut):
     cut = frames // 2 if has_cut and frames >= 4 else 0
@@ -80,7 +80,7 @@ def test_without_options_a_schedule_is_every_frame_once():
     assert schedule.scenes == (slice(0, 7),)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(SEEDS)
 def test_rotations_of_many_vectors_are_those_of_each_and_the_logarithm_inverts_them(seed):
     rng = np.random.default_rng(seed)
@@ -95,7 +95,7 @@ def test_rotations_of_many_vectors_are_those_of_each_and_the_logarithm_inverts_t
 
 @pytest.mark.parametrize("speed", [20.0, 60.0, 150.0])
 @pytest.mark.parametrize("duration", [0.4, 2.0, 10.0])
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(seed=SEEDS)
 def test_hand_held_turning_has_the_requested_speed(speed, duration, seed):
     turning = HandTurning.draw(np.random.default_rng(seed), Handling(duration, speed, 0.0))
@@ -104,7 +104,7 @@ def test_hand_held_turning_has_the_requested_speed(speed, duration, seed):
     assert np.degrees(np.sqrt(np.mean(steps**2))) == pytest.approx(speed, rel=0.02)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(seed=SEEDS)
 def test_the_axis_of_hand_held_turning_changes_smoothly(seed):
     turning = HandTurning.draw(np.random.default_rng(seed), Handling(10.0, 60.0, 0.0))
@@ -117,7 +117,7 @@ def test_the_axis_of_hand_held_turning_changes_smoothly(seed):
     assert np.linalg.norm(np.diff(velocity, axis=0), axis=1).max() < 0.3
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(seed=SEEDS, speed=st.floats(0.01, 2.0))
 def test_an_arc_has_a_constant_speed_and_none_without_speed(seed, speed):
     rng = np.random.default_rng(seed)
@@ -128,7 +128,7 @@ def test_an_arc_has_a_constant_speed_and_none_without_speed(seed, speed):
     assert not Arc.draw(rng, Handling(4, 0, 0.0), along, across).position(times).any()
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(seed=SEEDS)
 def test_stabilization_smooths_and_its_warp_is_bounded(seed):
     turning = HandTurning.draw(np.random.default_rng(seed), Handling(4.0, 60.0, 0.0))

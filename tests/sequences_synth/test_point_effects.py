@@ -36,7 +36,7 @@ def test_the_pose_at_the_time_of_its_own_row_projects_each_point_to_its_pixel(sc
         np.testing.assert_allclose(projected, pixels, atol=1e-6)
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(
     seed=st.integers(0, 10**6),
     scene=st.sampled_from(TURNING),

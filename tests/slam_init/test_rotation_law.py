@@ -50,7 +50,7 @@ def test_a_pose_of_another_shape_is_refused():
         Pose(np.eye(4), np.zeros(3))
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1), kind=st.sampled_from(["equal", "collinear", "planar", "general", "mirrored"]))
 def test_alignments_of_degenerate_positions_are_rotations(seed, kind):
     rng = np.random.default_rng(seed)

@@ -32,7 +32,6 @@ def distances(solutions, R, t, k) -> list[float]:
     ]
 
 
-@settings(deadline=None)
 @given(seed=SEEDS)
 def test_the_fit_to_exact_points_is_the_homography_of_the_plane(seed):
     R, t, k, m, n = plane_views(seed)
@@ -42,7 +41,7 @@ def test_the_fit_to_exact_points_is_the_homography_of_the_plane(seed):
     assert np.abs(homography_residuals(H, m, n)).max() < 1e-9
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(seed=SEEDS)
 def test_points_of_weight_zero_have_no_influence(seed):
     _, _, _, m, n = plane_views(seed)
@@ -53,7 +52,7 @@ def test_points_of_weight_zero_have_no_influence(seed):
     assert fit_homography(m, wrong, weight) == pytest.approx(fit_homography(m[10:], n[10:]), abs=1e-12)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(seed=SEEDS)
 def test_rotating_the_second_camera_rotates_the_residuals(seed):
     R, t, k, m, n = plane_views(seed)
@@ -75,7 +74,6 @@ def test_residuals_have_the_size_of_the_noise_of_one_bearing():
     assert np.sqrt(np.sum(r**2) / (2 * len(m))) == pytest.approx(1e-3, rel=0.05)
 
 
-@settings(deadline=None)
 @given(seed=SEEDS, scale=st.floats(-5, 5).filter(lambda s: abs(s) > 0.01))
 def test_the_decomposition_contains_the_true_pose_for_any_scale_and_sign(seed, scale):
     R, t, k, m, _ = plane_views(seed)
@@ -85,7 +83,6 @@ def test_the_decomposition_contains_the_true_pose_for_any_scale_and_sign(seed, s
     assert min(distances(solutions, R, t, k)) < 1e-6
 
 
-@settings(deadline=None)
 @given(seed=SEEDS)
 def test_both_poses_explain_the_homography_with_the_plane_in_front(seed):
     R, t, k, m, _ = plane_views(seed)

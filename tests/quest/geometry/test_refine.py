@@ -56,7 +56,7 @@ def test_the_basis_of_an_axis_is_orthogonal_to_it(axis):
     assert np.abs(tangent_basis(np.eye(3)[axis]))[axis] == pytest.approx([0, 0])
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(seed=SEEDS)
 def test_the_errors_equal_those_of_the_epipolar_geometry(seed):
     R, t, m, n = two_views(seed, noise_rad=0.05)
@@ -64,7 +64,7 @@ def test_the_errors_equal_those_of_the_epipolar_geometry(seed):
     assert r == pytest.approx(sampson_error(R, t, m, n), abs=1e-12)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(seed=SEEDS)
 def test_the_jacobian_equals_finite_differences(seed):
     R, t, m, n = two_views(seed, noise_rad=0.05)
@@ -87,7 +87,7 @@ def test_a_match_on_both_epipoles_has_residual_zero_and_finite_derivatives():
     assert np.isfinite(J).all()
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(seed=SEEDS, angle_rad=st.floats(1e-4, 0.5), outliers=st.integers(0, 30))
 def test_refinement_never_raises_the_robust_cost(seed, angle_rad, outliers):
     R, t, m, n = two_views(seed, noise_rad=5e-4)
@@ -100,7 +100,7 @@ def test_refinement_never_raises_the_robust_cost(seed, angle_rad, outliers):
     assert R_end @ R_end.T == pytest.approx(np.eye(3), abs=1e-12)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(seed=SEEDS)
 def test_exact_matches_give_the_true_pose(seed):
     R, t, m, n = two_views(seed)
@@ -117,7 +117,7 @@ def test_gross_outliers_have_no_influence():
     assert t_end == pytest.approx(t, abs=1e-3)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(seed=SEEDS)
 def test_turning_the_second_camera_turns_the_result(seed):
     R, t, m, n = two_views(seed, noise_rad=5e-4)
@@ -129,7 +129,7 @@ def test_turning_the_second_camera_turns_the_result(seed):
     assert t2 == pytest.approx(Q @ t1, abs=1e-3)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(seed=SEEDS)
 def test_swapping_the_views_inverts_the_refined_pose(seed):
     R, t, m, n = two_views(seed, noise_rad=5e-4)
@@ -140,7 +140,7 @@ def test_swapping_the_views_inverts_the_refined_pose(seed):
     assert t2 == pytest.approx(-R1.T @ t1, abs=1e-3)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(seed=SEEDS)
 def test_the_order_of_matches_and_the_sign_of_rays_change_nothing(seed):
     R, t, m, n = two_views(seed, noise_rad=5e-4)
@@ -159,7 +159,7 @@ def test_refinement_without_matches_changes_nothing():
     assert t_end.tolist() == t.tolist()
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(seed=SEEDS)
 def test_the_rotation_of_exact_data_is_found_among_outliers(seed):
     rng = np.random.default_rng(seed)

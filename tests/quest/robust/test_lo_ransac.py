@@ -108,7 +108,7 @@ def search(m, n, seed: int = 0, *, scores=None, max_samples: int = 50_000, solve
 
 
 @ALL_SOLVERS
-@settings(deadline=None, max_examples=8)
+@settings(max_examples=8)
 @given(seed=SEEDS, outliers=st.floats(0, 0.5), planar=st.booleans())
 def test_the_motion_is_found_with_a_cost_near_that_of_the_true_motion(solver, seed, outliers, planar):
     m, n = scene(seed, outliers=outliers, planar=planar)

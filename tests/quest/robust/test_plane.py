@@ -23,7 +23,7 @@ from quest.robust.plane import fit_plane, off_line_rad
 
 SEEDS = st.integers(0, 2**32 - 1)
 MODEL = np.concatenate([quaternion_from_matrix(R_TRUE), T_TRUE / np.linalg.norm(T_TRUE)])
-laws = settings(deadline=None, max_examples=25)
+laws = settings(max_examples=25)
 
 
 def points(seed: int, count: int = 200, *, on_plane: float) -> np.ndarray:
@@ -167,7 +167,7 @@ def test_rays_of_a_whole_image_have_a_large_width():
 # --- whether the translation of an estimate is observable ---
 
 
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 @given(seed=SEEDS, on_plane=st.sampled_from([0.0, 1.0]))
 def test_a_translation_is_observable_and_measured(seed, on_plane):
     X = points(seed, on_plane=on_plane)
@@ -179,7 +179,7 @@ def test_a_translation_is_observable_and_measured(seed, on_plane):
     assert 0 < pose.parallax.ratio_sigma < 0.1 * pose.parallax.ratio
 
 
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 @given(seed=SEEDS, noise_rad=st.sampled_from([0.0, NOISE_RAD]))
 def test_a_rotation_only_camera_has_no_observable_translation(seed, noise_rad):
     pose = estimate_relative_pose(*views(points(seed, on_plane=0.0), t=NO_TRANSLATION, noise_rad=noise_rad, seed=seed))

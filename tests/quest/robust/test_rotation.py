@@ -13,8 +13,7 @@ from quest.robust import kernels
 from quest.robust.rotation import fit_rotation, propose_rotation
 
 SEEDS = st.integers(0, 2**32 - 1)
-#: The first call compiles, so there is no deadline.
-laws = settings(deadline=None, max_examples=40)
+laws = settings(max_examples=40)
 
 
 def rotated(seed: int, count: int, wrong: int, noise_rad: float = NOISE_RAD):

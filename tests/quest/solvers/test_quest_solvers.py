@@ -100,7 +100,7 @@ def test_the_printed_forms_are_right_except_at_half_turns(solve, count: int):
     assert all(misses)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(SEEDS, st.sampled_from([0.0, 1e-9, 1e-4, 0.1, 1.0, 3.0, np.pi]))
 def test_rotations_of_any_axis_and_angle_are_found(seed: int, angle: float):
     rng = np.random.default_rng(seed)

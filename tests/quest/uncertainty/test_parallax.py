@@ -22,13 +22,11 @@ def views(seed, *, ratio=0.1, count=200, noise_rad=NOISE_RAD, shape="box"):
     return draw_views(Scene(shape, count, ratio, noise_rad=noise_rad), np.random.default_rng(seed))
 
 
-@settings(deadline=None)
 @given(st.floats(-6, 30))
 def test_gaussian_tail_equals_that_of_scipy(z):
     assert gaussian_tail(z) == pytest.approx(stats.norm.sf(z), rel=1e-11, abs=1e-300)
 
 
-@settings(deadline=None)
 @given(st.integers(-3, 400), st.floats(0, 300))
 def test_poisson_tail_equals_that_of_scipy(count, mean):
     assert poisson_tail(count, mean) == pytest.approx(stats.poisson.sf(count - 1, mean), rel=1e-9, abs=1e-13)
@@ -85,7 +83,7 @@ def test_expected_chance_matches_raise_the_p_value_of_far_matches():
     assert naive.p_value < 1e-3 < 0.05 < aware.p_value
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 1000), st.floats(0.0, 0.1))
 def test_frame_of_camera_2_lengths_and_order_do_not_change_the_statement(seed, ratio):
     two = views(seed, ratio=ratio, count=60)

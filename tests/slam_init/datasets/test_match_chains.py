@@ -57,7 +57,7 @@ def test_a_match_of_a_keypoint_that_is_not_there_is_refused():
     st.lists(st.tuples(*[st.integers(0, 3), st.integers(0, 3), st.integers(0, 4), st.integers(0, 4)]), max_size=25),
     st.randoms(use_true_random=False),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_the_order_and_the_direction_of_the_pairs_change_nothing_and_no_track_is_twice_in_an_image(matches, random):
     pairs = [pair(i, j, (a, b)) for i, j, a, b in matches]
     table, dropped = chain_matches(keypoints([5] * 4), pairs, "x")

@@ -28,7 +28,7 @@ def pair(reference, current, matches=100, parallax_px=10.0, spread=1.0):
 
 
 @given(turn=st.tuples(*[st.floats(-0.15, 0.15)] * 3))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_a_pure_rotation_has_no_parallax(turn):
     rotated = preview([Pose.identity(), Pose(rotation_from_vector(np.array(turn)), np.zeros(3))])
     assert rotated.parallax_px < 0.01

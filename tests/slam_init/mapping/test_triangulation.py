@@ -24,14 +24,14 @@ def rays(poses, points):
 
 
 @given(seed=seeds, views=st.integers(2, 5))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_exact_rays_meet_in_their_point(seed, views):
     points, poses = cloud(np.random.default_rng(seed), 20), list(make_poses(views))
     np.testing.assert_allclose(triangulate(poses, rays(poses, points)), points, atol=1e-8)
 
 
 @given(seed=seeds)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_moving_and_scaling_the_cameras_moves_and_scales_the_points(seed):
     rng = np.random.default_rng(seed)
     points, poses = cloud(rng, 20), list(make_poses(3))
@@ -93,7 +93,7 @@ def test_resection_finds_the_pose_of_exact_points(model):
 
 
 @given(seed=seeds)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_resection_finds_the_pose_and_the_outliers_among_a_third_of_outliers(seed):
     rng = np.random.default_rng(seed)
     points, truth = cloud(rng, 90), make_poses(4)[3]
@@ -171,7 +171,7 @@ def test_resection_is_reproducible():
 
 
 @given(seed=seeds, off=st.floats(0.0, 0.3), wrong=st.integers(0, 12), scale_rad=st.sampled_from([0.05, 0.01]))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_refinement_ends_at_a_least_robust_cost_and_never_raises_it(seed, off, wrong, scale_rad):
     rng = np.random.default_rng(seed)
     points, truth = cloud(rng, 40), make_poses(2)[1]

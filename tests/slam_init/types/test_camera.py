@@ -31,7 +31,7 @@ def test_projecting_a_bearing_gives_its_pixel_up_to_the_corners(camera):
     np.testing.assert_allclose(camera.project(7.5 * rays), pixels, atol=1e-9)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(
     st.floats(-0.35, 0.35),
     st.floats(-0.005, 0.005),

@@ -24,7 +24,7 @@ def draw(name, seed=0, matches=120, outlier_share=0.0, noise_px=0.0):
 
 
 @pytest.mark.parametrize("name", SCENES)
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 10_000))
 def test_without_noise_the_truth_explains_all_inliers_in_front_of_both_cameras(name, seed):
     scene = draw(name, seed, outlier_share=0.25)

@@ -14,8 +14,7 @@ from quest.geometry.refine import sampson_jacobian
 from quest.robust import kernels
 
 SEEDS = st.integers(0, 2**32 - 1)
-#: The first call compiles, so there is no deadline.
-laws = settings(deadline=None, max_examples=40)
+laws = settings(max_examples=40)
 FIVE = np.arange(5)
 
 
@@ -24,7 +23,7 @@ def constraint(R, t, m, n) -> np.ndarray:
     return np.einsum("ij,ij->i", n, np.cross(t, m @ R.T))
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(seed=SEEDS, kind=st.sampled_from(["scene", "plane", "random rays", "all around"]))
 def test_every_reported_solution_obeys_the_equations(seed, kind):
     rng = np.random.default_rng(seed)

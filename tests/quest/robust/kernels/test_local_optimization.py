@@ -15,8 +15,7 @@ from quest.robust.kernels.local_optimization import draw_subset
 from quest.robust.pose_problem import PoseProblem
 
 SEEDS = st.integers(0, 2**32 - 1)
-#: The first call compiles, so there is no deadline.
-laws = settings(deadline=None, max_examples=40)
+laws = settings(max_examples=40)
 
 
 def test_all_subsets_are_drawn_equally_often():

@@ -22,8 +22,7 @@ from quest.geometry.refine import refine_pose
 from quest.robust import kernels
 
 SEEDS = st.integers(0, 2**32 - 1)
-#: The first call compiles, so there is no deadline.
-laws = settings(deadline=None, max_examples=40)
+laws = settings(max_examples=40)
 
 
 @laws

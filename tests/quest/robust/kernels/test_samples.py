@@ -15,8 +15,7 @@ from quest.robust.kernels.samples import SAME_MODE_RAD, mode_distance
 from quest.robust.samples import draw_samples
 
 SEEDS = st.integers(0, 2**32 - 1)
-#: The first call compiles, so there is no deadline.
-laws = settings(deadline=None, max_examples=40)
+laws = settings(max_examples=40)
 
 
 @laws
@@ -37,7 +36,7 @@ def searched(m, n, samples, seed: int = 0, size: int = 8):
     return pool
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(seed=SEEDS, wrong=st.integers(0, 60), size=st.integers(1, 8), planar=st.booleans())
 def test_the_pool_holds_distinct_modes_ordered_by_cost(seed, wrong, size, planar):
     _, _, m, n = pose_and_matches(seed, 120, wrong=wrong, planar=planar)

@@ -15,8 +15,7 @@ from quest.robust.kernels.scoring import rays_by_row, score_or_refute
 from quest.robust.pose_problem import PoseProblem
 
 SEEDS = st.integers(0, 2**32 - 1)
-#: The first call compiles, so there is no deadline.
-laws = settings(deadline=None, max_examples=40)
+laws = settings(max_examples=40)
 
 
 def expected(R, t, m, n):

@@ -18,8 +18,7 @@ from quest.solvers.quest6 import quest6
 from quest.solvers.selection import select_candidates
 
 SEEDS = st.integers(0, 2**32 - 1)
-#: The first call compiles, so there is no deadline.
-laws = settings(deadline=None, max_examples=40)
+laws = settings(max_examples=40)
 SIX = np.arange(6)
 #: Least singular value of the derivatives of the residuals below which six matches hardly fix the pose.
 FIXED = 1e-4
@@ -54,7 +53,7 @@ def is_fixed(R, t, m, n) -> bool:
 # --- exact matches ---
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(seed=SEEDS, angle_rad=st.one_of(st.just(0.0), st.just(np.pi), st.floats(0, np.pi)), planar=st.booleans())
 def test_the_true_pose_is_found_at_any_rotation(seed, angle_rad, planar):
     R, t, m, n = turned(seed, angle_rad, planar=planar)
@@ -210,7 +209,7 @@ def test_the_search_keeps_distinct_modes_ordered_by_cost():
 # --- the roots of a polynomial ---
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(
     roots=st.lists(st.floats(-3, 3), max_size=6),
     pairs=st.lists(st.tuples(st.floats(-3, 3), st.floats(0.1, 3)), min_size=3, max_size=3),

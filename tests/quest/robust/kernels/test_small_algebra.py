@@ -24,8 +24,7 @@ from quest.robust.kernels.small_algebra import (
 )
 
 SEEDS = st.integers(0, 2**32 - 1)
-#: The first call compiles, so there is no deadline.
-laws = settings(deadline=None, max_examples=40)
+laws = settings(max_examples=40)
 
 
 @laws

@@ -44,7 +44,7 @@ COEFFICIENTS = {
 }  # fmt: skip
 
 
-@settings(max_examples=8, deadline=None, phases=[Phase.generate])
+@settings(max_examples=8, phases=[Phase.generate])
 @given(st.data(), st.integers(0, 2**32 - 1))
 @pytest.mark.parametrize("model", COEFFICIENTS)
 def test_the_pixel_of_a_ray_has_this_ray_and_the_ray_of_a_pixel_has_this_pixel_over_the_whole_field(model, data, seed):
@@ -113,7 +113,7 @@ def test_colmap_projects_to_the_same_pixels(model):
     np.testing.assert_allclose(camera.project(rays), expected, atol=1e-8)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(between(0.0, 0.9), between(0.0, 2.0))
 def test_the_models_on_a_sphere_meet_where_one_is_a_case_of_the_other(alpha, xi):
     rays = directions(100)
