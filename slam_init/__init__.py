@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from slam_init.calibration.prior import prior_camera
     from slam_init.config import Config, load_config
     from slam_init.datasets.opening import open_source
+    from slam_init.decision.audit import Audit, AuditVerdict, audit
     from slam_init.errors import CalibrationError, ConfigError, OutputError, SlamInitError, SourceError
     from slam_init.initializer import Initializer
     from slam_init.output.results import load_graph, write_colmap, write_results
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Attempt",
+    "Audit",
+    "AuditVerdict",
     "CalibrationError",
     "Camera",
     "Config",
@@ -58,6 +61,7 @@ __all__ = [
     "Trajectory",
     "Verdict",
     "__version__",
+    "audit",
     "find_scale",
     "in_metres",
     "load_camera",
@@ -73,6 +77,8 @@ __all__ = [
 
 _HOMES = {
     "Attempt": "types.result",
+    "Audit": "decision.audit",
+    "AuditVerdict": "decision.audit",
     "CalibrationError": "errors",
     "Camera": "types.camera",
     "Config": "config",
@@ -93,6 +99,7 @@ _HOMES = {
     "Status": "types.status",
     "Trajectory": "types.pose",
     "Verdict": "types.reasons",
+    "audit": "decision.audit",
     "find_scale": "scale.find",
     "in_metres": "scale.metric_map",
     "load_camera": "calibration.files",

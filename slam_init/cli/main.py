@@ -1,8 +1,8 @@
-"""The command line: ``slam-init run``, ``view``, ``info``, ``synth``, ``compare``, ``bench`` and ``calibrate``.
+"""The command line: ``slam-init run``, ``view``, ``info``, ``synth``, ``compare``, ``bench``, ``calibrate``, ``audit``.
 
-Exit codes: 0 initialized (or done), 2 bad usage or input, 3 the data never allowed initialization. An interrupt gives
-128 and the number of the signal: 130 for SIGINT, 143 for SIGTERM, 129 for SIGHUP. Whatever is wrong is reported in one
-line on stderr.
+Exit codes: 0 initialized (or done), 2 bad usage or input, 3 the data never allowed initialization, or an audited map is
+not sound. An interrupt gives 128 and the number of the signal: 130 for SIGINT, 143 for SIGTERM, 129 for SIGHUP.
+Whatever is wrong is reported in one line on stderr.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
+from slam_init.cli.audit import add_audit
 from slam_init.cli.bench import add_bench
 from slam_init.cli.calibrate import add_calibrate
 from slam_init.cli.compare import add_compare
@@ -82,12 +83,13 @@ def make_parser() -> Parser:
     parser = Parser(
         prog="slam-init",
         description="Monocular SLAM initialization: from a video to a bundle-adjusted map, or why not.",
-        epilog="Exit codes: 0 initialized or done, 2 bad input, 3 never initialized, 130 interrupted (128 + signal).",
+        epilog="Exit codes: 0 initialized or done, 2 bad input, 3 never initialized (audit: not sound), 130 "
+        "interrupted (128 + signal).",
         allow_abbrev=False,
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     commands = parser.add_subparsers(
-        metavar="COMMAND", required=True, dest="run, view, info, synth, compare, bench or calibrate"
+        metavar="COMMAND", required=True, dest="run, view, info, synth, compare, bench, calibrate or audit"
     )
 
     add_run(commands)
@@ -97,6 +99,7 @@ def make_parser() -> Parser:
     add_compare(commands)
     add_bench(commands)
     add_calibrate(commands)
+    add_audit(commands)
     return parser
 
 

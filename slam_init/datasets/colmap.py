@@ -16,7 +16,7 @@ import sqlite3
 import struct
 from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +29,7 @@ from slam_init.datasets.text import Row, numbers, pose_from_quaternion, read_lin
 from slam_init.datasets.track_source import TrackSource, by_name, track_source
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.system.regular_file import check_inside, open_regular, read_regular
-from slam_init.types.arrays import Floats
+from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 
@@ -49,6 +49,10 @@ class ColmapImage:
     name: str
     camera_id: int
     cam_from_world: Pose
+    #: (N, 2) Keypoints, pixel centres at integer coordinates; none where they were not read.
+    pixels: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    #: (N,) Their points; -1 where there is none.
+    point_ids: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
 
 
 def model_files(folder: str | os.PathLike[str]) -> tuple[Path, Path] | None:
@@ -88,10 +92,13 @@ def colmap_camera(place: str, model: int, width: int, height: int, parameters: S
         raise CalibrationError(f"{place}: {error}") from None
 
 
-def read_images(path: Path, root: Path) -> list[ColmapImage]:
-    """Read ``images.txt`` or ``images.bin``; the observations are skipped."""
+def read_images(path: Path, root: Path, *, observations: bool = False) -> list[ColmapImage]:
+    """Read ``images.txt`` or ``images.bin``.
+
+    * ``observations``: Whether the keypoints are read as well; by default they are skipped.
+    """
     if path.suffix == ".bin":
-        return _read_images_bin(path, root)
+        return _read_images_bin(path, root, observations=observations)
     images = []
     lines = ((place, line) for place, line in read_lines(path, root) if not line.startswith("#"))
     for row in lines:
@@ -102,9 +109,20 @@ def read_images(path: Path, root: Path) -> list[ColmapImage]:
             raise SourceError(f"{row[0]}: expected id, quaternion, translation, camera and name, found {row[1][:60]!r}")
         qw, qx, qy, qz, *t = numbers(row, fields[1:8], 7, "a quaternion and a translation")
         pose = pose_from_quaternion(row, t, [qw, qx, qy, qz])
-        images.append(ColmapImage(fields[9], _index(row, fields[8]), pose))
-        next(lines, None)  # its points, perhaps none
+        points = next(lines, None)  # perhaps none
+        seen = _keypoints_of_line(points) if observations and points is not None else ()
+        images.append(ColmapImage(fields[9], _index(row, fields[8]), pose, *seen))
     return images
+
+
+def _keypoints_of_line(row: Row) -> tuple[Floats, Ints]:
+    """The keypoints of an image, and their points: X, Y and POINT3D_ID for each."""
+    fields = row[1].split()
+    values = np.array(numbers(row, fields, len(fields), "X, Y and POINT3D_ID for each point"))
+    if len(values) % 3:
+        raise SourceError(f"{row[0]}: expected X, Y and POINT3D_ID for each point, found {len(values)} numbers")
+    table = values.reshape(-1, 3)
+    return table[:, :2] - 0.5, table[:, 2].astype(np.int64)
 
 
 def _index(row: Row, field: str) -> int:
@@ -139,6 +157,13 @@ class _Bytes:
         if self._at > len(self._data):
             raise self._cut_off()
 
+    def keypoints(self, count: int) -> tuple[Floats, Ints]:
+        """The keypoints of an image, and their points; -1 for none."""
+        start = self._at
+        self.skip(24 * count)
+        rows = np.frombuffer(self._data[start : self._at], [("xy", "<f8", 2), ("point", "<i8")])
+        return rows["xy"] - 0.5, rows["point"].astype(np.int64)
+
     def name(self, limit: int = 4096) -> str:
         window = bytes(self._data[self._at : self._at + limit])
         end = window.find(b"\0")
@@ -164,7 +189,7 @@ def _read_cameras_bin(path: Path, root: Path) -> dict[int, Camera]:
     return cameras
 
 
-def _read_images_bin(path: Path, root: Path) -> list[ColmapImage]:
+def _read_images_bin(path: Path, root: Path, *, observations: bool) -> list[ColmapImage]:
     data = _Bytes(path, root, _MAX_IMAGES_BYTES)
     images = []
     for number in range(data.index("<Q")):
@@ -174,8 +199,11 @@ def _read_images_bin(path: Path, root: Path) -> list[ColmapImage]:
         qw, qx, qy, qz, *t = numbers(row, values, 7, "a finite pose")
         camera_id = data.index("<i")
         name = data.name()
-        data.skip(24 * data.index("<Q"))
-        images.append(ColmapImage(name, camera_id, pose_from_quaternion(row, t, [qw, qx, qy, qz])))
+        count = data.index("<Q")
+        seen = data.keypoints(count) if observations else ()
+        if not observations:
+            data.skip(24 * count)
+        images.append(ColmapImage(name, camera_id, pose_from_quaternion(row, t, [qw, qx, qy, qz]), *seen))
     return images
 
 

@@ -48,15 +48,20 @@ def voting_views(
     config: MapConfig,
     most: int,
     before: Collection[int] = (),
+    *,
+    later: bool = False,
 ) -> list[Observations]:
     """Choose the views that vote on the motions of a pair, spread over all views between and before the pair.
 
     A short baseline does no harm here, because all motions predict nearly the same for such a view.
 
     * ``before``: Frames that stay where they still share the tracks of the pair: their poses are known.
+    * ``later``: Whether views after the pair vote as well.
     * Returns: Each sees at least ``min_resected`` of the tracks that the pair has in common.
     """
-    views = (*history.between(-1, reference.frame), *history.between(reference.frame, current.frame))
+    last = history.newest + 1 if later else current.frame
+    pair = (reference.frame, current.frame)
+    views = [view for view in history.between(-1, last) if view.frame not in pair]
     sharing = _sharing(views, reference, current, config.min_resected)
     frames = [view.frame for view in sharing]
     return [sharing[k] for k in _spread(frames, most, before)]

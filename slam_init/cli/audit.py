@@ -1,0 +1,68 @@
+"""``slam-init audit``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import TYPE_CHECKING
+
+from slam_init.cli.parser import DONE, NOT_INITIALIZED
+from slam_init.errors import CalibrationError, SourceError
+from slam_init.system.process_io import tell
+from slam_init.system.regular_file import user_path
+
+if TYPE_CHECKING:
+    from slam_init.cli.parser import Commands
+
+
+def add_audit(commands: Commands) -> None:
+    """Add the command."""
+    audit = commands.add_parser("audit", help="state the risk that a map from anywhere is wrong", allow_abbrev=False)
+    audit.description = (
+        "State the risk that a map from anywhere is wrong, term by term, and what would tell. Exit codes: 0 sound, 3 "
+        "doubtful or wrong, 2 bad input."
+    )
+    audit.set_defaults(command=_audit)
+    audit.add_argument(
+        "map",
+        metavar="MAP",
+        help="handover.npz, the folder of a run, the folder of a COLMAP model, or a trajectory in TUM's format",
+    )
+    audit.add_argument(
+        "--images",
+        metavar="SOURCE",
+        help="the images of the map, or its matches (COLMAP's database, .h5, .npz): their tracks judge it in place of "
+        "those that the map has kept. A trajectory needs them",
+    )
+    audit.add_argument(
+        "--camera", metavar="FILE", help="calibration, or f=1250 or fov=72 (default: that of the map, else of --images)"
+    )
+    audit.add_argument("--json", action="store_true", help="print it as JSON")
+
+
+def _audit(arguments: argparse.Namespace) -> int:
+    """``slam-init audit``."""
+    from slam_init.calibration.files import load_camera
+    from slam_init.config import Config
+    from slam_init.datasets import open_source
+    from slam_init.datasets.map_files import open_map, tracked_by
+    from slam_init.decision.audit import audit
+    from slam_init.output.plain_json import plain
+
+    map_, config = open_map(user_path(arguments.map)), Config()
+    source = None if arguments.images is None else open_source(arguments.images)
+    camera = map_.camera or (None if source is None else source.camera)
+    if arguments.camera is not None:
+        size = None if camera is None else (camera.width, camera.height)
+        if source is not None:
+            height, width = next(source.frames(0, 1)).image.shape[:2]
+            size = width, height
+        camera = load_camera(arguments.camera, size)
+    if source is None and map_.table is None:
+        raise SourceError(f"{arguments.map}: a trajectory has no tracks: give the images by --images")
+    if camera is None:
+        raise CalibrationError(f"{arguments.map}: has no calibration: give --camera FILE")
+    poses, views = (map_.poses, map_.tracks(camera)) if source is None else tracked_by(map_, source, camera, config)
+    found = audit(poses, views, camera, config)
+    tell(json.dumps(plain(found), indent=2, allow_nan=False) + "\n" if arguments.json else f"{found}\n")
+    return DONE if found else NOT_INITIALIZED

@@ -1,0 +1,226 @@
+"""Reads a map from anywhere, to be audited: its poses, its calibration, and the tracks of its points.
+
+* ``handover.npz``, or the folder of a run that has one;
+* the folder of a COLMAP model, text or binary, with the observations of its points;
+* a trajectory in the format of TUM RGB-D: poses and no tracks.
+
+The tracks of the points of a map are those that the map has kept. Those of a source, its images or its matches, are not
+chosen by the map, so that more speaks against a wrong one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slam_init.config import Config
+from slam_init.datasets.bounded import read_npz
+from slam_init.datasets.colmap import model_files, read_cameras, read_images
+from slam_init.datasets.image_files import ImageFileSource, natural_key
+from slam_init.datasets.layouts.photographs import find_colmap
+from slam_init.datasets.match_chains import TrackTable
+from slam_init.datasets.posed_images import common_camera
+from slam_init.datasets.stamps import truth_on_clock
+from slam_init.datasets.text import pose_from_matrix, read_trajectory
+from slam_init.datasets.track_source import KnowsTracks, TrackSource
+from slam_init.errors import CalibrationError, SourceError
+from slam_init.frontend.tracks import Tracker
+from slam_init.output.handover import FORMAT, VERSION
+from slam_init.types.arrays import Floats, Ints
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame, Observations, TimedSource
+from slam_init.types.pose import Pose, Trajectory
+
+_HANDOVER = "handover.npz"
+#: Shapes of the arrays of ``handover.npz`` that are read; -1 is any number.
+_ARRAYS: dict[str, tuple[int, ...]] = {
+    "format": (), "version": (), "camera_model": (), "camera_size": (2,), "camera_parameters": (-1,),
+    "keyframe_frames": (-1,), "keyframe_poses": (-1, 4, 4), "point_ids": (-1,), "observation_keyframes": (-1,),
+    "observation_points": (-1,), "observation_pixels": (-1, 2),
+}  # fmt: skip
+#: A map of a million observations has 32 MB.
+_MAX_BYTES = 500_000_000
+#: Frames of a source from the first pose on: ten seconds of video, in which a first map is made.
+_MOST_FRAMES = 300
+
+
+@dataclass(frozen=True, eq=False)
+class MapFile:
+    """A map as its files state it."""
+
+    path: Path
+    world_from_cam: tuple[Pose, ...]
+    #: The frames of the poses; empty where only times are known.
+    frames: tuple[int, ...] = ()
+    #: The images of the poses; empty where the frames are those of a source, or only times are known.
+    names: tuple[str, ...] = ()
+    camera: Camera | None = None
+    #: The tracks of the points; None where the files have none.
+    table: TrackTable | None = None
+    #: By time.
+    trajectory: Trajectory | None = None
+
+    @property
+    def poses(self) -> dict[int, Pose]:
+        """World_from_cam by frame."""
+        return dict(zip(self.frames, self.world_from_cam, strict=True))
+
+    def tracks(self, camera: Camera) -> list[Observations]:
+        """The tracks of the points of the map in its frames; none where it has no points."""
+        table = self.table or _joined(())
+        views = []
+        for frame in self.frames:
+            rows = np.flatnonzero(table.frames == frame)
+            ids, pixels = table.track_ids[rows], table.pixels[rows]
+            bearings = camera.bearings(pixels)
+            seen = np.isfinite(bearings).all(axis=1)
+            views.append(Observations(frame, float(frame), str(frame), ids[seen], pixels[seen], bearings[seen]))
+        return views
+
+
+def open_map(path: Path) -> MapFile:
+    """Read a map: a file or a folder of one of the kinds above."""
+    if path.is_file():
+        return _handover(path) if path.suffix.lower() == ".npz" else _trajectory(path)
+    if not path.is_dir():
+        raise SourceError(f"{path}: no such map: give handover.npz, a folder, or a trajectory")
+    if (path / _HANDOVER).is_file():
+        return _handover(path / _HANDOVER)
+    model = find_colmap(path)
+    if model is None:
+        raise SourceError(f"{path}: holds no map: looked for {_HANDOVER} and for cameras and images of COLMAP")
+    return _colmap(path, model)
+
+
+def tracked_by(
+    map_: MapFile, source: TimedSource, camera: Camera, config: Config
+) -> tuple[dict[int, Pose], list[Observations]]:
+    """The poses of a map by the frames of a source, and the tracks of the source from the first of them on."""
+    poses = _in_source(map_, source)
+    if len(poses) < 2:
+        raise SourceError(f"{map_.path}: {len(poses)} of its poses belong to images of {source.name}: give its images")
+    tracker = Tracker(camera, config.tracking, history_limit=_MOST_FRAMES)
+    views = []
+    for frame in source.frames(min(poses), _MOST_FRAMES):
+        if isinstance(source, KnowsTracks):
+            views.append(source.observed(frame, camera))
+        else:
+            _check_size(source, frame, camera)
+            tracker.track(frame)
+    return poses, views or list(tracker.history)
+
+
+def _check_size(source: TimedSource, frame: Frame, camera: Camera) -> None:
+    height, width = frame.image.shape[:2]
+    if (width, height) != (camera.width, camera.height):
+        raise CalibrationError(
+            f"{source.name}: images of {width}x{height}, calibration of {camera.width}x{camera.height}: give their own"
+        )
+
+
+def _in_source(map_: MapFile, source: TimedSource) -> dict[int, Pose]:
+    """The poses of a map by the frames of a source: by time, by the names of the images, or by their numbers."""
+    if map_.trajectory is not None:
+        truth = truth_on_clock(map_.trajectory, source.timestamps_s)[0]
+        at = [None if truth is None else truth.at(time_s) for time_s in source.timestamps_s.tolist()]
+        return {frame: pose for frame, pose in enumerate(at) if pose is not None}
+    if not map_.names:
+        return {frame: pose for frame, pose in map_.poses.items() if frame < len(source)}
+    names = _names_of(source)
+    found = {}
+    for name, pose in zip(map_.names, map_.world_from_cam, strict=True):
+        places = [
+            k for k, one in enumerate(names) if one == name or one.endswith(f"/{name}") or name.endswith(f"/{one}")
+        ]
+        if len(places) == 1:
+            found[places[0]] = pose
+    return found
+
+
+def _names_of(source: TimedSource) -> list[str]:
+    """The names of the images of a source."""
+    if isinstance(source, ImageFileSource):
+        return [path.as_posix() for path in source.paths]
+    return list(source.image_names) if isinstance(source, TrackSource) else []
+
+
+def _trajectory(path: Path) -> MapFile:
+    found = read_trajectory(path)
+    if found is None:
+        raise SourceError(f"{path}: holds no pose: give a map, or a trajectory: timestamp tx ty tz qx qy qz qw")
+    return MapFile(path, found.world_from_cam, trajectory=found)
+
+
+def _colmap(folder: Path, model: Path) -> MapFile:
+    cameras_file, images_file = model_files(model) or (model / "cameras.txt", model / "images.txt")
+    cameras = read_cameras(cameras_file, folder)
+    images = sorted(read_images(images_file, folder, observations=True), key=lambda image: natural_key(image.name))
+    missing = next((image for image in images if image.camera_id not in cameras), None)
+    if missing is not None:
+        raise SourceError(f"{images_file}: {missing.name[:100]} has camera {missing.camera_id}, which is not stated")
+    camera, kept, _ = common_camera([cameras[image.camera_id] for image in images], str(folder))
+    images = [image for image, keep in zip(images, kept, strict=True) if keep]
+    parts = [_of_image(k, image.pixels, image.point_ids) for k, image in enumerate(images)]
+    return MapFile(
+        folder,
+        tuple(image.cam_from_world.inverse() for image in images),
+        tuple(range(len(images))),
+        tuple(image.name for image in images),
+        camera,
+        _joined(parts),
+    )
+
+
+def _of_image(frame: int, pixels: Floats, track_ids: Ints) -> TrackTable:
+    """The tracks of an image, by their ids; of two observations of a point the first is kept."""
+    seen = np.flatnonzero((track_ids >= 0) & np.isfinite(pixels).all(axis=1))
+    ids, first = np.unique(track_ids[seen], return_index=True)
+    return TrackTable(np.full(len(ids), frame), ids, pixels[seen[first]])
+
+
+def _joined(parts: Sequence[TrackTable]) -> TrackTable:
+    none = TrackTable(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)))
+    frames, ids, pixels = zip(*((part.frames, part.track_ids, part.pixels) for part in (none, *parts)), strict=True)
+    return TrackTable(np.concatenate(frames), np.concatenate(ids), np.concatenate(pixels))
+
+
+def _handover(path: Path) -> MapFile:
+    arrays = read_npz(path, _ARRAYS, _MAX_BYTES, "the handover of a map")
+    for name, shape in _ARRAYS.items():
+        _check_array(path, name, shape, arrays)
+    if str(arrays["format"]) != FORMAT or int(arrays["version"]) != VERSION:
+        raise SourceError(f"{path}: is no {FORMAT} of version {VERSION}: give that of slam-init run")
+    width, height = np.asarray(arrays["camera_size"], int).tolist()
+    parameters = np.asarray(arrays["camera_parameters"], float).tolist()
+    if len(parameters) < 4:
+        raise CalibrationError(f"{path}: camera_parameters has {len(parameters)} numbers: expected fx, fy, cx, cy")
+    fx, fy, cx, cy, *distortion = parameters
+    try:
+        camera = Camera(str(arrays["camera_model"]), width, height, fx, fy, cx, cy, tuple(distortion))
+    except CalibrationError as error:
+        raise CalibrationError(f"{path}: {error}") from None
+    frames = np.asarray(arrays["keyframe_frames"], np.int64)
+    matrices = np.asarray(arrays["keyframe_poses"], float)
+    keyframes, points = (np.asarray(arrays[f"observation_{one}"], np.int64) for one in ("keyframes", "points"))
+    pixels, ids = np.asarray(arrays["observation_pixels"], float), np.asarray(arrays["point_ids"], np.int64)
+    inside = (keyframes >= 0) & (keyframes < len(frames)) & (points >= 0) & (points < len(ids))
+    if not len(frames) == len(matrices) or not len(keyframes) == len(points) == len(pixels) or not inside.all():
+        raise SourceError(f"{path}: its arrays do not fit together: run again")
+    parts = [
+        _of_image(frame, pixels[keyframes == k], ids[points[keyframes == k]]) for k, frame in enumerate(frames.tolist())
+    ]
+    poses = (pose_from_matrix(f"{path}: pose {k}", matrix[:3]) for k, matrix in enumerate(matrices))
+    return MapFile(path, tuple(poses), tuple(frames.tolist()), camera=camera, table=_joined(parts))
+
+
+def _check_array(path: Path, name: str, shape: tuple[int, ...], arrays: dict[str, NDArray[np.generic]]) -> None:
+    if name not in arrays:
+        raise SourceError(f"{path}: has no array {name}: give the handover.npz of slam-init run")
+    array, text = arrays[name], name in ("format", "camera_model")
+    fits = array.ndim == len(shape) and all(n in (-1, m) for n, m in zip(shape, array.shape, strict=True))
+    if not fits or (array.dtype.kind == "U") != text or (array.dtype.kind == "f" and not np.isfinite(array).all()):
+        raise SourceError(f"{path}: {name} is {array.dtype} of shape {array.shape}, or not finite: run again")

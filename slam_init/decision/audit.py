@@ -1,0 +1,347 @@
+"""The risk that a map from anywhere is wrong: its poses are one motion among those that explain the tracks.
+
+The tracks and further views make a window, as for a map of our own. Its hypotheses are the motions that quest proposes
+from the pair, the motion of the map, and the camera that only rotates. The risk of the best one is stated as ever
+(:mod:`slam_init.window.risk`). Then the map is compared with it:
+
+* The map is near the best motion. The error of the fit has the stated deviations, so the map, which is a distance away
+  from the fit, is wrong where a Gaussian error about that distance exceeds 5 degrees in rotation or 15 in direction.
+* The map is near a rival. It is right only if the rival is.
+* The map is near none of them. Then its distance from the best one tells that it is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from quest.display import Described
+from quest.estimate import RelativePose
+from slam_init.config import Config
+from slam_init.decision.judged_window import JudgedWindow
+from slam_init.decision.lens import priors_of
+from slam_init.decision.two_views import MatchedPair, match_pair, pose_at_fitting_threshold
+from slam_init.errors import SlamInitError
+from slam_init.frontend.conventions import check_rays
+from slam_init.frontend.keyframes import PairPreview, preview_pairs
+from slam_init.frontend.static_tracks import static_tracks, without
+from slam_init.frontend.tracks import History
+from slam_init.mapping.views import voting_views
+from slam_init.system.linear_algebra import single_threaded
+from slam_init.types.arrays import Floats, evenly_spaced
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Observations
+from slam_init.types.lens_in_use import LensInUse
+from slam_init.types.pose import Pose
+from slam_init.types.reasons import Verdict, in_words
+from slam_init.window.hypotheses import fit_hypotheses, motions_of_pair
+from slam_init.window.levels import WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
+from slam_init.window.motion import FittedMotion, Motion, difference_deg
+from slam_init.window.risk import WindowRisk, confirmed, risk_of
+from slam_init.window.tracks import MAX_VIEWS, gather_tracks
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+#: A baseline that is shorter than this share of the longest one has an uncertain direction although the position of its
+#: camera is certain. Its direction is not judged.
+#: Class: assumption.
+_SHORTEST = 0.3
+#: Cameras nearer to each other than this share of their distance from the origin are at one place: rounding.
+_ONE_PLACE = 1e-9
+#: Pairs are chosen among so many frames with a pose: 276 pairs take a second.
+#: Class: budget.
+_MOST_FRAMES = 24
+#: Beyond so many standard deviations from the limit a tail is 0 or 1, and its series does not converge.
+_CERTAIN_SIGMAS = 8.0
+#: A map with a larger risk is wrong. Two motions that nothing decides between have a half each, which is a doubt.
+#: Class: level.
+_WRONG = 0.9
+_ANOTHER_MOTION = "another motion explains the tracks better: initialize again, or start from the better motion"
+
+
+class AuditVerdict(StrEnum):
+    """The verdict on a map: ``sound`` up to the largest risk that is accepted, ``wrong`` where that is likely."""
+
+    SOUND = "sound"
+    DOUBTFUL = "doubtful"
+    WRONG = "wrong"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Audit(Described):
+    """The stated risk of a map from anywhere. Its terms add up, to 1 at the most.
+
+    Attributes
+    ----------
+    verdict : AuditVerdict
+        ``sound`` if the risk is at most ``Config().acceptance.max_risk`` (0.005), ``wrong`` above 0.9, else
+        ``doubtful``.
+    risk : float
+        Probability that the map is wrong: a rotation off by more than 5 degrees, or the direction of a baseline by more
+        than 15.
+    risk_direction, risk_rival, risk_rotation, risk_moving, risk_floor : float
+        The terms of the best motion, as in :class:`~slam_init.types.evidence.WindowEvidence`.
+    risk_map : float
+        What the map adds by its distance from the best motion, or because it is another one.
+    direction_sigma_deg, rotation_sigma_deg : float
+        Standard deviations of the pair's direction and rotation, of the best motion.
+    pair : (int, int)
+        The frames whose baseline was judged.
+    frames : tuple of int
+        All frames of the window, the pair first.
+    tracks : int
+        Number of tracks in the window.
+    rotation_deg, direction_deg : float
+        Angles between the pair of the map and that of the best motion.
+    better : Pose or None
+        The best motion of the pair, cam2_from_cam1 with a translation of length 1, where the map is another one.
+    reason : Verdict or None
+        Where the doubt is about the tracks: the reason that a map of our own would be refused for.
+    advice : str
+        What would tell; empty for a sound map.
+    """
+
+    verdict: AuditVerdict
+    risk: float
+    risk_direction: float
+    risk_rival: float
+    risk_rotation: float
+    risk_moving: float
+    risk_floor: float
+    risk_map: float
+    direction_sigma_deg: float
+    rotation_sigma_deg: float
+    pair: tuple[int, int]
+    frames: tuple[int, ...]
+    tracks: int
+    rotation_deg: float
+    direction_deg: float
+    better: Pose | None
+    reason: Verdict | None
+    advice: str
+
+    def __bool__(self) -> bool:
+        return self.verdict is AuditVerdict.SOUND
+
+    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
+        names = ("direction", "rival", "rotation", "moving", "floor", "map")
+        terms = ", ".join(f"{name} {getattr(self, f'risk_{name}'):.2g}" for name in names)
+        reason = "" if self.reason is None else f"{in_words(self.reason)}: "
+        return f"{self.verdict}: risk {self.risk:.2g} that the map is wrong", [
+            ("terms", terms),
+            ("judged", f"frames {self.pair[0]} and {self.pair[1]}, {len(self.frames)} views, {self.tracks} tracks"),
+            ("direction", f"{self.direction_deg:.3g} deg from the best motion, +- {self.direction_sigma_deg:.2g} deg"),
+            ("rotation", f"{self.rotation_deg:.3g} deg from the best motion, +- {self.rotation_sigma_deg:.2g} deg"),
+            *([("what tells", f"{reason}{self.advice}")] if self.advice else []),
+        ]
+
+
+def audit(
+    poses: Mapping[int, Pose | ArrayLike],
+    tracks: Iterable[Observations],
+    camera: Camera,
+    config: Config | None = None,
+) -> Audit:
+    """State the risk that a map from anywhere is wrong.
+
+    Parameters
+    ----------
+    poses : mapping of int to Pose or (4, 4) array_like
+        ``world_from_cam`` of two frames or more, by the index of the frame, in any world and unit.
+    tracks : iterable of Observations
+        The tracks of these frames, and of further ones if there are any: views without a pose help to decide, most of
+        all where the scene is flat. They must not be chosen by the map: if its outliers are left out, less speaks
+        against it.
+    camera : Camera
+        The calibration of the images; ``focal_sigma`` where the focal length is an estimate.
+    config : Config, optional
+
+    Returns
+    -------
+    Audit
+        Truthy for a sound map.
+
+    Raises
+    ------
+    SlamInitError
+        If fewer than two frames have a pose and tracks, a pose is no rigid transformation, all cameras are at one
+        place, or no two frames with a pose share enough tracks. The message is one line.
+    """
+    config = config or Config()
+    if not isinstance(camera, Camera):
+        raise SlamInitError(f"the camera is of the type {type(camera).__name__}: give a Camera (Camera.from_K)")
+    known = {int(frame): _pose(int(frame), pose) for frame, pose in poses.items()}
+    views = sorted(tracks, key=lambda view: view.frame)
+    history = History(camera, max(len(views), 1))
+    for view in views:
+        check_rays(camera, view)
+        history.add(view)
+    with single_threaded():
+        try:
+            return _audited(known, history, config)
+        except np.linalg.LinAlgError as error:
+            raise SlamInitError(f"the tracks have no solution ({error}): give more tracks, or further views") from None
+
+
+def _pose(frame: int, given: Pose | ArrayLike) -> Pose:
+    """The pose of a frame, checked."""
+    if not isinstance(given, Pose):
+        matrix: Floats = np.asarray(given, float)
+        if matrix.shape != (4, 4):
+            raise SlamInitError(f"the pose of frame {frame} has the shape {matrix.shape}: give world_from_cam (4, 4)")
+        given = Pose(matrix[:3, :3].copy(), matrix[:3, 3].copy())
+    if problem := given.problem():
+        raise SlamInitError(f"the pose of frame {frame} {problem}")
+    return given
+
+
+def _audited(known: Mapping[int, Pose], history: History, config: Config) -> Audit:
+    pair, further = _chosen(known, history, config)
+    pose, threshold_rad = pose_at_fitting_threshold(history.camera, config, pair)
+    frames = (pair.reference.frame, pair.current.frame)
+    noise_px, proposed = config.map.noise_px, list[Motion]()
+    if isinstance(pose, RelativePose):
+        noise_px = max(config.map.min_noise_px, pose.noise_rad * history.camera.focal_px)
+        proposed = motions_of_pair(pose, frames, pair.rays1, pair.rays2)
+    window = gather_tracks(history.camera, [pair.reference, pair.current, *further], noise_px, config.map.min_noise_px)
+    given = _motion_of({frame: known[frame] for frame in window.frames if frame in known})
+    lens = LensInUse.of(history.camera)
+    # No turning of the camera is known, so that the readout of a rolling shutter moves no pixel.
+    priors = replace(priors_of(lens), readout_sigma_s=0.0)
+    # A wrong map must not set the noise, so that the proposals come first.
+    hypotheses = fit_hypotheses(window, [*proposed, given], priors)
+    if hypotheses is None:
+        raise SlamInitError(f"frames {frames[0]} and {frames[1]} share too few tracks: give frames that share more")
+    hypotheses, risk = confirmed(hypotheses, risk_of(hypotheses), config.acceptance.max_risk)
+    return _stated(known, JudgedWindow(pair, hypotheses, risk, lens, threshold_rad), config)
+
+
+def _motion_of(world_from_cam: Mapping[int, Pose]) -> Motion:
+    """The motion of a map, the pair first: the reference is the world, and the baseline of the pair the unit."""
+    reference, current, *_ = world_from_cam.values()
+    unit = float(np.linalg.norm(current.t - reference.t))
+    relative = {frame: pose.inverse() @ reference for frame, pose in world_from_cam.items()}
+    return Motion({frame: Pose(pose.R, pose.t / unit) for frame, pose in relative.items()})
+
+
+def _chosen(known: Mapping[int, Pose], history: History, config: Config) -> tuple[MatchedPair, Sequence[Observations]]:
+    """The pair that tells most about its direction, and the further views of its window."""
+    frames = sorted(frame for frame in known if frame in history)
+    if len(frames) < 2:
+        raise SlamInitError(f"{len(frames)} frames have a pose and tracks: give two or more of the same camera")
+    frames = [frames[k] for k in evenly_spaced(len(frames), _MOST_FRAMES).tolist()]
+    centres = np.array([known[frame].t for frame in frames])
+    baselines = np.linalg.norm(centres[:, None] - centres[None], axis=2)
+    if baselines.max() <= _ONE_PLACE * np.abs(centres).max(initial=0.0):
+        raise SlamInitError("all cameras of the map are at one place: it has no baseline to judge")
+    wide = baselines >= _SHORTEST * baselines.max()
+    previews: list[PairPreview] = []
+    for k, frame in enumerate(frames):
+        references = [history[frames[i]] for i in np.flatnonzero(wide[k, :k]).tolist()]
+        previews += preview_pairs(history.camera, references, history[frame], config.map.noise_px)
+    best = max(previews, key=lambda one: (one.matches >= config.keyframes.min_matches, one.direction_score))
+    if best.matches < config.keyframes.min_matches:
+        raise SlamInitError(
+            f"no two frames with a pose share {config.keyframes.min_matches} tracks: give frames that share more"
+        )
+    pair = match_pair(history, best, history[best.current])
+    further = voting_views(
+        history, pair.reference, pair.current, config.map, MAX_VIEWS - 2, frozenset(known), later=True
+    )
+    static = static_tracks(pair.reference, pair.current, further)
+    if len(static):
+        kept = pair.at(np.flatnonzero(~np.isin(pair.track_ids, static)))
+        pair = replace(kept, reference=without(pair.reference, static), current=without(pair.current, static))
+    return pair, [without(view, static) for view in further]
+
+
+def _stated(known: Mapping[int, Pose], window: JudgedWindow, config: Config) -> Audit:
+    """The risk of the map, by that of the best motion and by the distance of the map from it."""
+    hypotheses, risk, best, max_risk = window.hypotheses, window.risk, window.best, config.acceptance.max_risk
+    differences = _differences_deg(known, best)
+    rotation_deg, direction_deg = differences[best.frames[1]]
+    by_map = max(_added(risk, view, *differences[frame]) for view, frame in _judged(differences, best))
+    total, is_best = min(1.0, risk.total + by_map), _is_near(known, best)
+    if not is_best and any(_is_near(known, rival) for rival in hypotheses.motions[1:]):
+        # The probability that one of the rivals is right is no less than that of this one.
+        total = max(risk.total, total - risk.rival)
+    verdict = AuditVerdict.SOUND if total <= max_risk else AuditVerdict.DOUBTFUL
+    verdict = AuditVerdict.WRONG if total > _WRONG else verdict
+    reason, advice = _what_tells(window, verdict, max_risk)
+    return Audit(
+        verdict=verdict,
+        risk=total,
+        risk_direction=risk.direction,
+        risk_rival=risk.rival,
+        risk_rotation=risk.rotation,
+        risk_moving=risk.moving,
+        risk_floor=risk.floor,
+        risk_map=max(total - risk.total, 0.0),
+        direction_sigma_deg=risk.direction_sigma_deg,
+        rotation_sigma_deg=risk.rotation_sigma_deg,
+        pair=(best.frames[0], best.frames[1]),
+        frames=best.frames,
+        tracks=len(hypotheses.tracks.track_ids),
+        rotation_deg=rotation_deg,
+        direction_deg=direction_deg,
+        better=None if is_best or window.only_rotates else best.cam2_from_cam1,
+        reason=reason,
+        advice=advice,
+    )
+
+
+def _what_tells(window: JudgedWindow, verdict: AuditVerdict, max_risk: float) -> tuple[Verdict | None, str]:
+    """The reason of a doubt that the tracks leave, and what would tell."""
+    if verdict is AuditVerdict.SOUND:
+        return None, ""
+    gate = window.gates(max_risk)[0]
+    return (None, _ANOTHER_MOTION) if gate.passes() else (gate.reason, gate.advice or gate.reason.advice)
+
+
+def _differences_deg(known: Mapping[int, Pose], fitted: FittedMotion) -> dict[int, tuple[float, float]]:
+    """Angles of rotation and direction between the map and a motion, for each frame of the map but the reference."""
+    reference = fitted.frames[0]
+    cam_from_world = fitted.motion.cam_from_world
+    return {
+        frame: difference_deg(cam_from_world[frame], known[frame].inverse() @ known[reference])
+        for frame in fitted.frames[1:]
+        if frame in known
+    }
+
+
+def _is_near(known: Mapping[int, Pose], fitted: FittedMotion) -> bool:
+    """Whether the pair of the map would be right if this motion were."""
+    rotation_deg, direction_deg = _differences_deg(known, fitted)[fitted.frames[1]]
+    return rotation_deg <= WRONG_ROTATION_DEG and direction_deg <= WRONG_DIRECTION_DEG
+
+
+def _judged(differences: Mapping[int, tuple[float, float]], best: FittedMotion) -> list[tuple[int, int]]:
+    """The views of the map whose baselines are long enough, as (place among the views but the first, frame)."""
+    lengths = np.linalg.norm(best.fit.state.t[1:], axis=1)
+    long = lengths >= _SHORTEST * lengths.max(initial=0.0)
+    long[0] = True
+    return [(k, frame) for k, frame in enumerate(best.frames[1:]) if frame in differences and long[k]]
+
+
+def _added(risk: WindowRisk, view: int, rotation_deg: float, direction_deg: float) -> float:
+    """What the distance of a view of the map from the fit adds to the risk: the map is where it is, the fit errs."""
+    sigmas_deg = risk.rotation_sigma_deg, risk.sigmas_of_views_deg[view]
+    at_distance = _exceeds(WRONG_ROTATION_DEG, rotation_deg, sigmas_deg[0], 3)
+    at_distance += _exceeds(WRONG_DIRECTION_DEG, direction_deg, sigmas_deg[1], 2)
+    at_fit = _exceeds(WRONG_ROTATION_DEG, 0.0, sigmas_deg[0], 3) + _exceeds(WRONG_DIRECTION_DEG, 0.0, sigmas_deg[1], 2)
+    return max(at_distance - at_fit, 0.0)
+
+
+def _exceeds(limit: float, distance: float, sigma: float, dimensions: int) -> float:
+    """Probability that a Gaussian vector about a distance is longer than a limit: the tail of noncentral chi-square."""
+    from scipy.special import chndtr
+
+    sigma = max(sigma, 1e-9)
+    if abs(distance - limit) > _CERTAIN_SIGMAS * sigma:
+        return float(distance > limit)
+    return float(1 - chndtr((limit / sigma) ** 2, dimensions, (distance / sigma) ** 2))

@@ -1,0 +1,119 @@
+"""``slam-init audit``: the same map in several formats, and what is no map."""
+
+import json
+import struct
+
+import numpy as np
+import pytest
+from make_map import make_map
+
+from slam_init import open_source, write_colmap
+from slam_init.calibration.colmap_models import NUMBERED
+from slam_init.cli import main
+from slam_init.output.handover import handover_bytes
+from slam_init.output.results import tum_text
+from slam_init.types.initial_map import Keyframe
+
+POINTS = 200
+ROOM = "synth:room?frames=16&width=320&height=240"
+
+
+@pytest.fixture
+def map_():
+    return make_map(points=POINTS)
+
+
+def told(words, capsys):
+    code = main(["audit", *words, "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def to_binary(text, binary):
+    """Write the cameras and images of a text model as a binary model."""
+    binary.mkdir()
+    lines = [line for line in (text / "cameras.txt").read_text().splitlines() if not line.startswith("#")]
+    name, model, width, height, *parameters = lines[0].split()
+    camera = struct.pack("<iiQQ", int(name), NUMBERED.index(model), int(width), int(height))
+    numbers = struct.pack(f"<{len(parameters)}d", *map(float, parameters))
+    (binary / "cameras.bin").write_bytes(struct.pack("<Q", 1) + camera + numbers)
+    rows = [line for line in (text / "images.txt").read_text().splitlines() if not line.startswith("#")]
+    images = struct.pack("<Q", len(rows) // 2)
+    for head, points in zip(rows[::2], rows[1::2], strict=True):
+        number, *pose, camera_id, image = head.split()
+        images += struct.pack("<i7di", int(number), *map(float, pose), int(camera_id)) + image.encode() + b"\0"
+        values = points.split()
+        images += struct.pack("<Q", len(values) // 3)
+        for x, y, point in zip(values[::3], values[1::3], values[2::3], strict=True):
+            images += struct.pack("<ddq", float(x), float(y), int(point))
+    (binary / "images.bin").write_bytes(images)
+
+
+def test_the_same_map_has_the_same_risk_in_all_formats(map_, tmp_path, capsys):
+    write_colmap(map_, tmp_path / "model")
+    to_binary(tmp_path / "model", tmp_path / "binary")
+    (tmp_path / "handover.npz").write_bytes(handover_bytes(map_))
+    found = [told([str(tmp_path / name)], capsys) for name in ("model", "binary", "handover.npz", ".")]
+    assert [code for code, _ in found] == 4 * [0]
+    risks = [one["risk"] for _, one in found]
+    assert risks == pytest.approx(4 * [risks[0]], rel=1e-3)
+    assert found[0][1]["verdict"] == "sound" and found[0][1]["better"] is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("moved", "code"), [(False, 0), (True, 3)])
+def test_a_trajectory_is_audited_by_the_images(moved, code, tmp_path, capsys):
+    truth = open_source(ROOM).groundtruth
+    stamped = list(zip(truth.timestamps_s.tolist(), truth.world_from_cam, strict=True))
+    if moved:  # backwards in time: the rotations and the ways of other frames
+        stamped = [(time_s, pose) for (time_s, _), (_, pose) in zip(stamped, reversed(stamped), strict=True)]
+    keyframes = [Keyframe(k, time_s, str(k), pose) for k, (time_s, pose) in enumerate(stamped)]
+    (tmp_path / "poses.txt").write_text(tum_text(keyframes))
+    assert main(["audit", str(tmp_path / "poses.txt"), "--images", ROOM]) == code
+    assert ("sound" if code == 0 else "what tells") in capsys.readouterr().out
+
+
+def broken_npz(folder):
+    (folder / "map").write_bytes(b"")
+    np.savez(folder / "cut.npz", format="slam-init-handover")
+    return "cut.npz"
+
+
+def no_images(folder):
+    (folder / "poses.txt").write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n")
+    return "poses.txt"
+
+
+def junk(folder):
+    (folder / "junk.txt").write_text("this is no trajectory\n")
+    return "junk.txt"
+
+
+def broken_points(folder):
+    write_colmap(make_map(points=POINTS), folder / "model")
+    text = (folder / "model" / "images.txt").read_text().splitlines()
+    (folder / "model" / "images.txt").write_text("\n".join([*text[:3], "1 2 3 4", *text[4:]]))
+    return "model"
+
+
+def too_few_points(folder):
+    write_colmap(make_map(points=8), folder / "few")
+    return "few"
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda _: "absent", "no such map"),
+        (lambda folder: str(folder), "holds no map"),
+        (broken_npz, "has no array"),
+        (no_images, "--images"),
+        (junk, "junk.txt:1"),
+        (broken_points, "POINT3D_ID"),
+        (too_few_points, "share"),
+    ],
+)
+def test_what_is_no_map_is_told_in_one_line(make, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["audit", make(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
