@@ -61,6 +61,7 @@ _CERTAIN_SIGMAS = 8.0
 #: A map with a larger risk is wrong. Two motions that nothing decides between have a half each, which is a doubt.
 #: Class: level.
 _WRONG = 0.9
+_AT_A_DISTANCE = "the poses are away from the best motion: adjust the map with all of its tracks and views"
 _ANOTHER_MOTION = "another motion explains the tracks better: initialize again, or start from the better motion"
 
 
@@ -272,7 +273,7 @@ def _stated(known: Mapping[int, Pose], window: JudgedWindow, config: Config) -> 
         total = max(risk.total, total - risk.rival)
     verdict = AuditVerdict.SOUND if total <= max_risk else AuditVerdict.DOUBTFUL
     verdict = AuditVerdict.WRONG if total > _WRONG else verdict
-    reason, advice = _what_tells(window, verdict, max_risk)
+    reason, advice = _what_tells(window, verdict, max_risk, _AT_A_DISTANCE if is_best else _ANOTHER_MOTION)
     return Audit(
         verdict=verdict,
         risk=total,
@@ -295,12 +296,14 @@ def _stated(known: Mapping[int, Pose], window: JudgedWindow, config: Config) -> 
     )
 
 
-def _what_tells(window: JudgedWindow, verdict: AuditVerdict, max_risk: float) -> tuple[Verdict | None, str]:
-    """The reason of a doubt that the tracks leave, and what would tell."""
+def _what_tells(
+    window: JudgedWindow, verdict: AuditVerdict, max_risk: float, of_map: str
+) -> tuple[Verdict | None, str]:
+    """The reason of a doubt that the tracks leave, and what would tell; ``of_map`` where they leave none."""
     if verdict is AuditVerdict.SOUND:
         return None, ""
     gate = window.gates(max_risk)[0]
-    return (None, _ANOTHER_MOTION) if gate.passes() else (gate.reason, gate.advice or gate.reason.advice)
+    return (None, of_map) if gate.passes() else (gate.reason, gate.advice)
 
 
 def _differences_deg(known: Mapping[int, Pose], fitted: FittedMotion) -> dict[int, tuple[float, float]]:
