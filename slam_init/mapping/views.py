@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
@@ -49,20 +50,21 @@ def voting_views(
     most: int,
     before: Collection[int] = (),
     *,
-    later: bool = False,
+    later_share: float | None = None,
 ) -> list[Observations]:
     """Choose the views that vote on the motions of a pair, spread over all views between and before the pair.
 
     A short baseline does no harm here, because all motions predict nearly the same for such a view.
 
     * ``before``: Frames that stay where they still share the tracks of the pair: their poses are known.
-    * ``later``: Whether views after the pair vote as well.
+    * ``later_share``: Share of the pair's tracks from which on views after it vote as well; by default none do.
     * Returns: Each sees at least ``min_resected`` of the tracks that the pair has in common.
     """
-    last = history.newest + 1 if later else current.frame
-    pair = (reference.frame, current.frame)
-    views = [view for view in history.between(-1, last) if view.frame not in pair]
+    views = (*history.between(-1, reference.frame), *history.between(reference.frame, current.frame))
     sharing = _sharing(views, reference, current, config.min_resected)
+    if later_share is not None:
+        least = max(config.min_resected, math.ceil(later_share * len(common_tracks(reference, current)[0])))
+        sharing += _sharing(history.between(current.frame, history.newest + 1), reference, current, least)
     frames = [view.frame for view in sharing]
     return [sharing[k] for k in _spread(frames, most, before)]
 

@@ -5,11 +5,12 @@ and the same tracks: up to the frame of the map, and a second time with those of
 the rule of ``tests.benchmarks.reliability``. It is found where the audit does not call it sound. A false alarm is a
 right map that is not called sound. ::
 
-    python -m tests.benchmarks.audit --seeds 410000 410003 --log audit.jsonl
+    python -m tests.benchmarks.audit --seeds 420000 420003 --log audit.jsonl
     python -m tests.benchmarks.audit --film --log film.jsonl
     python -m tests.benchmarks.audit --from-log audit.jsonl film.jsonl --out tests/benchmarks/measured/audit.md
 
-Films are read below ``SLAM_INIT_DATA``. No number of the audit was chosen on seeds from 400000 on.
+Films are read below ``SLAM_INIT_DATA``. No number of the audit was chosen on seeds from 420000 on. One was chosen on other
+starts of four of the films.
 """
 
 from __future__ import annotations
@@ -180,7 +181,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Print the table; return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.audit", allow_abbrev=False)
     parser.description = "Maps of rival methods under slam_init.audit."
-    parser.add_argument("--seeds", type=int, nargs=2, default=(410_000, 410_003), metavar=("FIRST", "END"))
+    parser.add_argument("--seeds", type=int, nargs=2, default=(420_000, 420_003), metavar=("FIRST", "END"))
     parser.add_argument("--film", action="store_true", help="starts of films in place of simulated worlds")
     parser.add_argument("--log", type=Path, metavar="FILE", help="append one JSON line a map")
     parser.add_argument("--from-log", type=Path, nargs="+", metavar="FILE", help="the table of logs; run nothing")
