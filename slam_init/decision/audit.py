@@ -57,16 +57,16 @@ _ONE_PLACE = 1e-9
 #: Pairs are chosen among so many frames with a pose: 276 pairs take a second.
 #: Class: budget.
 _MOST_FRAMES = 24
-#: Views after the pair see the same scene while they share this part of its tracks. Tracks drift: with views far beyond
-#: the baseline of the pair the drift looks like moving bodies. Of 33 right maps at 17 starts of four films 10 were sound
-#: with a share of .3, 14 with .5, 16 with .7, and 14 without such views.
+#: Views after the pair see the same scene while they share this part of its tracks. Tracks drift: with views far
+#: beyond the baseline of the pair the drift looks like moving bodies. Of 32 right maps at 17 starts of four films 10
+#: were sound with a share of .3, 14 with .5, 16 with .7, and 14 without such views.
 #: Class: measured.
 _SAME_SCENE = 0.7
 #: Beyond so many standard deviations from the limit a tail is 0 or 1, and its series does not converge.
 #: Class: level, in standard deviations.
 _CERTAIN_SIGMAS = 8.0
-#: A map that adds more to the risk of the best motion is wrong: that motion is known, and contradicts the map. Where the
-#: tracks do not tell, the map is doubtful.
+#: A map that adds more to the risk of the best motion is wrong: that motion is known, and contradicts the map. Where
+#: the tracks do not tell, the map is doubtful.
 #: Class: level.
 _WRONG = 0.9
 _AT_A_DISTANCE = "the poses are away from the best motion: adjust the map with all of its tracks and views"
@@ -88,8 +88,8 @@ class Audit(Described):
     Attributes
     ----------
     verdict : AuditVerdict
-        ``sound`` if the risk is at most ``Config().acceptance.max_risk`` (0.005), ``wrong`` if ``risk_map`` is above 0.9,
-        else ``doubtful``.
+        ``sound`` if the risk is at most ``Config().acceptance.max_risk`` (0.005), ``wrong`` if ``risk_map`` is above
+        0.9, else ``doubtful``.
     risk : float
         Probability that the map is wrong: a rotation off by more than 5 degrees, or the direction of a baseline by more
         than 15.

@@ -9,8 +9,8 @@ right map that is not called sound. ::
     python -m tests.benchmarks.audit --film --log film.jsonl
     python -m tests.benchmarks.audit --from-log audit.jsonl film.jsonl --out tests/benchmarks/measured/audit.md
 
-Films are read below ``SLAM_INIT_DATA``. No number of the audit was chosen on seeds from 420000 on. One was chosen on other
-starts of four of the films.
+Films are read below ``SLAM_INIT_DATA``. No number of the audit was chosen on seeds from 420000 on. One was chosen on
+other starts of four of the films.
 """
 
 from __future__ import annotations
