@@ -35,6 +35,8 @@ from tests.benchmarks.options import data_folder, positive, show
 
 #: Frames after the map (two seconds of video), those in which a loss counts, and those after which depths are compared.
 _FRAMES, _WATCHED, _LATER = 60, 40, 20
+#: A start without a map after so many frames is given up, as in ``compare``.
+_LONGEST_WAIT = 60
 _SCENES = ("room", "wall", "corridor", "desk")
 
 
@@ -48,6 +50,9 @@ class Row:
     lost_after: int | None
     path_error: float
     path_error_true_start: float
+    #: Frames since the newest keyframe, and the share of the landmarks that are seen, in the frame of the hand-over.
+    age: int
+    seen: float
     depth_error: float = math.nan
     depth_error_later: float = math.nan
 
@@ -62,12 +67,15 @@ def follow(name: str, source: Source, start: int) -> Row | None:
     if source.camera is None or source.groundtruth is None:
         return None
     initializer, frames = Initializer(source.camera, Config(refine_frames=0)), source.frames(start)
-    for frame in frames:
+    for frame in islice(frames, _LONGEST_WAIT):
         if initializer.process(frame):
             break
     map_, truth = initializer.map, source.groundtruth
     if map_ is None:
         return None
+    history = initializer.tracker.history
+    newest = history[history.newest]
+    age, visible = newest.frame - map_.keyframes[-1].frame, float(np.isin(map_.track_ids, newest.track_ids).mean())
     seen = []
     for frame in islice(frames, _FRAMES):
         seen.append(initializer.tracker.track(frame))
@@ -91,6 +99,8 @@ def follow(name: str, source: Source, start: int) -> Row | None:
         lost_after,
         path_error([*map_.keyframes, *located], truth),
         _with_true_start(map_, truth, seen),
+        age,
+        visible,
         depths[0],
         depths[1] if len(depths) > 1 else math.nan,
     )
@@ -165,7 +175,7 @@ def runs(every: int) -> Iterator[Row]:
 def table(rows: Sequence[Row]) -> str:
     """Make the table: a line for each sequence."""
     header = ["sequence", "maps", f"lost within {_WATCHED} frames", "located", "error of the path", "from true poses"]
-    header += ["depth error at the hand-over", f"after {_LATER} frames"]
+    header += ["depth error at the hand-over", f"after {_LATER} frames", "age of the newest keyframe", "landmarks seen"]
     lines = []
     for name in dict.fromkeys(row.name for row in rows):
         lines.append(_line(name, [row for row in rows if row.name == name]))
@@ -180,7 +190,8 @@ def _line(name: str, rows: Sequence[Row]) -> list[str]:
         [row.depth_error for row in rows],
         [row.depth_error_later for row in rows],
     )
-    return [name, str(len(rows)), str(sum(row.lost for row in rows)), located, *map(_median, errors)]
+    fresh = [f"{max(row.age for row in rows)} at most", _median([row.seen for row in rows])]
+    return [name, str(len(rows)), str(sum(row.lost for row in rows)), located, *map(_median, errors), *fresh]
 
 
 def _median(values: Sequence[float]) -> str:
