@@ -24,6 +24,7 @@ The two-view stage comes before bundle adjustment. Its bearings are always those
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -116,18 +117,17 @@ def _solution(
     errors: ErrorModel,
     found: MapCovariances,
 ) -> BundleSolution:
-    """The solution of a fit, with its graph; ``residuals`` (M, 2)."""
+    """The solution of a fit; ``residuals`` (M, 2)."""
     final, camera = fit.problem, fit.camera
     variable = lens if lens.sigmas.any() and not needs_virtual_cameras(camera) else None
-    graph, values = build_graph(camera, final, errors.overdispersion * noise_px, prior=variable)
+    graph_noise_px = errors.overdispersion * noise_px
     return BundleSolution(
         problem=final,
         before=_same_landmarks(start, final),
         noise_px=noise_px,
         rmse_px=float(np.sqrt(np.mean(np.sum(residuals**2, axis=1)))),
         errors=fit.errors,
-        graph=graph,
-        values=values,
+        make_graph=partial(build_graph, camera, final, graph_noise_px, prior=variable),
         overdispersion=errors.overdispersion,
         pose_covariances=found.poses,
         point_covariances=found.points,
