@@ -83,7 +83,9 @@ class FittedMotion:
     def motion(self) -> Motion:
         """The adjusted motion, as the start of the next fit."""
         state = self.fit.state
-        poses = {frame: Pose(state.R[k], state.t[k]) for k, frame in enumerate(self.frames)}
+        # The next fit multiplies the first rotation with its own inverse: rounding errors would double in each frame.
+        R = 0.5 * state.R @ (3 * np.eye(3) - np.swapaxes(state.R, 1, 2) @ state.R)
+        poses = {frame: Pose(R[k], state.t[k]) for k, frame in enumerate(self.frames)}
         points = CarriedPoints.of(self.tracks, state, self.fit.explains)
         return Motion(poses, state.plane, state.log_scale, state.readout_s, state.k1, state.principal_px, points)
 
