@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import pytest
+
 from tests.benchmarks.audit import Judged, main, report, run
 from tests.benchmarks.reliability import built_in
 
@@ -22,6 +24,7 @@ def test_false_maps_that_are_not_sound_are_found():
 
 
 def test_each_map_is_a_line_of_the_log(tmp_path):
+    pytest.importorskip("poselib")
     world = next(one for one in built_in(0) if one.factors["scene"] == "room" and one.factors["baseline"] == 0.1)
     found = run([("simulated", 0, world)], tmp_path / "log.jsonl")
     assert found and all(0 < one.risk <= 1 for one in found)

@@ -42,7 +42,8 @@ def compiled_folder(tmp_path_factory):
 
 def test_processes_that_compile_at_once_agree_and_leave_one_file_for_each_loop(compiled_folder):
     folder, answers = compiled_folder
-    assert answers[0] == answers[1]
+    # The last line says whether the process compiled: the later one may find all loops compiled.
+    assert answers[0][:-1] == answers[1][:-1]
     names = [path.name for path in (folder / "quest").iterdir()]
     assert len(names) == len({name.split("-")[0] for name in names}) > 0
     assert all(name.endswith(".code") and not name.startswith(".") for name in names)
