@@ -211,18 +211,18 @@ def reference_pages():
 @pytest.fixture(scope="module")
 def numbers():
     """What makes the page of the numbers that decide."""
-    return maker("numbers")
+    return maker("numbers_page")
 
 
 def test_the_page_of_the_numbers_is_that_of_the_code(numbers):
-    assert numbers.PAGE.read_text(encoding="utf-8") == numbers.page(), "run python docs/make/numbers.py"
+    assert numbers.PAGE.read_text(encoding="utf-8") == numbers.page(), "run python docs/make/numbers_page.py"
 
 
 def test_every_number_of_the_decision_has_a_class_and_no_other_class_is_used(numbers):
     found = [number for file in numbers.files() for number in numbers.numbers(file)]
     assert {number.kind for number in found} == {"", *numbers.CLASSES}
     named = {name for number in found for name in number.names}
-    assert {name for more in numbers.MORE.values() for name in more} <= named, "correct MORE in docs/make/numbers.py"
+    assert {name for more in numbers.MORE.values() for name in more} <= named, "correct MORE of docs/make"
     decide = [number for number in found if number.file.startswith(("slam_init/decision/", numbers.LEVELS))]
     assert [number.names for number in decide if not number.kind] == []
     assert len(decide) > 50 and all(len(number.reason) > 20 for number in found if number.kind)

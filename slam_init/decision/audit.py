@@ -341,7 +341,11 @@ def _judged(differences: Mapping[int, tuple[float, float]], best: FittedMotion) 
 
 
 def _added(risk: WindowRisk, view: int, rotation_deg: float, direction_deg: float) -> float:
-    """What the distance of a view of the map from the fit adds to the risk: the map is where it is, the fit errs."""
+    """What the distance of a view of the map from the fit adds to the risk: the map is where it is, the fit errs.
+
+    :meth:`.WindowRisk.added_by_map` asks another question: bundle adjustment has moved a map of our own away from the
+    fit on the same tracks, and which of both is nearer to the truth is not known.
+    """
     sigmas_deg = risk.rotation_sigma_deg, risk.sigmas_of_views_deg[view]
     at_distance = _exceeds(WRONG_ROTATION_DEG, rotation_deg, sigmas_deg[0], 3)
     at_distance += _exceeds(WRONG_DIRECTION_DEG, direction_deg, sigmas_deg[1], 2)

@@ -97,7 +97,7 @@ class JudgedWindow:
 
     def with_evidence(self, attempt: Attempt) -> Attempt:
         """Add what the window found to its attempt: figures, inliers, and tracks with a motion of their own."""
-        moving = np.isin(self.pair.track_ids, self.risk.moving_tracks)
+        moving = np.isin(self.pair.track_ids, self.risk.other.track_ids)
         return replace(attempt, window=self._evidence(), inliers=self._inliers(), moving=moving)
 
     def rotation_evidence(self) -> RotationOnlyEvidence | None:

@@ -57,8 +57,8 @@ class WindowMaps:
         motions: list[FittedMotion] = []
         if reason == Verdict.AMBIGUOUS_PLANE:
             motions = list(hypotheses.motions[:2])
-        elif reason == Verdict.MOVING_BODIES and self._window.risk.moving:
-            other = fit_other_motion(hypotheses)
+        elif reason == Verdict.MOVING_BODIES and self._window.risk.other.probability:
+            other = fit_other_motion(hypotheses, self._window.risk.other)
             motions = [] if other is None else [hypotheses.motions[0], other]
         both = [self._adjusted(motion)[0] for motion in motions]
         maps = tuple(self.built(one).map for one in both if isinstance(one, BundleSolution))
@@ -108,18 +108,26 @@ class WindowMaps:
         the risk of the pair exceeds ``of_pair`` in the map, the joint estimate gives priors of the poses. It knows more
         than the landmarks: tracks with uncertain depths, and that the points lie on a plane.
         """
-        motion, risk = self._window.best, self._window.risk
-        frames: Sequence[int] = self._window.certain_frames(of_view)
-        bundle, table = self._adjusted(motion, frames)
-        if isinstance(bundle, BundleSolution):
-            differences = self._differences_deg(bundle)
-            kept = [*frames[:2], *(frame for frame in frames[2:] if self._risk_of_view(frame, differences) <= of_view)]
-            if len(kept) < len(frames):
-                bundle, table = self._adjusted(motion, kept)
+        frames, risk = self._window.certain_frames(of_view), self._window.risk
+        bundle, table = self._without_moved_views(frames, of_view)
         if isinstance(bundle, BundleSolution) and self.risk_of(bundle).total > of_pair:
             sigmas = np.radians([risk.rotation_sigma_deg, risk.direction_sigma_deg])
-            bundle, table = self._adjusted(motion, frames, PosePrior(*sigmas.tolist()))
+            bundle, table = self._without_moved_views(frames, of_view, PosePrior(*sigmas.tolist()))
         return bundle, table
+
+    def _without_moved_views(
+        self, frames: Sequence[int], of_view: float, prior: PosePrior | None = None
+    ) -> tuple[BundleSolution | BundleFailure, TrackTable]:
+        """The map of the best motion, in the pair and the further views that are no riskier than ``of_view`` in it."""
+        while True:
+            bundle, table = self._adjusted(self._window.best, frames, prior)
+            if not isinstance(bundle, BundleSolution):
+                return bundle, table
+            differences = self._differences_deg(bundle)
+            kept = [*frames[:2], *(frame for frame in frames[2:] if self._risk_of_view(frame, differences) <= of_view)]
+            if len(kept) == len(frames):
+                return bundle, table
+            frames = kept
 
     def _risk_of_view(self, frame: int, differences_deg: dict[int, tuple[float, float]]) -> float:
         """The risk that a further view of a map adds."""

@@ -10,9 +10,9 @@ The unit is in the name or after the class, or the number has none. The classes:
 * budget: it bounds time or memory.
 
 ``docs/reference/numbers.md`` lists all of them, with those that stay in other modules: gates on depths, priors of a
-lens, the smooth errors of a view, what recognizes an overlay, and ``quest``. ``python docs/make/numbers.py`` writes the
-page from the comments, and a test compares it with the code. Numbers that change the time of a fit but not its result
-stay beside the fit, and have no class.
+lens, the smooth errors of a view, what recognizes an overlay, and ``quest``. ``python docs/make/numbers_page.py``
+writes the page from the comments, and a test compares it with the code. Numbers that change the time of a fit but not
+its result stay beside the fit, and have no class.
 """
 
 from __future__ import annotations
@@ -38,6 +38,10 @@ PULL_FREEDOM = 4.0
 #: the tracks has to show a translation without the tracks that gain most: bodies that hold this share of them.
 #: Class: assumption.
 ON_BODIES = 0.5
+
+#: A rotation or a rival with a larger probability is undecided, however precisely it is known.
+#: Class: level.
+UNDECIDED = 0.05
 
 #: The camera merely rotates where chance exceeds the gain over the rotation-only camera more often than not.
 #: Class: level.

@@ -64,14 +64,11 @@ def other_motion(hypotheses: WindowHypotheses) -> OtherMotion:
     return OtherMotion(EVEN if len(others) >= enough else 0.0, tracks.track_ids[others], Pose(pose.R, pose.t))
 
 
-def fit_other_motion(hypotheses: WindowHypotheses) -> FittedMotion | None:
+def fit_other_motion(hypotheses: WindowHypotheses, other: OtherMotion) -> FittedMotion | None:
     """The motion of the camera if the other tracks are at rest, fitted to these in the views that they locate.
 
-    * Returns: None where there is no such motion, or it does not locate the pair.
+    * Returns: None where it does not locate the pair.
     """
-    other = other_motion(hypotheses)
-    if not other.probability:
-        return None
     tracks, best = hypotheses.tracks, hypotheses.motions[0].motion
     moving = np.flatnonzero(np.isin(tracks.track_ids, other.track_ids))
     pair = {tracks.frames[0]: Pose.identity(), tracks.frames[1]: other.pose}

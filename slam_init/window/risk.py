@@ -30,16 +30,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quest.robust.spatial_blocks import regions_of
 from slam_init.system.linear_algebra import deviations, single_threaded
 from slam_init.types.arrays import Floats
 from slam_init.types.evidence import Margin
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 from slam_init.window.hypotheses import CERTAIN_SIGMAS, EXPLAINED_BY_FIELDS, WindowHypotheses, with_rotation_anew
-from slam_init.window.joint_fit import fit_window
 from slam_init.window.levels import (
     AGREES_SIGMAS,
-    BODIES_MOVE,
     CHANCE_GAIN,
     FEW_VIEWS,
     FLOOR,
@@ -50,15 +47,17 @@ from slam_init.window.levels import (
     SAME_DIRECTION_DEG,
     SAME_ROTATION_DEG,
     SHARE_OF_BODIES,
+    UNDECIDED,
     WRONG_DIRECTION_DEG,
     WRONG_ROTATION_DEG,
     ZOOM_LEAVES,
 )
 from slam_init.window.linearization import linearize_with_fields
-from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, marginalize_fields
+from slam_init.window.marginal import marginalize_fields
 from slam_init.window.motion import FittedMotion
 from slam_init.window.neighbours import variance_by_neighbours
 from slam_init.window.other_motion import OtherMotion, explained_tracks, other_motion
+from slam_init.window.rival import rival_term
 from slam_init.window.second_look import look_again
 from slam_init.window.tails import at_any_look, three_directions, two_directions
 from slam_init.window.tracker_errors import (
@@ -84,15 +83,9 @@ from slam_init.window.uncertainty import (
 )
 from slam_init.window.zooming_rotation import with_zooms
 
-#: A rival with a larger probability is undecided, however precisely it is known; a scale of the fields with a smaller
-#: one changes nothing.
-_UNDECIDED, _UNLIKELY = 0.05, 0.01
 #: A direction that is wrong with a larger probability is unknown, however far behind the rivals are.
+#: Class: level.
 _UNKNOWN = 0.2
-#: Largest number of Gauss-Newton steps from a fit without fields to one with fields: they converge quadratically.
-_STEPS_WITH_FIELDS = 5
-#: A rival that is further behind than this is not looked at with error fields: they explain less.
-_FAR_BEHIND_NATS = 300.0
 
 
 @dataclass(frozen=True)
@@ -101,12 +94,10 @@ class WindowRisk:
 
     #: Sum of the terms, at most 1.
     total: float
-    #: direction, rival, rotation, moving, floor: Probabilities, see the module docstring. ``moving`` is 0 where the
-    #: camera merely rotates.
+    #: direction, rival, rotation, floor: Probabilities, see the module docstring.
     direction: float
     rival: float
     rotation: float
-    moving: float
     floor: float
     #: Standard deviation of the direction of the pair's baseline where it is largest.
     direction_sigma_deg: float
@@ -138,8 +129,13 @@ class WindowRisk:
     #: How far the map is from the fit if it follows the expansion: the lens that a map holds moves it. The deviations
     #: have that in them.
     moved: MovedByLens
-    #: The tracks with a rigid motion of their own, where ``moving`` was evaluated and there are many.
-    moving_tracks: tuple[int, ...] = ()
+    #: The motion of the tracks that the best motion does not explain; none where the camera merely rotates.
+    other: OtherMotion
+
+    @property
+    def moving(self) -> float:
+        """The term of the other motion."""
+        return self.other.probability
 
     def of_map(self, rotation_deg: float, direction_deg: float) -> WindowRisk:
         """The risk of a map whose pair is that far from the fitted one."""
@@ -223,8 +219,8 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
         camera = camera_estimate(expanded, optimism.factor(lens_held=False))
     # Points at infinity lie on no plane, so that a plane needs no such test.
     rotation = max(rotation, 0.0 if hypotheses.planar else _bodies_probability(hypotheses, ON_BODIES))
-    refused = rotation > _UNDECIDED or direction > _UNKNOWN
-    rival, nearest = _rival_term(hypotheses, expanded, direction_deg, fit=not refused)
+    refused = rotation > UNDECIDED or direction > _UNKNOWN
+    rival, nearest = rival_term(hypotheses, expanded, direction_deg, fit=not refused)
     other = other_motion(hypotheses) if rotation <= MERE_ROTATION else OtherMotion()
     total = _total(direction, rival, rotation, other.probability)
     distances = inverse_distances(expanded)
@@ -241,8 +237,7 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
         moved=moved,
         rival=rival,
         rotation=rotation,
-        moving=other.probability,
-        moving_tracks=tuple(other.track_ids.tolist()),
+        other=other,
         floor=FLOOR,
         direction_sigma_deg=direction_deg,
         rotation_sigma_deg=rotation_deg,
@@ -306,24 +301,6 @@ def _total(direction: float, rival: float, rotation: float, moving: float) -> fl
     return min(1.0, direction + rival + rotation + moving + FLOOR)
 
 
-def _rival_term(
-    hypotheses: WindowHypotheses, expanded: ExpandedFit, spread_deg: float, *, fit: bool
-) -> tuple[float, Margin | None]:
-    """The probability that a rival is right, and the vote against the nearest one."""
-    best, *rivals = hypotheses.motions
-    margins = [_margin(hypotheses, best, rival) for rival in rivals]
-    costs = _CostsWithFields(hypotheses)
-    odds = [
-        max(
-            _rival_probability(costs, expanded, rival, margin, fit=fit),
-            _rival_by_bodies(hypotheses, best, rival),
-        )
-        * _wrong_if_right(best, rival, spread_deg)
-        for rival, margin in zip(rivals, margins, strict=True)
-    ]
-    return min(1.0, sum(odds)), min(margins, key=Margin.decision_ratio, default=None)
-
-
 @dataclass(frozen=True)
 class _Optimism:
     """What the covariance does not know, as factors on the variance of the direction. Independent causes add theirs."""
@@ -370,103 +347,6 @@ def _with_varying_lens(sigmas_deg: Floats, varying: VaryingLens, view: int) -> F
 def _largest_sigma_deg(covariance: Floats) -> float:
     """Standard deviation where it is largest, in degrees, of a covariance in rad^2."""
     return math.degrees(float(deviations(np.linalg.eigvalsh(covariance))[-1]))
-
-
-def _margin(hypotheses: WindowHypotheses, best: FittedMotion, rival: FittedMotion) -> Margin:
-    """The vote of the tracks; a rival that locates fewer views explains the others as outliers."""
-    votes = hypotheses.votes(best, rival)
-    where = places_of(best.fit)
-    largest = float(np.bincount(regions_of(where), weights=votes).max())
-    ahead = 0.5 * (float(votes.sum()) - max(largest, 0.0))
-    # Two exact twins have the same likelihood, but each fit adapts to the noise by unknowns of its own. With the
-    # projections P1, P2 on these, the difference is e^T (P1 - P2) e / 2: its variance is half the sum of squared votes.
-    # Such votes are symmetric about zero, so those against the best motion tell their sum; real votes are left out.
-    against = 0.5 * np.minimum(votes, 0.0)
-    return Margin(ahead, ahead / max(float(np.linalg.norm(against)), 1e-9))
-
-
-def _rival_by_bodies(hypotheses: WindowHypotheses, best: FittedMotion, rival: FittedMotion) -> float:
-    """Probability that the rival is right, and that the few tracks off the plane lie on moving bodies."""
-    used = hypotheses.tracks.anchor >= 0
-    # Points beyond the horizon of the rival's plane are on the plane: they do not move.
-    on_plane = used & best.fit.state.on_plane
-    if not hypotheses.planar or on_plane.sum() < (1 - SHARE_OF_BODIES) * used.sum():
-        return 0.0
-    votes = 0.5 * hypotheses.votes(best, rival)[on_plane]
-    return BODIES_MOVE / (1 + math.exp(min(float(votes.sum()), _FAR_BEHIND_NATS)))
-
-
-def _rival_probability(
-    costs: _CostsWithFields, best: ExpandedFit, rival: FittedMotion, margin: Margin, *, fit: bool
-) -> float:
-    """Probability that the rival is right after all: the odds of the votes, less what error fields explain of them.
-
-    Without ``fit``, by the expansions alone.
-    """
-    hypotheses = costs.hypotheses
-    behind = margin.log_likelihood
-    if behind <= 0.0 or behind > _FAR_BEHIND_NATS:
-        return 0.5 if behind <= 0.0 else 0.0
-    seen, motion = hypotheses.tracks.seen, hypotheses.motions[0]
-    missing = int(seen[list(motion.rows)].sum()) - int(seen[list(rival.rows)].sum())
-    outliers = hypotheses.priors.gate_sigmas**2 * missing
-    ahead = max(0.5 * (rival.fit.cost + outliers - best.fit.cost), 1e-9)
-    expanded = expand(hypotheses, rival, evidence_only=True)
-    # The fields explain a share of the difference of the costs, and the same share of the votes. A wrong motion absorbs
-    # a part of the fields, so that it seems to need smaller ones. The fields belong to the tracker and not to the
-    # motion: the motions are compared at each scale that is likely with both.
-    both = np.sqrt(best.scale_weights * expanded.scale_weights)
-    explained = expanded.marginal.log_evidence - best.marginal.log_evidence
-    probability = float(both @ _odds(margin, 1 - explained / ahead))
-    if not fit or probability > _UNDECIDED:
-        return probability
-    # Fields may move a fit so far that its expansion does not hold: the fits are repeated with the likeliest fields.
-    scales = [(np.argmax(best.scale_weights), np.argmax(expanded.scale_weights), 1.0)]
-    if both.max() > _UNLIKELY:
-        scales.append((np.argmax(both), np.argmax(both), float(both.max())))
-    for of_best, of_rival, weight in scales:
-        cost = costs.of(motion, best, float(FIELD_SCALES_PX[of_best]))
-        rival_cost = costs.of(rival, expanded, float(FIELD_SCALES_PX[of_rival]))
-        left = 0.5 * (rival_cost + outliers - cost) / ahead
-        probability = max(probability, weight * float(_odds(margin, np.array([left]))[0]))
-    return probability
-
-
-def _odds(margin: Margin, left: Floats) -> Floats:
-    """Probability of a rival of which these shares of the margin are left: by its odds, and as an exact twin."""
-    left = np.clip(left, 0.0, 1.0)
-    twin = np.array([at_any_look(float(margin.z * share)) for share in left])
-    return np.asarray(np.maximum(1 / (1 + np.exp(margin.log_likelihood * left)), twin))
-
-
-class _CostsWithFields:
-    """Costs of motions that are fitted with fields of a scale, with the cost of that many unknowns and of the scale."""
-
-    def __init__(self, hypotheses: WindowHypotheses) -> None:
-        self.hypotheses = hypotheses
-        self._known: dict[tuple[int, float], float] = {}
-
-    def of(self, motion: FittedMotion, expanded: ExpandedFit, scale_px: float) -> float:
-        """The cost of a motion; each motion is fitted once with the fields of a scale."""
-        unknowns = float(np.log1p(scale_px**2 * expanded.marginal.strength).sum())
-        unknowns -= 2 * math.log(float(FIELD_PRIOR[scale_px == FIELD_SCALES_PX][0]))
-        if scale_px == 0.0:
-            return motion.fit.cost + unknowns
-        key = (id(motion), scale_px)
-        if key not in self._known:
-            priors = replace(self.hypotheses.priors, field_sigma_px=scale_px)
-            fit = fit_window(motion.tracks, motion.fit.state, priors, max_steps=_STEPS_WITH_FIELDS)
-            self._known[key] = fit.cost
-        return self._known[key] + unknowns
-
-
-def _wrong_if_right(best: FittedMotion, rival: FittedMotion, sigma_deg: float) -> float:
-    """Probability that the map of the best motion is wrong if the rival is right: not if both are nearly the same."""
-    rotation_deg, direction_deg = best.difference_deg(rival)
-    if rotation_deg > WRONG_ROTATION_DEG:
-        return 1.0
-    left_deg = max(WRONG_DIRECTION_DEG - direction_deg, 0.0)
-    return math.exp(-0.5 * (left_deg / max(sigma_deg, 1e-9)) ** 2)
 
 
 def _rotation_probability(

@@ -11,7 +11,7 @@ from quest.robust.spatial_blocks import regions_of
 from sequences_synth.points import PointOptions, make_points
 from slam_init.config import AcceptanceConfig
 from slam_init.datasets.points import PointSource
-from slam_init.window import risk as risk_module
+from slam_init.window import rival as rival_module
 from slam_init.window.risk import risk_of
 from slam_init.window.state import Priors
 
@@ -270,14 +270,14 @@ def test_the_stated_size_of_the_error_fields_grows_with_that_of_the_tracks(seed)
 
 def fits_with_fields(monkeypatch):
     """The numbers of steps of the fits with fields that the risk asks for, as they are made."""
-    steps, real = [], risk_module.fit_window
+    steps, real = [], rival_module.fit_window
 
     def noted(*arguments, **options):
         fit = real(*arguments, **options)
         steps.append(fit.iterations)
         return fit
 
-    monkeypatch.setattr(risk_module, "fit_window", noted)
+    monkeypatch.setattr(rival_module, "fit_window", noted)
     return steps
 
 

@@ -1,7 +1,7 @@
 """Writes ``docs/reference/numbers.md``: every number that decides on a map, from the comments above the numbers.
 
 A number is on the page if its ``#:`` comment names a class, or if :data:`MORE` does. A test compares the page with the
-code, so that it cannot go stale: run ``python docs/make/numbers.py`` after a change.
+code, so that it cannot go stale: run ``python docs/make/numbers_page.py`` after a change.
 """
 
 from __future__ import annotations
@@ -28,9 +28,6 @@ MORE = {
         "Priors.gate_sigmas": "level",
         "OFF_PLANE_COST": "level, in twice the nats",
         "TUKEY_GATES": "definition",
-        "_UNDECIDED": "level",
-        "_UNKNOWN": "level",
-        "_FAR_BEHIND_NATS": "level",
         "_SCORE_REGIONS": "geometry",
         "_NO_SHIFT": "assumption, over the width",
         "_TOLD_READOUT_SIGMAS": "level",
@@ -170,7 +167,7 @@ def page() -> str:
     lines = [
         title,
         "",
-        "Made by `python docs/make/numbers.py` from the comments in the code; a test compares the two. A map is "
+        "Made by `python docs/make/numbers_page.py` from the comments in the code; a test compares the two. A map is "
         "accepted where its risk is at most `acceptance.max_risk`, an option. Options are for users "
         "([`slam_init/config.py`](../../slam_init/config.py)); the numbers of this page are for those who change the "
         "decision. Each has a class:",

@@ -1,0 +1,154 @@
+"""The term *rival* of the risk: the probability that another motion is right.
+
+Each track votes by the difference of its two log likelihoods, by three nats at the most: so much it costs to say that
+the track is an outlier. The image region with the largest vote is left out, since a moving body or a step in the scene
+fills a region. What the error fields explain of the rival counts for it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from quest.robust.spatial_blocks import regions_of
+from slam_init.types.arrays import Floats
+from slam_init.types.evidence import Margin
+from slam_init.window.hypotheses import WindowHypotheses
+from slam_init.window.joint_fit import fit_window
+from slam_init.window.levels import (
+    BODIES_MOVE,
+    SHARE_OF_BODIES,
+    UNDECIDED,
+    WRONG_DIRECTION_DEG,
+    WRONG_ROTATION_DEG,
+)
+from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX
+from slam_init.window.motion import FittedMotion
+from slam_init.window.tails import at_any_look
+from slam_init.window.uncertainty import ExpandedFit, expand, places_of
+
+#: A scale of the fields with a smaller probability changes nothing.
+#: Class: level.
+_UNLIKELY = 0.01
+#: Largest number of Gauss-Newton steps from a fit without fields to one with fields: they converge quadratically.
+_STEPS_WITH_FIELDS = 5
+#: A rival that is further behind than this is not looked at with error fields: they explain less.
+#: Class: level, in nats.
+_FAR_BEHIND_NATS = 300.0
+
+
+def rival_term(
+    hypotheses: WindowHypotheses, expanded: ExpandedFit, spread_deg: float, *, fit: bool
+) -> tuple[float, Margin | None]:
+    """The probability that a rival is right, and the vote against the nearest one."""
+    best, *rivals = hypotheses.motions
+    margins = [_margin(hypotheses, best, rival) for rival in rivals]
+    costs = _CostsWithFields(hypotheses)
+    odds = [
+        max(
+            _rival_probability(costs, expanded, rival, margin, fit=fit),
+            _rival_by_bodies(hypotheses, best, rival),
+        )
+        * _wrong_if_right(best, rival, spread_deg)
+        for rival, margin in zip(rivals, margins, strict=True)
+    ]
+    return min(1.0, sum(odds)), min(margins, key=Margin.decision_ratio, default=None)
+
+
+def _margin(hypotheses: WindowHypotheses, best: FittedMotion, rival: FittedMotion) -> Margin:
+    """The vote of the tracks; a rival that locates fewer views explains the others as outliers."""
+    votes = hypotheses.votes(best, rival)
+    where = places_of(best.fit)
+    largest = float(np.bincount(regions_of(where), weights=votes).max())
+    ahead = 0.5 * (float(votes.sum()) - max(largest, 0.0))
+    # Two exact twins have the same likelihood, but each fit adapts to the noise by unknowns of its own. With the
+    # projections P1, P2 on these, the difference is e^T (P1 - P2) e / 2: its variance is half the sum of squared votes.
+    # Such votes are symmetric about zero, so those against the best motion tell their sum; real votes are left out.
+    against = 0.5 * np.minimum(votes, 0.0)
+    return Margin(ahead, ahead / max(float(np.linalg.norm(against)), 1e-9))
+
+
+def _rival_by_bodies(hypotheses: WindowHypotheses, best: FittedMotion, rival: FittedMotion) -> float:
+    """Probability that the rival is right, and that the few tracks off the plane lie on moving bodies."""
+    used = hypotheses.tracks.anchor >= 0
+    # Points beyond the horizon of the rival's plane are on the plane: they do not move.
+    on_plane = used & best.fit.state.on_plane
+    if not hypotheses.planar or on_plane.sum() < (1 - SHARE_OF_BODIES) * used.sum():
+        return 0.0
+    votes = 0.5 * hypotheses.votes(best, rival)[on_plane]
+    return BODIES_MOVE / (1 + math.exp(min(float(votes.sum()), _FAR_BEHIND_NATS)))
+
+
+def _rival_probability(
+    costs: _CostsWithFields, best: ExpandedFit, rival: FittedMotion, margin: Margin, *, fit: bool
+) -> float:
+    """Probability that the rival is right after all: the odds of the votes, less what error fields explain of them.
+
+    Without ``fit``, by the expansions alone.
+    """
+    hypotheses = costs.hypotheses
+    behind = margin.log_likelihood
+    if behind <= 0.0 or behind > _FAR_BEHIND_NATS:
+        return 0.5 if behind <= 0.0 else 0.0
+    seen, motion = hypotheses.tracks.seen, hypotheses.motions[0]
+    missing = int(seen[list(motion.rows)].sum()) - int(seen[list(rival.rows)].sum())
+    outliers = hypotheses.priors.gate_sigmas**2 * missing
+    ahead = max(0.5 * (rival.fit.cost + outliers - best.fit.cost), 1e-9)
+    expanded = expand(hypotheses, rival, evidence_only=True)
+    # The fields explain a share of the difference of the costs, and the same share of the votes. A wrong motion absorbs
+    # a part of the fields, so that it seems to need smaller ones. The fields belong to the tracker and not to the
+    # motion: the motions are compared at each scale that is likely with both.
+    both = np.sqrt(best.scale_weights * expanded.scale_weights)
+    explained = expanded.marginal.log_evidence - best.marginal.log_evidence
+    probability = float(both @ _odds(margin, 1 - explained / ahead))
+    if not fit or probability > UNDECIDED:
+        return probability
+    # Fields may move a fit so far that its expansion does not hold: the fits are repeated with the likeliest fields.
+    scales = [(np.argmax(best.scale_weights), np.argmax(expanded.scale_weights), 1.0)]
+    if both.max() > _UNLIKELY:
+        scales.append((np.argmax(both), np.argmax(both), float(both.max())))
+    for of_best, of_rival, weight in scales:
+        cost = costs.of(motion, best, float(FIELD_SCALES_PX[of_best]))
+        rival_cost = costs.of(rival, expanded, float(FIELD_SCALES_PX[of_rival]))
+        left = 0.5 * (rival_cost + outliers - cost) / ahead
+        probability = max(probability, weight * float(_odds(margin, np.array([left]))[0]))
+    return probability
+
+
+def _odds(margin: Margin, left: Floats) -> Floats:
+    """Probability of a rival of which these shares of the margin are left: by its odds, and as an exact twin."""
+    left = np.clip(left, 0.0, 1.0)
+    twin = np.array([at_any_look(float(margin.z * share)) for share in left])
+    return np.asarray(np.maximum(1 / (1 + np.exp(margin.log_likelihood * left)), twin))
+
+
+class _CostsWithFields:
+    """Costs of motions that are fitted with fields of a scale, with the cost of that many unknowns and of the scale."""
+
+    def __init__(self, hypotheses: WindowHypotheses) -> None:
+        self.hypotheses = hypotheses
+        self._known: dict[tuple[int, float], float] = {}
+
+    def of(self, motion: FittedMotion, expanded: ExpandedFit, scale_px: float) -> float:
+        """The cost of a motion; each motion is fitted once with the fields of a scale."""
+        unknowns = float(np.log1p(scale_px**2 * expanded.marginal.strength).sum())
+        unknowns -= 2 * math.log(float(FIELD_PRIOR[scale_px == FIELD_SCALES_PX][0]))
+        if scale_px == 0.0:
+            return motion.fit.cost + unknowns
+        key = (id(motion), scale_px)
+        if key not in self._known:
+            priors = replace(self.hypotheses.priors, field_sigma_px=scale_px)
+            fit = fit_window(motion.tracks, motion.fit.state, priors, max_steps=_STEPS_WITH_FIELDS)
+            self._known[key] = fit.cost
+        return self._known[key] + unknowns
+
+
+def _wrong_if_right(best: FittedMotion, rival: FittedMotion, sigma_deg: float) -> float:
+    """Probability that the map of the best motion is wrong if the rival is right: not if both are nearly the same."""
+    rotation_deg, direction_deg = best.difference_deg(rival)
+    if rotation_deg > WRONG_ROTATION_DEG:
+        return 1.0
+    left_deg = max(WRONG_DIRECTION_DEG - direction_deg, 0.0)
+    return math.exp(-0.5 * (left_deg / max(sigma_deg, 1e-9)) ** 2)
