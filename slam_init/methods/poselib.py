@@ -51,17 +51,28 @@ class PoseLib(EssentialMethod):
 
 
 def relative_pose_of_poselib(
-    pixels1: Floats, pixels2: Floats, camera: dict[str, Any], max_error_px: float, ransac: dict[str, Any]
+    pixels1: Floats,
+    pixels2: Floats,
+    camera: dict[str, Any],
+    max_error_px: float,
+    ransac: dict[str, Any],
+    initial_pose: Any = None,
 ) -> tuple[Any, dict[str, Any]]:
-    """Call PoseLib 2, which takes two flat dictionaries of options, or 3, which takes one nested dictionary."""
+    """Call PoseLib, version 2 or 3, perhaps with a pose (``poselib.CameraPose``) to begin with."""
+    import poselib
+
+    options = poselib_options(max_error_px, ransac)
+    pose, info = poselib.estimate_relative_pose(pixels1, pixels2, camera, camera, *options, initial_pose=initial_pose)
+    return pose, info
+
+
+def poselib_options(max_error_px: float, ransac: dict[str, Any]) -> tuple[dict[str, Any], ...]:
+    """The options of an estimate: two flat dictionaries of PoseLib 2, or the nested one of PoseLib 3."""
     import poselib
 
     if int(poselib.__version__.split(".")[0]) < 3:
-        options: tuple[dict[str, Any], ...] = ({"max_epipolar_error": max_error_px, **ransac}, {})
-    else:
-        options = ({"max_error": max_error_px, "ransac": ransac},)
-    pose, info = poselib.estimate_relative_pose(pixels1, pixels2, camera, camera, *options)
-    return pose, info
+        return {"max_epipolar_error": max_error_px, **ransac}, {}
+    return ({"max_error": max_error_px, "ransac": ransac},)
 
 
 def poselib_100() -> PoseLib:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from quest import NoPose, estimate_relative_pose, estimate_shared_focal
 from quest.geometry.quaternion import quaternion_from_matrix, rotation_from_vector
+from slam_init.methods.poselib import poselib_options, relative_pose_of_poselib
 from slam_init.output.tables import markdown_table
 from tests.benchmarks.options import positive, run_on_one_thread, save
 from tests.benchmarks.quest.cells import FOUND_DEG
@@ -29,7 +30,7 @@ Floats = NDArray[np.float64]
 
 _SCENES, _OUTLIERS, _MATCHES, _NOISE_PX, _THRESHOLD_PX = ("general .15", "general .03"), (0.3, 0.7), 500, 0.7, 2.0
 _CAMERA = {"model": "SIMPLE_PINHOLE", "width": 1, "height": 1, "params": [FOCAL_PX, 0.0, 0.0]}
-_RANSAC = {"max_epipolar_error": _THRESHOLD_PX, "min_iterations": 100}
+_RANSAC = {"min_iterations": 100}
 
 
 def _points(scene: Scene) -> list[Floats]:
@@ -54,9 +55,8 @@ def _by_poselib(scene: Scene, start: tuple[Floats, Floats] | None, seed: int) ->
     if start is not None:
         begin = poselib.CameraPose()
         begin.q, begin.t = quaternion_from_matrix(start[0]), start[1]
-    pose, _ = poselib.estimate_relative_pose(
-        *_points(scene), _CAMERA, _CAMERA, {**_RANSAC, "seed": seed}, {}, initial_pose=begin
-    )
+    x1, x2 = _points(scene)
+    pose, _ = relative_pose_of_poselib(x1, x2, _CAMERA, _THRESHOLD_PX, {**_RANSAC, "seed": seed}, begin)
     return pose, None
 
 
@@ -67,7 +67,8 @@ def _focal_by_quest(scene: Scene, _start: object, seed: int) -> tuple[Any, float
 
 
 def _focal_by_poselib(scene: Scene, _start: object, seed: int) -> tuple[Any, float | None]:
-    pair, _ = poselib.estimate_shared_focal_relative_pose(*_points(scene), np.zeros(2), {**_RANSAC, "seed": seed}, {})
+    options = poselib_options(_THRESHOLD_PX, {**_RANSAC, "seed": seed})
+    pair, _ = poselib.estimate_shared_focal_relative_pose(*_points(scene), np.zeros(2), *options)
     return pair.pose, float(pair.camera1.focal())
 
 

@@ -100,10 +100,11 @@ def test_poselib_3_takes_one_dictionary_of_nested_options(monkeypatch):
         __version__="3.0.0",
         # Its signature: opt and initial_pose follow the cameras.
         estimate_relative_pose=lambda x1, x2, camera1, camera2, opt, initial_pose=None: (
-            calls.append(opt) or ("pose", {})
+            calls.append((opt, initial_pose)) or ("pose", {})
         ),
     )
     monkeypatch.setitem(sys.modules, "poselib", poselib_3)
     points = np.zeros((5, 2))
     assert relative_pose_of_poselib(points, points, {}, 1.5, {"seed": 3}) == ("pose", {})
-    assert calls == [{"max_error": 1.5, "ransac": {"seed": 3}}]
+    assert relative_pose_of_poselib(points, points, {}, 1.5, {}, "start") == ("pose", {})
+    assert calls == [({"max_error": 1.5, "ransac": {"seed": 3}}, None), ({"max_error": 1.5, "ransac": {}}, "start")]
