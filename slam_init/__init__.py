@@ -18,7 +18,9 @@ if TYPE_CHECKING:
     from slam_init.datasets.opening import open_source
     from slam_init.decision.audit import Audit, AuditVerdict, audit
     from slam_init.errors import CalibrationError, ConfigError, OutputError, SlamInitError, SourceError
+    from slam_init.exports import export
     from slam_init.initializer import Initializer
+    from slam_init.output.colmap import pycolmap_reconstruction
     from slam_init.output.results import load_graph, write_colmap, write_results
     from slam_init.runner import run
     from slam_init.scale.find import find_scale
@@ -62,6 +64,7 @@ __all__ = [
     "Verdict",
     "__version__",
     "audit",
+    "export",
     "find_scale",
     "in_metres",
     "load_camera",
@@ -70,6 +73,7 @@ __all__ = [
     "open_source",
     "parse_scale",
     "prior_camera",
+    "pycolmap_reconstruction",
     "run",
     "write_colmap",
     "write_results",
@@ -100,6 +104,7 @@ _HOMES = {
     "Trajectory": "types.pose",
     "Verdict": "types.reasons",
     "audit": "decision.audit",
+    "export": "exports",
     "find_scale": "scale.find",
     "in_metres": "scale.metric_map",
     "load_camera": "calibration.files",
@@ -108,6 +113,7 @@ _HOMES = {
     "open_source": "datasets.opening",
     "parse_scale": "scale.requests",
     "prior_camera": "calibration.prior",
+    "pycolmap_reconstruction": "output.colmap",
     "run": "runner",
     "write_colmap": "output.results",
     "write_results": "output.results",

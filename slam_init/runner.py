@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import os
 import warnings
+from collections.abc import Collection
 
 from slam_init.calibration.choosing import GivenCamera, camera_of_source
 from slam_init.config import Config, config_toml
 from slam_init.errors import OutputError, SlamInitError, SourceError
-from slam_init.job import Job, reduction_of
+from slam_init.exports import check_formats, stage
+from slam_init.job import Finished, Job, reduction_of
 from slam_init.methods.external_command import is_external
 from slam_init.methods.registry import method_info
 from slam_init.output.folder import OutputFolder
-from slam_init.output.names import INTERRUPTED, OVERVIEW, RECORDING, run_files
+from slam_init.output.names import INTERRUPTED, OVERVIEW, RECORDING, run_files, segment_folder
 from slam_init.output.results import publish_results
 from slam_init.output.summary import Summary
 from slam_init.pictures.overview import overview_png
@@ -41,6 +43,7 @@ def run(
     scale: ScaleRequest | None = None,
     restart: bool = False,
     imu: bool = False,
+    export: Collection[str] = (),
 ) -> tuple[Result, Summary]:
     """Initialize from a source, and write the results.
 
@@ -79,6 +82,8 @@ def run(
         Whether to start anew where a map is lost (:mod:`slam_init.mapping.follower`). The result lists all maps.
     imu : bool
         Whether to use the gyroscope of the source, if it has one (:mod:`slam_init.datasets.gyroscope`).
+    export : collection of str
+        Formats of other tools that the maps are written in as well, as of :func:`slam_init.export`. It needs ``out``.
 
     Returns
     -------
@@ -97,14 +102,16 @@ def run(
     config = config or Config()
     method_info(config.method)  # an unknown method is an error before anything is written
     if is_external(config.method):
-        if restart or scale is not None:
-            raise SlamInitError("--restart and --scale need our own map: leave them out for an external program")
+        if restart or scale is not None or export:
+            raise SlamInitError("--restart, --scale and --export need our own map: leave them out for other programs")
         # Further frames would be read for nothing.
         most = config.external.max_frames
         if max_frames is None or max_frames > most:
             notes = (*notes, f"the external program gets at most {most} frames (external.max_frames)")
         max_frames = min(max_frames or most, most)
+    check_formats(export, source=source)
     camera = camera_of_source(source, camera, start)
+    check_formats(export, camera)
     # The landmarks of an external program are its own.
     described = out is not None and not is_external(config.method)
     job = Job(
@@ -125,6 +132,8 @@ def run(
                 done = job.run(recorder if story is None else Several(recorder, story))
                 recorder.summary(done.summary)
             picture = None if story is None else _drawn(done.result, done.summary, story, truth)
+            if export:
+                _stage_exports(folder, done, export, source)
             toml = config_toml(config)
             publish_results(folder, done.result, done.summary, toml, done.located, picture, done.descriptors)
         except SlamInitError:
@@ -134,6 +143,14 @@ def run(
                 raise KeyboardInterrupt(f"interrupted: {folder.path / INTERRUPTED} shows the run so far") from error
             raise
     return done.result, done.summary
+
+
+def _stage_exports(folder: OutputFolder, done: Finished, export: Collection[str], source: Source) -> None:
+    """Write each map in the formats of other tools, beside its own files."""
+    for number, segment in enumerate(done.result.segments, start=1):
+        stage(folder, f"{segment_folder(number)}/", segment.map, export, source, segment.located)
+    if not done.result.segments and done.result.map is not None:
+        stage(folder, "", done.result.map, export, source, done.located)
 
 
 def _drawn(result: Result, summary: Summary, story: StoryRecorder, truth: Trajectory | None) -> bytes | None:

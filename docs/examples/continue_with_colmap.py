@@ -28,7 +28,7 @@ from slam_init.errors import SlamInitError
 from slam_init.evaluation.metrics import ate_rmse
 from slam_init.initializer import Initializer
 from slam_init.mapping.follower import follow
-from slam_init.output.colmap import colmap_model
+from slam_init.output.colmap import pycolmap_reconstruction
 from slam_init.recording.recorder import Recorder
 from slam_init.types.frame import Frame, Source, length_of
 from slam_init.types.initial_map import InitialMap, Keyframe
@@ -78,7 +78,7 @@ def build_database(map_: InitialMap, frames: Sequence[Frame], work: Path) -> Pat
     (work / "images").mkdir(parents=True)
     for frame in frames:
         cv2.imwrite(str(work / "images" / image_name(frame.index)), frame.image)
-    camera = _camera(map_, work)
+    camera = next(iter(pycolmap_reconstruction(map_).cameras.values()))
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = camera.model_name
     reader.camera_params = camera.params_to_string()
@@ -166,17 +166,6 @@ def _mapped(database: Path, options: Any, started: float, start: Path | None) ->
         matrix = image.cam_from_world().inverse().matrix()
         poses[image.name] = Pose(np.array(matrix[:, :3]), np.array(matrix[:, 3]))
     return Registered(poses, images, largest.num_points3D(), seconds)
-
-
-def _camera(map_: InitialMap, work: Path) -> Any:
-    """The camera of the written model, as COLMAP reads it."""
-    import pycolmap
-
-    folder = work / "ours"
-    folder.mkdir()
-    for name, text in zip(("cameras.txt", "images.txt", "points3D.txt"), colmap_model(map_), strict=True):
-        (folder / name).write_text(text, encoding="utf-8", errors="surrogateescape")
-    return next(iter(pycolmap.Reconstruction(folder).cameras.values()))
 
 
 def image_name(index: int) -> str:

@@ -86,6 +86,12 @@ def add_run(commands: Commands) -> None:
         help="metres by a known length: marker:tag36h11:0.14, board:9x6:0.025, height:1.65[,nadir], "
         "distance:0.25[,I,J] or groundtruth; a length may have a deviation, as in 1.65+-0.02",
     )
+    after.add_argument(
+        "--export",
+        metavar="FORMATS",
+        help="also write the map for other tools: scene (images, COLMAP model and transforms.json for COLMAP, "
+        "nerfstudio, 3DGS), stella (map.msg), mcap (Foxglove), or several: scene,mcap",
+    )
     live = run.add_argument_group("live sources, and a viewer")
     live.add_argument("--no-drop", action="store_true", help="of a live source: let the sender wait, drop no frame")
     live.add_argument(
@@ -123,6 +129,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from slam_init.output.names import run_files
     from slam_init.scale.requests import parse_scale
 
+    arguments.export = arguments.export.split(",") if arguments.export is not None else ()
     if arguments.scale is not None:
         arguments.scale = parse_scale(arguments.scale)
 
@@ -223,5 +230,6 @@ def _run_on(
             scale=arguments.scale,
             restart=arguments.restart,
             imu=arguments.imu,
+            export=arguments.export,
         )
     return summary

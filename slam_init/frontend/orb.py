@@ -58,7 +58,7 @@ def orb_descriptors(image: Image, pixels: Floats) -> tuple[Image, Bools]:
     import cv2
 
     orb = cv2.ORB.create(nlevels=1, edgeThreshold=1, patchSize=_PATCH)
-    angles = _orientations(image, pixels)
+    angles = orientations(image, pixels)
     points = [
         cv2.KeyPoint(float(x), float(y), float(_PATCH), float(angle), 0.0, 0, i)
         for i, ((x, y), angle) in enumerate(zip(pixels, angles, strict=True))
@@ -71,8 +71,11 @@ def orb_descriptors(image: Image, pixels: Floats) -> tuple[Image, Bools]:
     return descriptors, known
 
 
-def _orientations(image: Image, pixels: Floats) -> Floats:
-    """Angles in degrees from each pixel to the centroid of the intensities in a disc about it."""
+def orientations(image: Image, pixels: Floats) -> Floats:
+    """Compute the angles in degrees from each pixel to the centroid of the intensities in a disc about it.
+
+    Shapes: ``image`` (H, W), ``pixels`` (N, 2), returns (N,).
+    """
     half = _PATCH // 2
     padded = np.pad(image, half + 1, mode="reflect")
     y, x = np.mgrid[-half : half + 1, -half : half + 1]

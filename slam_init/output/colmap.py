@@ -1,22 +1,31 @@
-"""Writes the initial map as a COLMAP model in text format, with COLMAP's camera or one that stands for it."""
+"""Writes the initial map as a COLMAP model, with COLMAP's camera or one that stands for it."""
 
 from __future__ import annotations
 
 import math
 import re
+import struct
+import tempfile
 from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from slam_init.errors import plain_line
-from slam_init.types.arrays import Bools, Floats
+from slam_init.errors import SlamInitError, plain_line
+from slam_init.output.names import COLMAP_FILES
+from slam_init.types.arrays import Bools, Floats, Image, Ints
 from slam_init.types.camera import Camera
-from slam_init.types.initial_map import InitialMap
+from slam_init.types.initial_map import InitialMap, Keyframe
+from slam_init.types.pose import Pose
 
 #: COLMAP's models with the same parameters in the same order.
 _SAME_PARAMETERS = {"rational": "FULL_OPENCV", "thin-prism-fisheye": "THIN_PRISM_FISHEYE", "fov": "FOV", "eucm": "EUCM"}
 #: Number of coefficients that COLMAP's models take, where a lens with more radial distortion has one more.
 _COEFFICIENTS = {"fov": 1, "eucm": 2}
+#: COLMAP's number of the model of undistorted images.
+_MODEL_IDS = {"PINHOLE": 1}
 
 
 def colmap_view(camera: Camera) -> tuple[Camera, str]:
@@ -33,7 +42,7 @@ def colmap_view(camera: Camera) -> tuple[Camera, str]:
 
 def colmap_note(camera: Camera) -> str:
     """Tell what a COLMAP model cannot say about a camera."""
-    if camera.model == "equirectangular" and not _is_whole_sphere(camera):
+    if camera.model == "equirectangular" and not is_whole_sphere(camera):
         what = "panoramas of the whole sphere only"
     elif camera.model in ("omni", "double-sphere", "thin-prism"):
         what = f"no {camera.model} model"
@@ -44,7 +53,8 @@ def colmap_note(camera: Camera) -> str:
     return f"COLMAP has {what}: the observations in colmap/ are those of an undistorted PINHOLE camera"
 
 
-def _is_whole_sphere(camera: Camera) -> bool:
+def is_whole_sphere(camera: Camera) -> bool:
+    """Return whether a camera is a panorama that shows each direction once."""
     sphere = (camera.width / (2 * math.pi), camera.height / math.pi)
     centre = ((camera.width - 1) / 2, (camera.height - 1) / 2)
     same_scale = np.allclose((camera.fx, camera.fy), sphere, rtol=1e-4)
@@ -74,8 +84,80 @@ def colmap_camera(camera: Camera) -> tuple[str, list[float]]:
 _LEAST_DEPTH = math.cos(math.radians(80.0))
 
 
-def colmap_model(map_: InitialMap) -> tuple[str, str, str]:
-    """Write a map as a COLMAP text model of the original images.
+@dataclass(frozen=True)
+class ModelImage:
+    """An image of a COLMAP model: ``points`` (N, 2) with COLMAP's pixel centres, and the ids (N,) of their points."""
+
+    name: str
+    cam_from_world: Pose
+    points: Floats
+    point_ids: Ints
+
+
+@dataclass(frozen=True)
+class ModelPoint:
+    """A point of a COLMAP model: ``track`` (N, 2) has the id of an image and the position among its points."""
+
+    id: int
+    xyz: Floats
+    rgb: Image
+    error_px: float
+    track: Ints
+
+
+@dataclass(frozen=True)
+class ColmapModel:
+    """A model with one camera, of id 1. Ids of images begin at 1 in the order of ``images``."""
+
+    camera: Camera
+    note: str
+    images: tuple[ModelImage, ...]
+    points: tuple[ModelPoint, ...]
+
+    def texts(self) -> tuple[str, str, str]:
+        """Write the contents of ``cameras.txt``, ``images.txt`` and ``points3D.txt``."""
+        model, parameters = colmap_camera(self.camera)
+        cameras = (
+            (f"# {self.note}\n" if self.note else "") + "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
+            f"1 {model} {self.camera.width} {self.camera.height} {numbers_text(parameters)}\n"
+        )
+        images = [
+            "# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME",
+            "# X, Y, POINT3D_ID for each of its points",
+        ]
+        for k, image in enumerate(self.images, start=1):
+            pose = numbers_text([*image.cam_from_world.q_wxyz, *image.cam_from_world.t])
+            # A line break in the name of a file would be a line break of the table.
+            name = re.sub("[\r\n]", _escaped, image.name)
+            images.append(f"{k} {pose} 1 {name}")
+            seen = zip(image.points, image.point_ids, strict=True)
+            images.append(" ".join(f"{numbers_text(pixel)} {i}" for pixel, i in seen))
+        points = ["# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"]
+        for point in self.points:
+            rgb, track = (" ".join(map(str, values)) for values in (point.rgb, point.track.ravel()))
+            points.append(f"{point.id} {numbers_text(point.xyz)} {rgb} {numbers_text([point.error_px])} {track}")
+        return cameras, "\n".join(images) + "\n", "\n".join(points) + "\n"
+
+    def binaries(self) -> tuple[bytes, bytes, bytes]:
+        """Write the contents of ``cameras.bin``, ``images.bin`` and ``points3D.bin``. The camera is a pinhole."""
+        model, parameters = colmap_camera(self.camera)
+        size = (self.camera.width, self.camera.height)
+        images, points = [struct.pack("<Q", len(self.images))], [struct.pack("<Q", len(self.points))]
+        for k, image in enumerate(self.images, start=1):
+            pose = (*image.cam_from_world.q_wxyz, *image.cam_from_world.t)
+            seen = np.zeros(len(image.points), [("xy", "<f8", 2), ("id", "<u8")])
+            seen["xy"], seen["id"] = image.points, image.point_ids
+            images += [struct.pack("<I7dI", k, *pose, 1), image.name.encode("utf-8", "surrogateescape") + b"\0"]
+            images += [struct.pack("<Q", len(seen)), seen.tobytes()]
+        for point in self.points:
+            points.append(struct.pack("<Q3d3Bd", point.id, *point.xyz, *point.rgb, point.error_px))
+            points += [struct.pack("<Q", len(point.track)), point.track.astype("<u4").tobytes()]
+        cameras = struct.pack("<QIi2Q4d", 1, 1, _MODEL_IDS[model], *size, *parameters)
+        return cameras, b"".join(images), b"".join(points)
+
+
+def colmap_model(map_: InitialMap, located: Sequence[Keyframe] = ()) -> ColmapModel:
+    """Make a COLMAP model of the original images.
 
     In COLMAP the centre of the first pixel is at (0.5, 0.5), and in this project at (0, 0). Therefore half a pixel is
     added to the principal point and to each observation. Ids begin at 1: images in the order of the keyframes, points
@@ -84,20 +166,14 @@ def colmap_model(map_: InitialMap) -> tuple[str, str, str]:
     Some lenses have no model in COLMAP (:func:`~slam_init.output.colmap.colmap_note`). Their observations are
     those of a pinhole camera, so the model is one of images that are undistorted to it. COLMAP's models on the plane
     z = 1 have no place for rays at 89 degrees or more from the optical axis. Those observations are left out, and so
-    are points that less than two images still observe.
+    are points that less than two images observe.
 
     * ``map_``: Its camera is that of the original images, with the adjusted focal length.
-    * Returns ``cameras, images, points``: Contents of ``cameras.txt``, ``images.txt``, ``points3D.txt``.
+    * ``located``: Further frames. They follow the keyframes, and observe no points.
     """
     camera, note = colmap_view(map_.camera)
     all_pixels, used = _observations(map_, camera)
-    model, parameters = colmap_camera(camera)
-    cameras = (
-        (f"# {note}\n" if note else "") + "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
-        f"1 {model} {camera.width} {camera.height} {numbers_text(parameters)}\n"
-    )
-
-    images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# X, Y, POINT3D_ID for each of its points"]
+    images = []
     errors_px = np.zeros(len(map_.observation_landmarks))
     positions = np.zeros(len(map_.observation_landmarks), int)  # of an observation among those of its image
     for k, keyframe in enumerate(map_.keyframes):
@@ -107,40 +183,64 @@ def colmap_model(map_: InitialMap) -> tuple[str, str, str]:
         projected = camera.project(cam_from_world.apply(map_.points[landmarks]))
         errors_px[rows] = np.linalg.norm(projected - pixels, axis=1)
         positions[rows] = np.arange(len(rows))
-        pose = numbers_text([*cam_from_world.q_wxyz, *cam_from_world.t])
-        # A line break in the name of a file would be a line break of the table.
-        name = re.sub("[\r\n]", _escaped, keyframe.name)
-        images.append(f"{k + 1} {pose} 1 {name}")
-        images.append(
-            " ".join(f"{numbers_text(pixel)} {i + 1}" for pixel, i in zip(pixels + 0.5, landmarks, strict=True))
-        )
+        images.append(ModelImage(keyframe.name, cam_from_world, pixels + 0.5, landmarks + 1))
+    nothing = np.zeros((0, 2)), np.zeros(0, int)
+    images += [ModelImage(one.name, one.world_from_cam.inverse(), *nothing) for one in located]
 
-    points = ["# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"]
+    points = []
     order = np.argsort(map_.observation_landmarks, kind="stable")
     starts = np.searchsorted(map_.observation_landmarks[order], np.arange(len(map_.points) + 1))
     for i, (xyz, rgb) in enumerate(zip(map_.points, map_.colors, strict=True)):
         rows = order[starts[i] : starts[i + 1]]
         rows = rows[used[rows]]
-        if map_.camera.lens is not None and len(rows) < 2:
-            continue
-        track = " ".join(f"{map_.observation_keyframes[j] + 1} {positions[j]}" for j in rows)
-        error = numbers_text([float(np.mean(errors_px[rows]))])
-        points.append(f"{i + 1} {numbers_text(xyz)} {' '.join(map(str, rgb))} {error} {track}")
-    return cameras, "\n".join(images) + "\n", "\n".join(points) + "\n"
+        if len(rows) >= 2:
+            track = np.column_stack([map_.observation_keyframes[rows] + 1, positions[rows]])
+            points.append(ModelPoint(i + 1, xyz, rgb, float(np.mean(errors_px[rows])), track))
+    return ColmapModel(camera, note, tuple(images), tuple(points))
+
+
+def pycolmap_reconstruction(map_: InitialMap, located: Sequence[Keyframe] = ()) -> Any:
+    """Give a map as a ``pycolmap.Reconstruction`` in memory.
+
+    Parameters
+    ----------
+    map_ : InitialMap
+    located : sequence of Keyframe
+        Further frames, whose images observe no points.
+
+    Returns
+    -------
+    pycolmap.Reconstruction
+        Of the original images, with half a pixel added as COLMAP's pixel centres ask. Image k + 1 is keyframe k, point
+        i + 1 is landmark i.
+
+    Raises
+    ------
+    SlamInitError
+        If pycolmap is not installed.
+    """
+    try:
+        import pycolmap
+    except ImportError:
+        raise SlamInitError('pycolmap is not installed: pip install ".[colmap]"') from None
+    with tempfile.TemporaryDirectory() as folder:  # its reader is the one interface that all versions have
+        for name, text in zip(COLMAP_FILES, colmap_model(map_, located).texts(), strict=True):
+            Path(folder, Path(name).name).write_bytes(text.encode("utf-8", "surrogateescape"))
+        return pycolmap.Reconstruction(folder)
 
 
 def _observations(map_: InitialMap, camera: Camera) -> tuple[Floats, Bools]:
     """Pixels (M, 2) of the observations in the camera that is written, and which of them (M,) it has."""
     pixels, lens = map_.observation_pixels, map_.camera.lens
-    if lens is None:
-        return pixels, np.ones(len(pixels), bool)
-    rays = map_.camera.bearings(pixels)
-    used: Bools = np.asarray(np.isfinite(rays).all(axis=1))
-    if camera.model == "pinhole":
-        used &= np.nan_to_num(rays[:, 2]) > _LEAST_DEPTH
-        pixels = camera.project(np.where(used[:, None], rays, [0.0, 0.0, 1.0]))
-    elif camera.model != "equirectangular":
-        used &= np.isfinite(map_.camera.normalize(pixels)).all(axis=1)
+    used: Bools = np.ones(len(pixels), bool)
+    if lens is not None:
+        rays = map_.camera.bearings(pixels)
+        used = np.asarray(np.isfinite(rays).all(axis=1))
+        if camera.model == "pinhole":
+            used &= np.nan_to_num(rays[:, 2]) > _LEAST_DEPTH
+            pixels = camera.project(np.where(used[:, None], rays, [0.0, 0.0, 1.0]))
+        elif camera.model != "equirectangular":
+            used &= np.isfinite(map_.camera.normalize(pixels)).all(axis=1)
     counts = np.bincount(map_.observation_landmarks[used], minlength=len(map_.points))
     return pixels, np.asarray(used & (counts[map_.observation_landmarks] >= 2))
 

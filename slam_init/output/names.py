@@ -16,6 +16,17 @@ INTERRUPTED = "interrupted.rrd"
 OVERVIEW = "overview.png"
 #: End of the name of a recording until it is complete.
 UNFINISHED = ".partial.rrd"
+#: The folder of the scene that COLMAP, nerfstudio and Gaussian splatting open, and its files beside the images.
+SCENE = "scene"
+SCENE_FILES = (
+    *(f"sparse/0/{name}.bin" for name in ("cameras", "images", "points3D")),
+    "transforms.json",
+    "points.ply",
+)
+#: The map for stella_vslam, and for Foxglove.
+STELLA, MCAP = "map.msg", "map.mcap"
+#: What ``--export`` writes, by its names.
+EXPORTS = {"scene": tuple(f"{SCENE}/{name}" for name in SCENE_FILES), "stella": (STELLA,), "mcap": (MCAP,)}
 #: The files of a map. A run that starts anew after a loss writes them to a folder for each map.
 MAP_FILES = (
     "trajectory.txt",
@@ -26,6 +37,7 @@ MAP_FILES = (
     "handover.npz",
     "transforms.json",
     "continued.txt",
+    *(name for names in EXPORTS.values() for name in names),
 )
 #: All files that a run with one map can write.
 RUN_FILES = (*MAP_FILES, "config.toml", OVERVIEW, RECORDING, INTERRUPTED, "summary.json")

@@ -30,9 +30,10 @@ def opengl_matrix(world_from_cam: Pose) -> Floats:
     return matrix
 
 
-def transforms_text(map_: InitialMap, located: Sequence[Keyframe] = ()) -> str | None:
+def transforms_text(map_: InitialMap, located: Sequence[Keyframe] = (), points: str = "map.ply") -> str | None:
     """Write the keyframes, and the frames that were located after the initialization.
 
+    * ``points``: Name of the file of the landmarks.
     * Returns: JSON with a final newline; None where nerfstudio has no such camera model.
     """
     camera = _camera(map_.camera)
@@ -43,7 +44,7 @@ def transforms_text(map_: InitialMap, located: Sequence[Keyframe] = ()) -> str |
         {"file_path": f"images/{keyframe.name}", "transform_matrix": opengl_matrix(keyframe.world_from_cam).tolist()}
         for _, keyframe in keyframes
     ]
-    return json.dumps(camera | {"ply_file_path": "map.ply", "frames": frames}, indent=1) + "\n"
+    return json.dumps(camera | {"ply_file_path": points, "frames": frames}, indent=1) + "\n"
 
 
 def _camera(camera: Camera) -> dict[str, Json] | None:

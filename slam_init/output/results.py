@@ -10,6 +10,7 @@ A folder holds exactly one run. A run with one map::
     handover.npz                the map as arrays for another system (slam_init.output.handover)
     transforms.json             the cameras for nerfstudio, in the axes of OpenGL
     continued.txt               TUM format: world_from_cam of the frames that were located after the initialization
+    scene/, map.msg, map.mcap   with ``--export``: the map for other tools (slam_init.exports)
     config.toml                 the resolved configuration
     overview.png                the run in one picture
     recording.rrd               the recording
@@ -37,9 +38,9 @@ import numpy as np
 
 from slam_init.errors import OutputError, SourceError
 from slam_init.output.colmap import colmap_model, numbers_text
-from slam_init.output.folder import OutputFolder, output_error
+from slam_init.output.folder import OutputFolder, output_error, staged_names
 from slam_init.output.handover import handover_bytes
-from slam_init.output.names import COLMAP_FILES, OVERVIEW, RECORDING, run_files, segment_folder
+from slam_init.output.names import COLMAP_FILES, OVERVIEW, run_files, segment_folder
 from slam_init.output.nerfstudio import transforms_text
 from slam_init.output.summary import Summary, summary_of, summary_text
 from slam_init.system.regular_file import read_regular
@@ -110,7 +111,7 @@ def publish_results(
     overview: bytes | None = None,
     descriptors: Sequence[tuple[Image, Bools]] = (),
 ) -> None:
-    """Write all results, and replace those of the earlier run by them and by the staged recording.
+    """Write all results, and replace those of the earlier run by them and by what is staged.
 
     Shapes: ``descriptors`` (L, 32).
 
@@ -123,7 +124,8 @@ def publish_results(
 
 
 def publish_files(folder: OutputFolder, files: Mapping[str, bytes]) -> None:
-    """Write files by name to the staging folder, and replace the earlier results by them and the staged recording."""
+    """Write files by name to the staging folder, and replace the earlier results by all files that are there."""
+    staged = staged_names(folder)
     try:
         for name, content in files.items():
             path = folder.staging / name
@@ -131,8 +133,7 @@ def publish_files(folder: OutputFolder, files: Mapping[str, bytes]) -> None:
             path.write_bytes(content)
     except OSError as error:
         raise output_error(folder.path, error) from error
-    recording = [RECORDING] if (folder.staging / RECORDING).exists() else []
-    folder.publish([*recording, *files], remove=folder.files)
+    folder.publish([*staged, *files], remove=folder.files)
 
 
 def _contents(
@@ -167,7 +168,7 @@ def map_files(
     files |= {
         # The file system allows names of images that are not Unicode; the bytes are written unchanged.
         name: text.encode("utf-8", "surrogateescape")
-        for name, text in zip(COLMAP_FILES, colmap_model(map_), strict=True)
+        for name, text in zip(COLMAP_FILES, colmap_model(map_).texts(), strict=True)
     }
     files[_GRAPH] = map_.graph.serialize().encode()
     files[_VALUES] = map_.values.serialize().encode()
@@ -302,5 +303,5 @@ def write_colmap(map_: InitialMap, folder: str | os.PathLike[str]) -> None:
     """
     names = [name.rpartition("/")[2] for name in COLMAP_FILES]
     with OutputFolder(folder, "colmap", names) as out:
-        texts = colmap_model(map_)
+        texts = colmap_model(map_).texts()
         publish_files(out, {n: t.encode("utf-8", "surrogateescape") for n, t in zip(names, texts, strict=True)})

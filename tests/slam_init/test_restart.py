@@ -86,7 +86,7 @@ def cut(tmp_path_factory):
     """A run over a video with a cut at frame 14."""
     source = synth("room", width=240, height=180, frames=28, cut=14, slow_start=1)
     out = tmp_path_factory.mktemp("cut") / "out"
-    result, summary = run(source, source.camera, Config(), out=out, restart=True)
+    result, summary = run(source, source.camera, Config(), out=out, restart=True, export=["scene"])
     return source, result, summary, out
 
 
@@ -114,6 +114,8 @@ def test_each_map_has_a_folder_and_the_summary_lists_them(cut):
         folder = out / f"segment-{number:03d}"
         assert len(np.loadtxt(folder / "trajectory.txt")) == len(segment.map.keyframes)
         assert len(np.loadtxt(folder / "continued.txt")) == len(segment.located)
+        views = {one.frame for one in (*segment.map.keyframes, *segment.located)}
+        assert len(list((folder / "scene" / "images").iterdir())) == len(views)
         graph, values = load_graph(folder)
         assert graph.error(values) == pytest.approx(segment.map.graph.error(segment.map.values), rel=1e-6)
     with pytest.raises(SourceError, match="segment-001"):

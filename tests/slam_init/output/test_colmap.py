@@ -14,7 +14,7 @@ from slam_init.output.names import COLMAP_FILES
 
 def read_by_colmap(folder, map_):
     """The model of a map, written and read back by COLMAP."""
-    for name, text in zip(COLMAP_FILES, colmap_model(map_), strict=True):
+    for name, text in zip(COLMAP_FILES, colmap_model(map_).texts(), strict=True):
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_text(text)
     return pycolmap.Reconstruction(folder / "colmap")

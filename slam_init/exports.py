@@ -1,0 +1,139 @@
+"""Maps in the formats of other tools: scenes with their images, stella_vslam's map, recordings in MCAP."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from importlib.util import find_spec
+
+import numpy as np
+
+from slam_init.datasets.track_source import TrackSource
+from slam_init.errors import SlamInitError, SourceError
+from slam_init.frontend.orb import orb_descriptors, orientations
+from slam_init.output.folder import OutputFolder, output_error, staged_names
+from slam_init.output.mcap import mcap_bytes
+from slam_init.output.names import EXPORTS, MCAP, SCENE, STELLA
+from slam_init.output.scene import Undistortion, image_name, png, scene_files
+from slam_init.output.stella import Described, stella_bytes, stella_camera
+from slam_init.types.arrays import Image
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame, Source
+from slam_init.types.initial_map import InitialMap, Keyframe
+
+#: The formats that need the images of the map.
+_WITH_IMAGES = {"scene", "stella"}
+#: The packages that write a format.
+_PACKAGES = {"stella": "msgpack", "mcap": "rosbags"}
+
+
+def export(
+    map_: InitialMap,
+    folder: str | os.PathLike[str],
+    formats: Collection[str] = ("scene",),
+    images: Source | Mapping[int, Image] | None = None,
+    located: Sequence[Keyframe] = (),
+) -> None:
+    """Write a map in the formats of other tools: either all files are replaced, or none.
+
+    Parameters
+    ----------
+    map_ : InitialMap
+    folder : str or path
+        A folder that is new, empty, or was written by an earlier call.
+    formats : collection of str
+        ``scene`` (COLMAP, nerfstudio, Gaussian splatting), ``stella``, ``mcap``: see ``docs/going-on.md``.
+    images : Source or mapping of int to (H, W) or (H, W, 3) array_like, optional
+        The images of the keyframes and of the located frames, by absolute index: grey or BGR, as the initializer got
+        them. A source is read again. ``mcap`` needs none.
+    located : sequence of Keyframe
+        Further frames with known poses.
+
+    Raises
+    ------
+    SlamInitError
+        If a format is unknown or cannot hold the map, an image is missing, or a file cannot be written.
+    """
+    check_formats(formats, map_.camera)
+    with OutputFolder(folder, "export", [name for one in formats for name in EXPORTS[one]]) as out:
+        stage(out, "", map_, formats, images, located)
+        out.publish(staged_names(out), remove=out.files)
+
+
+def check_formats(formats: Collection[str], camera: Camera | None = None, source: Source | None = None) -> None:
+    """Refuse, before any work, formats that are unknown, or that cannot hold a map of this camera and source."""
+    for one in formats:
+        if one not in EXPORTS:
+            raise SlamInitError(f"unknown format {one!r:.40} of an export: use {', '.join(EXPORTS)}")
+        if one in _PACKAGES and find_spec(_PACKAGES[one]) is None:
+            raise SlamInitError(f'the export {one} needs {_PACKAGES[one]}: pip install ".[export]"')
+    if camera is not None and "stella" in formats and stella_camera(camera) is None:
+        raise SlamInitError(f"stella_vslam has no {camera.model} lens: leave stella out of the export")
+    again = sorted(_WITH_IMAGES.intersection(formats))
+    if again and source is not None and source.kind == "live":
+        raise SlamInitError(f"the export {again[0]} reads the images again, and a live source is gone: record it first")
+    if again and isinstance(source, TrackSource) and source.pictures is None:
+        raise SlamInitError(f"the export {again[0]} needs images: name them by --images")
+
+
+def stage(
+    out: OutputFolder,
+    prefix: str,
+    map_: InitialMap,
+    formats: Collection[str],
+    images: Source | Mapping[int, Image] | None,
+    located: Sequence[Keyframe] = (),
+) -> None:
+    """Write the files of a map to the staging folder.
+
+    * ``prefix``: Of the names of all files.
+    """
+    files: dict[str, bytes] = {}
+    views = {one.frame: one for one in (*located, *map_.keyframes)}
+    keyframes = [one.frame for one in map_.keyframes]
+    undistortion = Undistortion.of(map_.camera)
+    described: dict[int, Described] = {}
+    try:
+        if _WITH_IMAGES.intersection(formats):
+            wanted = views if "scene" in formats else keyframes
+            for frame in _frames(images, wanted):
+                if "scene" in formats:
+                    name = f"{prefix}{SCENE}/images/{image_name(frame.index)}"
+                    _put(out, name, png(undistortion.image(frame.image)))
+                if "stella" in formats and frame.index in keyframes:
+                    pixels = map_.observation_pixels[map_.observation_keyframes == keyframes.index(frame.index)]
+                    descriptors, known = orb_descriptors(frame.gray, pixels)
+                    described[frame.index] = (descriptors, orientations(frame.gray, pixels), known)
+        if "scene" in formats:
+            files |= scene_files(map_, [one for one in views.values() if one.frame not in keyframes], undistortion)
+        if "stella" in formats:
+            files[STELLA] = stella_bytes(map_, [described[frame] for frame in keyframes])
+        if "mcap" in formats:
+            files[MCAP] = mcap_bytes(map_, located)
+        for name, content in files.items():
+            _put(out, f"{prefix}{name}", content)
+    except OSError as error:
+        raise output_error(out.path, error) from error
+
+
+def _put(out: OutputFolder, name: str, content: bytes) -> None:
+    path = out.staging / name
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content)
+
+
+def _frames(images: Source | Mapping[int, Image] | None, wanted: Collection[int]) -> Iterator[Frame]:
+    """The frames of some indices, in order."""
+    missing = set(wanted)
+    found: Iterator[Frame] = iter(())
+    if isinstance(images, Mapping):
+        found = (Frame(i, 0.0, image_name(i), np.asarray(images[i])) for i in sorted(missing) if i in images)
+    elif images is not None:
+        found = (frame for frame in images.frames(start=min(missing)))
+    for frame in found:
+        if frame.index in missing:
+            missing.remove(frame.index)
+            yield frame
+        if not missing:
+            return
+    raise SourceError(f"the export needs the image of frame {min(missing)}: give the images of all frames of the map")
