@@ -1,26 +1,39 @@
 """The pose of two views of one camera whose focal length is not known.
 
-The focal length is the one at which the matches are most probable: a sweep over a range, and a search for the maximum
-about the best. At each focal length the motion is the best for it. The likelihood is that of the choice between modes
-(:mod:`quest.robust.kernels.mixture`), in pixels, so that it is comparable between focal lengths.
+A sweep over focal lengths proposes motions. The best of them are refined together with the focal length, and the most
+probable one wins. At its focal length a full search follows, whose motion is refined in the same way.
+
+All focal lengths are compared by the Sampson errors in the image ::
+
+    r = x2^T F x1 / |the derivatives of the numerator by both pixels|,    F = diag(1, 1, f) E diag(1, 1, f)
+
+and not by the angles of the rays: off the axis a pixel is a smaller angle where the focal length is smaller, so that by
+angles short focal lengths explain more matches. Compared by angles, 500 matches with 0.7 px of noise gave focal lengths
+that were off by 3.6 to 5.4 % in the median and poses within 5 degrees in 84 to 89 %; by pixels it is 1.2 to 2.7 % and
+97 to 100 %. The likelihood is that of the choice between modes (:mod:`quest.noise`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from math import inf, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quest.errors import InputError, as_floats, as_positive
 from quest.estimate import estimate_relative_pose, refine_relative_pose
-from quest.noise import GATE_SIGMAS, log_likelihood, refine_with_noise
-from quest.relative_pose import NoPose, PoseEvidence, RelativePose
+from quest.geometry.quaternion import quaternion_from_matrix, rotation_from_vector
+from quest.geometry.refine import tangent_basis
+from quest.noise import KERNEL_SIGMAS, likelihoods
+from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
 from quest.robust.pose_problem import PoseProblem
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 #: Distance of the farthest point from the principal point, in each image: from a pixel to a million, more than any
 #: decoder gives.
 _REACH_PX = (1.0, 1e6)
@@ -30,10 +43,27 @@ _REACH_PX = (1.0, 1e6)
 _SWEEP = np.geomspace(0.5, 6.0, 15)
 #: Samples of a focal length of the sweep.
 _SAMPLES = 512
-#: Steps of the golden section: from a fifth of the focal length to a thousandth.
-_STEPS = 12
-#: First step of the second difference, in the logarithm of the focal length.
-_DIFFERENCE = 0.02
+#: Number of motions of the sweep that are refined.
+_REFINED = 4
+#: Gate of the first refinement, in thresholds: a motion that was found at another focal length misses its own matches
+#: by a little. Number of steps of a refinement.
+_GATE, _STEPS = 3.0, 15
+#: Number of refinements with the noise that the residuals show: the second has the residuals of the right motion.
+_WITH_NOISE = 2
+#: Smallest threshold: the rounding errors of a coordinate of a million pixels.
+_ROUNDING_PX = 1e-9
+#: Smallest noise in thresholds, as of :func:`quest.noise.refine_with_noise`.
+_LEAST_NOISE = 1e-3
+#: The refinement ends where a step raises the logarithm of the likelihood by less. At the maximum a hundredth of a
+#: standard deviation is half of that.
+_SETTLED = 1e-4
+#: Largest step of an unknown: in radians, or of the logarithm of the focal length.
+_LONGEST_STEP = 0.3
+#: Smallest ratio of the eigenvalues of the information, scaled to a diagonal of ones, with which it tells the focal
+#: length: rounding errors of the derivatives are smaller by a thousand.
+_LEAST_INFORMATION = 1e-11
+#: (3, 3, 3) The matrices of the cross products with the three axes.
+_CROSS = np.cross(np.eye(3)[None], np.eye(3)[:, None])
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,70 +115,164 @@ def estimate_shared_focal(
     """
     centred1, centred2 = _centred(points1, points2, principal_point)
     threshold_px = as_positive(threshold_px, "threshold_px", "a positive number of pixels")
-    size_px = float(np.sqrt(max(np.sum(centred1**2, axis=1).max(), np.sum(centred2**2, axis=1).max())))
-
-    def problem(focal_px: float) -> PoseProblem:
-        both = (np.column_stack([centred / focal_px, np.ones(len(centred))]) for centred in (centred1, centred2))
-        m, n = (rays / np.linalg.norm(rays, axis=1, keepdims=True) for rays in both)
-        return PoseProblem(m, n, threshold_px / focal_px)
-
-    start = _sweep(problem, size_px, seed)
-    if isinstance(start, NoPose):
-        return start
-    focal_px, first = start
-
-    def refined(log_focal: float) -> tuple[float, Floats]:
-        at = problem(float(np.exp(log_focal)))
-        model, _ = refine_with_noise(at, first)
-        return log_likelihood(at, model), model
-
-    step = float(np.log(_SWEEP[1] / _SWEEP[0]))
-    log_focal = float(np.log(focal_px))
-    log_focal = _maximum(lambda value: refined(value)[0], log_focal - step, log_focal + step)
-    focal_px, model = float(np.exp(log_focal)), refined(log_focal)[1]
-    at = problem(focal_px)
-    pose = refine_relative_pose(at.m, at.n, (model[:4], model[4:]), threshold_rad=at.threshold_rad, seed=seed)
+    pixels = _Pixels(centred1, centred2, threshold_px)
+    motions: list[_Motion] = []
+    evidence = PoseEvidence(len(centred1))
+    for focal_px in (pixels.size_px * _SWEEP).tolist():
+        found = pixels.search(focal_px, seed, _SAMPLES)
+        evidence = found.evidence
+        if isinstance(found, NoPose) and found.reason == "too_few_matches":
+            return found
+        motions += pixels.motions_of(found, focal_px)
+    if not motions:
+        return NoPose("no_consistent_motion", evidence)
+    motions.sort(key=lambda motion: -motion.log_likelihood)
+    best = max(map(pixels.refined, motions[:_REFINED]), key=lambda motion: motion.log_likelihood)
+    found = pixels.search(best.focal_px, seed, start=best)
+    again = map(pixels.refined, pixels.motions_of(found, best.focal_px))
+    best = max(best, *again, key=lambda motion: motion.log_likelihood)
+    at = pixels.problem(best.focal_px)
+    pose = refine_relative_pose(at.m, at.n, (best.R, best.t), threshold_rad=at.threshold_rad, seed=seed)
     if isinstance(pose, NoPose):
         return pose
     if pose.kind == "rotation":
         return NoPose("no_consistent_motion", pose.evidence)
-    return SharedFocal(focal_px, focal_px * _sigma_of_log(problem, log_focal, model, pose), pose)
+    return SharedFocal(best.focal_px, best.focal_px * pixels.sigma_of_log(best.focal_px, pose), pose)
 
 
-def _sweep(problem: Callable[[float], PoseProblem], size_px: float, seed: int) -> tuple[float, Floats] | NoPose:
-    """The focal length of the sweep with the most probable motion, and this motion (q_wxyz, t)."""
-    best: tuple[float, Floats] | None = None
-    score, evidence = -inf, PoseEvidence(len(problem(size_px)))
-    for focal_px in (size_px * _SWEEP).tolist():
-        at = problem(focal_px)
-        found = estimate_relative_pose(at.m, at.n, threshold_rad=at.threshold_rad, seed=seed, max_samples=_SAMPLES)
-        evidence = found.evidence
-        if isinstance(found, NoPose):
-            if found.reason == "too_few_matches":
-                return found
-            continue
-        if found.kind == "rotation":
-            continue
-        model = np.concatenate([found.q_wxyz, found.t])
-        value = log_likelihood(at, model)
-        if value > score:
-            best, score = (focal_px, model), value
-    return NoPose("no_consistent_motion", evidence) if best is None else best
+class _Motion(NamedTuple):
+    """A motion R (3, 3), t (3,), the focal length, and the logarithm of their likelihood."""
+
+    R: Floats
+    t: Floats
+    focal_px: float
+    log_likelihood: float = -inf
 
 
-def _sigma_of_log(
-    problem: Callable[[float], PoseProblem], log_focal: float, model: Floats, pose: RelativePose
-) -> float:
-    """Standard deviation of the logarithm of the focal length; infinite where the residuals do not depend on it."""
-    noise_px = pose.noise_rad * float(np.exp(log_focal))
+class _Pixels:
+    """Matched pixels (N, 2) relative to the principal point, and what a motion and a focal length make of them."""
 
-    def squares(value: float) -> float:
-        at, noise_rad = problem(float(np.exp(value))), noise_px / float(np.exp(value))
-        r2 = at.residuals(at.refine(model, pose.inliers, GATE_SIGMAS * noise_rad))
-        return float(np.sum(np.minimum(r2[pose.inliers] / noise_rad**2, GATE_SIGMAS**2)))
+    def __init__(self, centred1: Floats, centred2: Floats, threshold_px: float) -> None:
+        self.x1, self.x2 = (np.column_stack([centred, np.ones(len(centred))]) for centred in (centred1, centred2))
+        self.threshold_px = max(threshold_px, _ROUNDING_PX)
+        self.size_px = sqrt(max(float(np.sum(one**2, axis=1).max()) for one in (centred1, centred2)))
 
-    curvature = (squares(log_focal + _DIFFERENCE) + squares(log_focal - _DIFFERENCE) - 2 * squares(log_focal)) / 2
-    return _DIFFERENCE / sqrt(curvature) if curvature > 0 else inf
+    def problem(self, focal_px: float) -> PoseProblem:
+        """The matches as rays, by a focal length."""
+        rays = (x / (focal_px, focal_px, 1.0) for x in (self.x1, self.x2))
+        m, n = (ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays)
+        return PoseProblem(m, n, self.threshold_px / focal_px)
+
+    def search(
+        self, focal_px: float, seed: int, max_samples: int = 50_000, start: _Motion | None = None
+    ) -> RelativePose | NoPose:
+        """Search for the motion of a focal length."""
+        at, initial_pose = self.problem(focal_px), None if start is None else (start.R, start.t)
+        return estimate_relative_pose(
+            at.m, at.n, threshold_rad=at.threshold_rad, seed=seed, max_samples=max_samples, initial_pose=initial_pose
+        )
+
+    def motions_of(self, found: RelativePose | NoPose, focal_px: float) -> list[_Motion]:
+        """The pose that was found and its alternatives; none where it has no translation."""
+        if isinstance(found, NoPose) or found.kind == "rotation":
+            return []
+        poses: list[RelativePose | Hypothesis] = [found, *found.alternatives]
+        return [self._with_likelihood(_Motion(one.R, one.t, focal_px)) for one in poses]
+
+    def refined(self, motion: _Motion) -> _Motion:
+        """Refine the motion and the focal length, within the range of the sweep.
+
+        First by the likelihood, for which no scale is known, within a wide gate. Its peak at zero leaves the precision
+        to the few smallest residuals, so that the noise of all residuals gives the last weights.
+        """
+        gate_px = _GATE * self.threshold_px
+        motion = self._climb(motion, lambda r: likelihoods(r / gate_px))
+        for _ in range(_WITH_NOISE):
+            r = np.abs(self._derivatives(motion, self._in_front(motion))[0])
+            near = r[r < self.threshold_px]
+            if len(near) == 0:
+                break
+            # 1.4826 times the median absolute deviation is the deviation of a Gaussian.
+            noise_px = 1.4826 * float(np.median(near))
+            motion = self._climb(motion, partial(_fading, noise_px=max(noise_px, _LEAST_NOISE * self.threshold_px)))
+        return self._with_likelihood(motion)
+
+    def _climb(self, motion: _Motion, loss: Callable[[Floats], tuple[Floats, Floats]]) -> _Motion:
+        """Damped steps of re-weighted least squares; ``loss`` gives the values of residuals in pixels, and weights."""
+        use = self._in_front(motion)
+        low_px, high_px = self.size_px * _SWEEP[0], self.size_px * _SWEEP[-1]
+        r, J = self._derivatives(motion, use)
+        (values, weights), damping = loss(r), 1e-4
+        for _ in range(_STEPS):
+            A, g = J.T @ (J * weights[:, None]), J.T @ (weights * r)
+            A[np.diag_indices(6)] += damping * np.diag(A) + 1e-12 * np.trace(A)
+            step = -np.linalg.solve(A, g) if np.trace(A) > 0 else np.zeros(6)
+            step /= max(1.0, float(np.abs(step).max()) / _LONGEST_STEP)
+            t = motion.t + tangent_basis(motion.t) @ step[3:5]
+            focal_px = min(max(motion.focal_px * float(np.exp(step[5])), low_px), high_px)
+            moved = _Motion(rotation_from_vector(step[:3]) @ motion.R, t / np.linalg.norm(t), focal_px)
+            r_new, J_new = self._derivatives(moved, use)
+            values_new, weights_new = loss(r_new)
+            gain = float(values_new.sum() - values.sum())
+            if gain >= 0:
+                motion, r, J, values, weights, damping = moved, r_new, J_new, values_new, weights_new, 0.1 * damping
+                if gain < _SETTLED:
+                    break
+            else:
+                damping = max(10 * damping, 1e-6)
+        return motion
+
+    def sigma_of_log(self, focal_px: float, pose: RelativePose) -> float:
+        """Standard deviation of the logarithm of the focal length; infinite where the residuals do not tell it.
+
+        The residuals need not have one scale: the points at the border of a wide image have larger errors.
+
+        H. White, "A heteroskedasticity-consistent covariance matrix estimator", Econometrica 48, 1980.
+        """
+        r, J = self._derivatives(_Motion(pose.R, pose.t, focal_px), pose.inliers)
+        scale = np.linalg.norm(J, axis=0)
+        if len(r) <= len(scale) or not (scale > 0).all():
+            return inf
+        values, vectors = np.linalg.eigh((J / scale).T @ (J / scale))
+        if values[0] < _LEAST_INFORMATION * values[-1]:
+            return inf
+        influence = (J / scale) @ (vectors @ (vectors[5] / values))
+        return sqrt(float(np.sum((influence * r) ** 2)) * len(r) / (len(r) - len(scale))) / float(scale[5])
+
+    def _with_likelihood(self, motion: _Motion) -> _Motion:
+        r, _ = self._derivatives(motion, self._in_front(motion))
+        return motion._replace(log_likelihood=float(likelihoods(r / self.threshold_px)[0].sum()))
+
+    def _in_front(self, motion: _Motion) -> Bools:
+        """Whether each match lies in front of both cameras."""
+        model = np.concatenate([quaternion_from_matrix(motion.R), motion.t])
+        return np.isfinite(self.problem(motion.focal_px).residuals(model))
+
+    def _derivatives(self, motion: _Motion, use: Bools) -> tuple[Floats, Floats]:
+        """Sampson errors (N,) of some matches in pixels, and their derivatives (N, 6).
+
+        The unknowns are those of :func:`quest.geometry.refine.sampson_jacobian`, and the logarithm of the focal length.
+        """
+        D = np.array([1.0, 1.0, motion.focal_px])
+        across_t = np.tensordot(np.column_stack([motion.t, tangent_basis(motion.t)]), _CROSS, (0, 0)) @ motion.R
+        E = np.array([across_t[0], *(across_t[0] @ motion.R.T @ _CROSS @ motion.R), *across_t[1:], across_t[0]])
+        F = E * np.outer(D, D)
+        F[6] *= np.add.outer((0, 0, 1), (0, 0, 1))
+        x1, x2 = self.x1[use], self.x2[use]
+        lines2, lines1 = x1 @ F.transpose(0, 2, 1), x2 @ F[:, :, :2]
+        e = np.einsum("kij,ij->ki", lines2, x2)
+        gradient = np.concatenate([lines2[:, :, :2], lines1], axis=2)
+        # Where both points are epipoles, the gradient is zero, and the match has no information.
+        norm2 = np.maximum(np.sum(gradient[0] ** 2, axis=1), 1e-300)
+        by_norm = np.einsum("ij,kij->ki", gradient[0], gradient[1:]) / norm2
+        r, J = e[0] / np.sqrt(norm2), e[1:] / np.sqrt(norm2)
+        return r, (J - r * by_norm).T
+
+
+def _fading(r: Floats, noise_px: float) -> tuple[Floats, Floats]:
+    """The kernel of Geman and McClure for residuals in pixels: less half of the sum of squares, and the weights."""
+    share = 1 / (1 + (r / (KERNEL_SIGMAS * noise_px)) ** 2)
+    return -0.5 * share * (r / noise_px) ** 2, share**2 / noise_px**2
 
 
 def _centred(points1: ArrayLike, points2: ArrayLike, principal_point: ArrayLike) -> tuple[Floats, Floats]:
@@ -165,18 +289,3 @@ def _centred(points1: ArrayLike, points2: ArrayLike, principal_point: ArrayLike)
     if not _REACH_PX[0] <= min(reach_px) <= max(reach_px) <= _REACH_PX[1]:
         raise InputError(f"the points lie up to {max(reach_px):.3g} px from the principal point: give pixels of images")
     return centred1, centred2
-
-
-def _maximum(function: Callable[[float], float], low: float, high: float) -> float:
-    """The maximum of a function of one number, by the golden section."""
-    share = (sqrt(5) - 1) / 2
-    places = [high - share * (high - low), low + share * (high - low)]
-    values = [function(place) for place in places]
-    for _ in range(_STEPS):
-        if values[0] > values[1]:
-            high, places = places[1], [places[1] - share * (places[1] - low), places[0]]
-            values = [function(places[0]), values[0]]
-        else:
-            low, places = places[0], [places[1], places[0] + share * (high - places[0])]
-            values = [values[1], function(places[1])]
-    return 0.5 * (low + high)

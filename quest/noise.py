@@ -80,16 +80,32 @@ def best_of_modes(
 
 def log_likelihood(problem: PoseProblem, model: Floats) -> float:
     """Logarithm of the likelihood of a motion (q_wxyz, t) without a scale, less that of outliers alone."""
-    return kernels.log_likelihood(problem.m, problem.n, model, problem.threshold_rad, _log_likelihoods())
+    return kernels.log_likelihood(problem.m, problem.n, model, problem.threshold_rad, _tables()[0])
+
+
+def likelihoods(residuals: Floats) -> tuple[Floats, Floats]:
+    """Logarithm of the likelihood of matches of unknown scale, less that of an outlier, and their weights.
+
+    The weights are those of re-weighted least squares, which maximizes the likelihood: its derivative by half of the
+    squared residual, with the other sign.
+
+    Shapes: ``residuals`` (N,), returns (N,), returns (N,).
+
+    * ``residuals``: In thresholds, of any sign; one or more is an outlier.
+    """
+    places, (logarithms, weights) = np.abs(residuals), _tables()
+    known = np.linspace(0, 1, _TABLE + 1)
+    return np.interp(places, known, logarithms, right=0.0), np.interp(places, known, weights, right=0.0)
 
 
 @cache
-def _log_likelihoods() -> Floats:
-    """Logarithm of the likelihood of a match of unknown scale, less that of an outlier, by its residual."""
+def _tables() -> tuple[Floats, Floats]:
+    """What :func:`likelihoods` gives for residuals from zero to the threshold in equal steps."""
     residuals = np.linspace(0, 1, _TABLE + 1)[:, None]
     scales = np.geomspace(*_SCALES, 16)
-    density = np.mean(np.exp(-0.5 * (residuals / scales) ** 2) / scales, axis=1)
-    return np.asarray(np.log((density + _OUTLIERS) / _OUTLIERS))
+    densities = np.exp(-0.5 * (residuals / scales) ** 2) / scales
+    both = np.mean(densities, axis=1) + _OUTLIERS
+    return np.asarray(np.log(both / _OUTLIERS)), np.mean(densities / scales**2, axis=1) / both
 
 
 def refine_with_noise(problem: PoseProblem, model: Floats) -> tuple[Floats, float]:

@@ -28,7 +28,13 @@ from tests.benchmarks.quest.scenes import FOCAL_PX, SCENES, Scene, draw_scene
 
 Floats = NDArray[np.float64]
 
-_SCENES, _OUTLIERS, _MATCHES, _NOISE_PX, _THRESHOLD_PX = ("general .15", "general .03"), (0.3, 0.7), 500, 0.7, 2.0
+_SCENES, _OUTLIERS, _MATCHES, _NOISE_PX, _THRESHOLD_PX = (
+    ("general .15", "general .03", "desk .15"),
+    (0.3, 0.7),
+    500,
+    0.7,
+    2.0,
+)
 _CAMERA = {"model": "SIMPLE_PINHOLE", "width": 1, "height": 1, "params": [FOCAL_PX, 0.0, 0.0]}
 _RANSAC = {"min_iterations": 100}
 
