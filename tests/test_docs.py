@@ -1,16 +1,15 @@
 """The tutorials run as they stand, every file that a command writes and every name of the reference is documented."""
 
 import dataclasses
-import importlib.util
 import inspect
 import pkgutil
 import re
 import shlex
-import sys
 import tomllib
 from contextlib import chdir
 
 import pytest
+from makers import maker
 from paths import ROOT
 
 from slam_init.cli.main import main, make_parser
@@ -192,14 +191,6 @@ def test_the_page_of_the_data_sets_has_every_layout_in_the_order_in_which_they_a
     assert len(LAYOUTS) > 10
     rows = re.findall(r"^\| `([\w-]+)`", table, re.MULTILINE)
     assert [kind for kind in rows if kind != "kind"] == [layout.kind for layout in LAYOUTS]
-
-
-def maker(name):
-    """A module of docs/make."""
-    spec = importlib.util.spec_from_file_location(name, DOCS / "make" / f"{name}.py")
-    module = sys.modules[name] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 @pytest.fixture(scope="module")

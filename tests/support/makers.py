@@ -1,0 +1,14 @@
+"""The programs of ``docs/make``, which make pages and notebooks."""
+
+import importlib.util
+import sys
+
+from paths import ROOT
+
+
+def maker(name: str):
+    """A module of docs/make."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / "make" / f"{name}.py")
+    module = sys.modules[name] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
