@@ -76,6 +76,8 @@ LEAST_SINE2 = 1e-12
 #: Exact bearings have residuals of a few 1e-16 after the fit of a rotation. These are rounding errors, and their
 #: direction is not random.
 _LEAST_NOISE_RAD = 1e-13
+#: Scale of a kernel that gives all residuals the same weight.
+_NO_KERNEL_RAD = 1e9
 #: Steps of the fit of the rotation at one scale.
 _ROTATION_STEPS = 4
 
@@ -234,6 +236,12 @@ def statement_of_inliers(
     R0 = rotation.copy()
     kernels.rotation_of_all(m, n, R0, noise, _ROTATION_STEPS)
     near_rad, far_rad = _NEAR_SIGMAS * noise, _FAR_SIGMAS * largest_noise
+    if noise_rad is not None:
+        # The residuals may be much smaller than a stated noise, as those of exact data. Then the small pull that the
+        # far matches have left on R0 is larger than the residuals, and it turns all of them alike, as no noise does:
+        # 45 of 240 exact cameras that only rotate, with outliers, showed a translation.
+        near_to = np.sum((n - m @ R0.T) ** 2, axis=1) < 2 * near_rad**2
+        kernels.refine_rotation(m[near_to], n[near_to], R0, _NO_KERNEL_RAD, 1)
     sums, count, near, far = kernels.anisotropy_sums(m, n, R0, t, near_rad, far_rad, LEAST_SINE2, _LEAST_NOISE_RAD)
     z = _anisotropy_of_sums(sums, count)
     p_near = _chance_of_maximum(z, near)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from make_two_views import NOISE_RAD, R_TRUE, all_around, box, is_true, line, views
+from make_two_views import NO_TRANSLATION, NOISE_RAD, R_TRUE, all_around, box, is_true, line, views
 from make_views import unit
 
 from quest import NoPose, estimate_relative_pose
@@ -30,6 +30,13 @@ def test_forward_motion_without_rotation_is_estimated(noise_rad):
     pose = estimate_relative_pose(*views(box(0), np.eye(3), forward, noise_rad=noise_rad))
     assert pose.kind == "general"
     assert is_true(pose, np.eye(3), forward, rotation_deg=0.3, direction_deg=1.5)
+
+
+def test_an_exact_rotation_with_outliers_shows_no_translation():
+    for seed in range(12):
+        pose = estimate_relative_pose(*views(box(seed, 50), t=NO_TRANSLATION, outliers=0.2, seed=seed), seed=seed)
+        # The pull of the outliers on the rotation turns all matches alike, and their residuals are smaller.
+        assert pose.kind == "rotation"
 
 
 @pytest.mark.parametrize("noise_rad", [0.0, NOISE_RAD], ids=["exact", "noisy"])
