@@ -1,13 +1,8 @@
 """The risk that a map from anywhere is wrong: its poses are one motion among those that explain the tracks.
 
 The tracks and further views make a window, as for a map of our own. Its hypotheses are the motions that quest proposes
-from the pair, the motion of the map, and the camera that only rotates. The risk of the best one is stated as ever
-(:mod:`slam_init.window.risk`). Then the map is compared with it:
-
-* The map is near the best motion. The error of the fit has the stated deviations, so the map, which is a distance away
-  from the fit, is wrong where a Gaussian error about that distance exceeds 5 degrees in rotation or 15 in direction.
-* The map is near a rival. It is right only if the rival is.
-* The map is near none of them. Then its distance from the best one tells that it is wrong.
+from the pair, the motion of the map, what a second look adds, and the camera that only rotates. The risk of the map is
+its probability to be wrong over all of them (:mod:`slam_init.decision.map_posterior`).
 """
 
 from __future__ import annotations
@@ -24,6 +19,7 @@ from quest.estimate import RelativePose
 from slam_init.config import Config
 from slam_init.decision.judged_window import JudgedWindow
 from slam_init.decision.lens import priors_of
+from slam_init.decision.map_posterior import SHORTEST, MapPosterior, differences_deg, is_near, posterior_of
 from slam_init.decision.two_views import MatchedPair, match_pair, pose_at_fitting_threshold
 from slam_init.errors import SlamInitError
 from slam_init.frontend.conventions import check_rays
@@ -39,18 +35,13 @@ from slam_init.types.lens_in_use import LensInUse
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict, in_words
 from slam_init.window.hypotheses import fit_hypotheses, motions_of_pair
-from slam_init.window.levels import WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
-from slam_init.window.motion import FittedMotion, Motion, difference_deg
-from slam_init.window.risk import WindowRisk, confirmed, risk_of
+from slam_init.window.motion import Motion
+from slam_init.window.risk import confirmed, risk_of
 from slam_init.window.tracks import MAX_VIEWS, gather_tracks
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-#: A baseline that is shorter than this share of the longest one has an uncertain direction although the position of its
-#: camera is certain. Its direction is not judged.
-#: Class: assumption.
-_SHORTEST = 0.3
 #: Cameras nearer to each other than this share of their distance from the origin are at one place: rounding.
 #: Class: geometry.
 _ONE_PLACE = 1e-9
@@ -62,13 +53,10 @@ _MOST_FRAMES = 24
 #: were sound with a share of .3, 14 with .5, 16 with .7, and 14 without such views.
 #: Class: measured.
 _SAME_SCENE = 0.7
-#: Beyond so many standard deviations from the limit a tail is 0 or 1, and its series does not converge.
-#: Class: level, in standard deviations.
-_CERTAIN_SIGMAS = 8.0
-#: A map that adds more to the risk of the best motion is wrong: that motion is known, and contradicts the map. Where
-#: the tracks do not tell, the map is doubtful.
-#: Class: level.
-_WRONG = 0.9
+#: A map is wrong where that is more likely than not: with a risk whose reliability is measured, this verdict errs least
+#: often.
+#: Class: definition.
+_WRONG = 0.5
 _AT_A_DISTANCE = "the poses are away from the best motion: adjust the map with all of its tracks and views"
 _ANOTHER_MOTION = "another motion explains the tracks better: initialize again, or start from the better motion"
 
@@ -226,7 +214,8 @@ def _audited(known: Mapping[int, Pose], history: History, config: Config) -> Aud
     hypotheses = fit_hypotheses(window, [*proposed, given], priors)
     if hypotheses is None:
         raise SlamInitError(f"frames {frames[0]} and {frames[1]} share too few tracks: give frames that share more")
-    hypotheses, risk = confirmed(hypotheses, risk_of(hypotheses), config.acceptance.max_risk)
+    # Each motion that explains the tracks has its share, however large the risk is.
+    hypotheses, risk = confirmed(hypotheses, risk_of(hypotheses), 1.0)
     return _stated(known, JudgedWindow(pair, hypotheses, risk, lens, threshold_rad), config)
 
 
@@ -248,7 +237,7 @@ def _chosen(known: Mapping[int, Pose], history: History, config: Config) -> tupl
     baselines = np.linalg.norm(centres[:, None] - centres[None], axis=2)
     if baselines.max() <= _ONE_PLACE * np.abs(centres).max(initial=0.0):
         raise SlamInitError("all cameras of the map are at one place: it has no baseline to judge")
-    wide = baselines >= _SHORTEST * baselines.max()
+    wide = baselines >= SHORTEST * baselines.max()
     previews: list[PairPreview] = []
     for k, frame in enumerate(frames):
         references = [history[frames[i]] for i in np.flatnonzero(wide[k, :k]).tolist()]
@@ -270,94 +259,51 @@ def _chosen(known: Mapping[int, Pose], history: History, config: Config) -> tupl
 
 
 def _stated(known: Mapping[int, Pose], window: JudgedWindow, config: Config) -> Audit:
-    """The risk of the map, by that of the best motion and by the distance of the map from it."""
-    hypotheses, risk, best, max_risk = window.hypotheses, window.risk, window.best, config.acceptance.max_risk
-    differences = _differences_deg(known, best)
-    rotation_deg, direction_deg = differences[best.frames[1]]
-    by_map = max(_added(risk, view, *differences[frame]) for view, frame in _judged(differences, best))
-    total, is_best = min(1.0, risk.total + by_map), _is_near(known, best)
-    if not is_best and any(_is_near(known, rival) for rival in hypotheses.motions[1:]):
-        # The probability that one of the rivals is right is no less than that of this one.
-        total = max(risk.total, total - risk.rival)
-    verdict = AuditVerdict.SOUND if total <= max_risk else AuditVerdict.DOUBTFUL
-    by_map = max(total - risk.total, 0.0)
-    verdict = AuditVerdict.WRONG if by_map > _WRONG else verdict
-    reason, advice = _what_tells(window, verdict, max_risk, _AT_A_DISTANCE if is_best else _ANOTHER_MOTION)
+    """The verdict on the map, and what would tell."""
+    risk, best, max_risk = window.risk, window.best, config.acceptance.max_risk
+    terms = posterior_of(window.hypotheses, risk, known)
+    rotation_deg, direction_deg = differences_deg(known, best)[best.frames[1]]
+    verdict = AuditVerdict.WRONG if terms.total > _WRONG else AuditVerdict.DOUBTFUL
+    verdict = AuditVerdict.SOUND if terms.total <= max_risk else verdict
+    is_best = is_near(known, best)
+    reason, advice = _what_tells(window, terms, verdict, max_risk, _AT_A_DISTANCE if is_best else _ANOTHER_MOTION)
     return Audit(
         verdict=verdict,
-        risk=total,
-        risk_direction=risk.direction,
-        risk_rival=risk.rival,
-        risk_rotation=risk.rotation,
-        risk_moving=risk.moving,
-        risk_floor=risk.floor,
-        risk_map=by_map,
+        risk=terms.total,
+        risk_direction=terms.direction,
+        risk_rival=terms.rival,
+        risk_rotation=terms.rotation,
+        risk_moving=terms.moving,
+        risk_floor=terms.floor,
+        risk_map=terms.map,
         direction_sigma_deg=risk.direction_sigma_deg,
         rotation_sigma_deg=risk.rotation_sigma_deg,
         pair=(best.frames[0], best.frames[1]),
         frames=best.frames,
-        tracks=len(hypotheses.tracks.track_ids),
+        tracks=len(window.hypotheses.tracks.track_ids),
         rotation_deg=rotation_deg,
         direction_deg=direction_deg,
-        better=None if is_best or window.only_rotates else best.cam2_from_cam1,
+        better=None if is_best or terms.only_rotates else best.cam2_from_cam1,
         reason=reason,
         advice=advice,
     )
 
 
 def _what_tells(
-    window: JudgedWindow, verdict: AuditVerdict, max_risk: float, of_map: str
+    window: JudgedWindow, terms: MapPosterior, verdict: AuditVerdict, max_risk: float, of_map: str
 ) -> tuple[Verdict | None, str]:
-    """The reason of a doubt that the tracks leave, and what would tell; ``of_map`` where they leave none."""
+    """The reason of the largest term and what would tell; ``of_map`` where this is the distance of the map."""
     if verdict is AuditVerdict.SOUND:
         return None, ""
-    gate = window.gates(max_risk)[0]
-    return (None, of_map) if gate.passes() else (gate.reason, gate.advice)
-
-
-def _differences_deg(known: Mapping[int, Pose], fitted: FittedMotion) -> dict[int, tuple[float, float]]:
-    """Angles of rotation and direction between the map and a motion, for each frame of the map but the reference."""
-    reference = fitted.frames[0]
-    cam_from_world = fitted.motion.cam_from_world
-    return {
-        frame: difference_deg(cam_from_world[frame], known[frame].inverse() @ known[reference])
-        for frame in fitted.frames[1:]
-        if frame in known
-    }
-
-
-def _is_near(known: Mapping[int, Pose], fitted: FittedMotion) -> bool:
-    """Whether the pair of the map would be right if this motion were."""
-    rotation_deg, direction_deg = _differences_deg(known, fitted)[fitted.frames[1]]
-    return rotation_deg <= WRONG_ROTATION_DEG and direction_deg <= WRONG_DIRECTION_DEG
-
-
-def _judged(differences: Mapping[int, tuple[float, float]], best: FittedMotion) -> list[tuple[int, int]]:
-    """The views of the map whose baselines are long enough, as (place among the views but the first, frame)."""
-    lengths = np.linalg.norm(best.fit.state.t[1:], axis=1)
-    long = lengths >= _SHORTEST * lengths.max(initial=0.0)
-    long[0] = True
-    return [(k, frame) for k, frame in enumerate(best.frames[1:]) if frame in differences and long[k]]
-
-
-def _added(risk: WindowRisk, view: int, rotation_deg: float, direction_deg: float) -> float:
-    """What the distance of a view of the map from the fit adds to the risk: the map is where it is, the fit errs.
-
-    :meth:`.WindowRisk.added_by_map` asks another question: bundle adjustment has moved a map of our own away from the
-    fit on the same tracks, and which of both is nearer to the truth is not known.
-    """
-    sigmas_deg = risk.rotation_sigma_deg, risk.sigmas_of_views_deg[view]
-    at_distance = _exceeds(WRONG_ROTATION_DEG, rotation_deg, sigmas_deg[0], 3)
-    at_distance += _exceeds(WRONG_DIRECTION_DEG, direction_deg, sigmas_deg[1], 2)
-    at_fit = _exceeds(WRONG_ROTATION_DEG, 0.0, sigmas_deg[0], 3) + _exceeds(WRONG_DIRECTION_DEG, 0.0, sigmas_deg[1], 2)
-    return max(at_distance - at_fit, 0.0)
-
-
-def _exceeds(limit: float, distance: float, sigma: float, dimensions: int) -> float:
-    """Probability that a Gaussian vector about a distance is longer than a limit: the tail of noncentral chi-square."""
-    from scipy.special import chndtr
-
-    sigma = max(sigma, 1e-9)
-    if abs(distance - limit) > _CERTAIN_SIGMAS * sigma:
-        return float(distance > limit)
-    return float(1 - chndtr((limit / sigma) ** 2, dimensions, (distance / sigma) ** 2))
+    if terms.only_rotates:
+        return Verdict.PURE_ROTATION, Verdict.PURE_ROTATION.advice
+    rival = Verdict.AMBIGUOUS_PLANE if window.hypotheses.planar else Verdict.LOW_PARALLAX
+    # A rigid scene with these tracks may be known well enough.
+    if_rigid = Verdict.LOW_PARALLAX if window.risk.direction_if_rigid > max_risk else Verdict.MOVING_BODIES
+    share, reason = max(
+        (terms.rotation, Verdict.PURE_ROTATION),
+        (terms.moving, Verdict.MOVING_BODIES),
+        (terms.rival, rival),
+        (terms.direction, if_rigid),
+    )
+    return (reason, reason.advice) if share > terms.map else (None, of_map)

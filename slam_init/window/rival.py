@@ -57,11 +57,29 @@ def rival_term(
     return min(1.0, sum(odds)), min(margins, key=Margin.decision_ratio, default=None)
 
 
-def _margin(hypotheses: WindowHypotheses, best: FittedMotion, rival: FittedMotion) -> Margin:
-    """The vote of the tracks; a rival that locates fewer views explains the others as outliers."""
+def rival_odds(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> list[float]:
+    """The probability of each rival over that of the best motion, at most 1, without a bound from above.
+
+    The risk always leaves out the region with the largest vote. Here a moving body fills it with a prior probability.
+    """
+    best, costs = hypotheses.motions[0], _CostsWithFields(hypotheses)
+    odds = []
+    for rival in hypotheses.motions[1:]:
+        without, of_all = (
+            _rival_probability(costs, expanded, rival, _margin(hypotheses, best, rival, of_all=of_all), fit=False)
+            for of_all in (False, True)
+        )
+        probability = BODIES_MOVE * without + (1 - BODIES_MOVE) * of_all
+        probability = max(probability, _rival_by_bodies(hypotheses, best, rival))
+        odds.append(probability / (1 - probability))
+    return odds
+
+
+def _margin(hypotheses: WindowHypotheses, best: FittedMotion, rival: FittedMotion, *, of_all: bool = False) -> Margin:
+    """The vote of the tracks, or of all of them; a rival that locates fewer views explains the others as outliers."""
     votes = hypotheses.votes(best, rival)
     where = places_of(best.fit)
-    largest = float(np.bincount(regions_of(where), weights=votes).max())
+    largest = 0.0 if of_all else float(np.bincount(regions_of(where), weights=votes).max())
     ahead = 0.5 * (float(votes.sum()) - max(largest, 0.0))
     # Two exact twins have the same likelihood, but each fit adapts to the noise by unknowns of its own. With the
     # projections P1, P2 on these, the difference is e^T (P1 - P2) e / 2: its variance is half the sum of squared votes.

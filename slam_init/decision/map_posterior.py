@@ -1,0 +1,201 @@
+"""The probability that the poses of a map are wrong, by the posterior over the motions of a window.
+
+A map from anywhere is right or wrong, whichever motion the window likes best. With the motions ``k`` of the window
+
+    P(wrong) = P(rotation) + (1 - P(rotation)) sum_k P(k) P(map is wrong | k) + P(moving) + floor
+
+* **P(k)** by the votes of the tracks (:func:`.rival.rival_odds`).
+* **P(map is wrong | k)**: the truth is Gaussian about the fit of the motion. Its direction has the shape of the
+  covariance and the largest deviation that the risk of this motion states. The map is a distance away from the fit, so
+  it is wrong where the truth lies outside of the disc of 15 degrees about the map, or of the ball of 5 degrees.
+* **P(rotation)**: the camera only rotates. The test gives a tail probability p, which is no posterior. The Bayes factor
+  for the rotation is at least ``-e p ln p`` (Sellke, Bayarri and Berger 2001), and 1 where p tells nothing.
+
+A risk that accepts a map bounds these probabilities from above, which is safe for a system that can wait. Here a bound
+from above calls right maps wrong.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from slam_init.types.arrays import Floats
+from slam_init.types.pose import Pose
+from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses
+from slam_init.window.levels import MERE_ROTATION, WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
+from slam_init.window.motion import FittedMotion, difference_deg
+from slam_init.window.risk import WindowRisk, confirmed, risk_of
+from slam_init.window.rival import rival_odds
+from slam_init.window.tails import three_directions, two_directions
+from slam_init.window.tracker_errors import gain_of_lasting_errors
+from slam_init.window.uncertainty import direction_uncertainty, expand
+
+#: A baseline that is shorter than this share of the longest one has an uncertain direction although the position of its
+#: camera is certain. Its direction is not judged.
+#: Class: assumption.
+SHORTEST = 0.3
+#: Probability that the camera of a map only rotates, before any track is seen: somebody chose to make a map.
+#: Class: assumption.
+_ROTATES = 0.1
+#: A smaller tail of the test for a rotation adds nothing: its posterior is below 1e-4.
+#: Class: level.
+_CERTAIN_MOTION = 1e-5
+#: Beyond so many standard deviations from the limit a tail is 0 or 1, and its series does not converge.
+#: Class: level, in standard deviations.
+_CERTAIN_SIGMAS = 8.0
+#: Places of the integral over a Gaussian, in its standard deviations: 100 to one of them, up to a tail of 1e-12.
+_PLACES = np.linspace(-7.0, 7.0, 1401)
+
+
+@dataclass(frozen=True)
+class MapPosterior:
+    """The probability that a map is wrong, with its terms."""
+
+    #: The best motion is right, and a map at its fit would be wrong.
+    direction: float
+    #: A rival is right, and the map is not near it.
+    rival: float
+    #: The camera only rotates.
+    rotation: float
+    #: The tracks that the best motion does not explain are the scene at rest.
+    moving: float
+    #: What is not modelled.
+    floor: float
+    #: The best motion is right, and the map is wrong because it is away from its fit.
+    map: float
+    #: Whether the tracks tell no translation from a camera that only rotates.
+    only_rotates: bool
+
+    @property
+    def total(self) -> float:
+        """Sum of the terms, at most 1."""
+        return min(1.0, self.direction + self.rival + self.rotation + self.moving + self.floor + self.map)
+
+
+def posterior_of(hypotheses: WindowHypotheses, risk: WindowRisk, world_from_cam: Mapping[int, Pose]) -> MapPosterior:
+    """The probability that a map is wrong.
+
+    * ``risk``: Of the best hypothesis.
+    * ``world_from_cam``: The poses of the map by frame; the pair is among them.
+    """
+    best, *rivals = hypotheses.motions
+    tail = _tail_of_rotation(hypotheses, risk)
+    factor = -math.e * tail * math.log(tail) if 0 < tail < 1 / math.e else float(tail > 0)
+    rotation = _ROTATES * factor / (_ROTATES * factor + 1 - _ROTATES)
+    odds = np.array([1.0, *rival_odds(hypotheses, expand(hypotheses, best))])
+    shares = (1 - rotation) * odds / odds.sum()
+    at_fit, at_map = _wrong(hypotheses, risk, world_from_cam)
+    others = [_wrong_by_rival(hypotheses, k, world_from_cam) for k in range(1, 1 + len(rivals))]
+    return MapPosterior(
+        direction=float(shares[0] * at_fit),
+        rival=float(shares[1:] @ np.array(others)),
+        rotation=rotation,
+        moving=risk.moving,
+        floor=risk.floor,
+        map=float(shares[0] * (at_map - at_fit)),
+        only_rotates=tail > MERE_ROTATION,
+    )
+
+
+def differences_deg(world_from_cam: Mapping[int, Pose], fitted: FittedMotion) -> dict[int, tuple[float, float]]:
+    """Angles of rotation and direction between a map and a motion, for each frame of the map but the reference."""
+    reference, motion = fitted.frames[0], fitted.motion.cam_from_world
+    return {
+        frame: difference_deg(motion[frame], world_from_cam[frame].inverse() @ world_from_cam[reference])
+        for frame in fitted.frames[1:]
+        if frame in world_from_cam
+    }
+
+
+def is_near(world_from_cam: Mapping[int, Pose], fitted: FittedMotion) -> bool:
+    """Whether the pair of a map would be right if this motion were."""
+    rotation_deg, direction_deg = differences_deg(world_from_cam, fitted)[fitted.frames[1]]
+    return rotation_deg <= WRONG_ROTATION_DEG and direction_deg <= WRONG_DIRECTION_DEG
+
+
+def _wrong_by_rival(hypotheses: WindowHypotheses, k: int, world_from_cam: Mapping[int, Pose]) -> float:
+    """Probability that the map is wrong if a rival is right."""
+    rival = hypotheses.motions[k]
+    rotation_deg, direction_deg = differences_deg(world_from_cam, rival)[rival.frames[1]]
+    if rotation_deg > 2 * WRONG_ROTATION_DEG or direction_deg > 2 * WRONG_DIRECTION_DEG:
+        return 1.0
+    others = (one for one in hypotheses.motions if one is not rival)
+    first = replace(hypotheses, motions=(rival, *others))
+    return _wrong(first, risk_of(first), world_from_cam)[1]
+
+
+def _wrong(hypotheses: WindowHypotheses, risk: WindowRisk, world_from_cam: Mapping[int, Pose]) -> tuple[float, float]:
+    """Probability that a map is wrong if the best motion is right: of a map at its fit, and of the map."""
+    best, rotation_sigma_deg = hypotheses.motions[0], risk.rotation_sigma_deg
+    expanded, lengths = expand(hypotheses, best), np.linalg.norm(best.fit.state.t, axis=1)
+    at_fit, at_map = 0.0, 0.0
+    for frame, (rotation_deg, direction_deg) in differences_deg(world_from_cam, best).items():
+        view = best.frames.index(frame)
+        if view > 1 and lengths[view] < SHORTEST * lengths.max():
+            continue
+        uncertainty = direction_uncertainty(expanded, view)
+        variances, axes = np.linalg.eigh(uncertainty.covariance)
+        sigmas_deg = risk.sigmas_of_views_deg[view - 1] * np.sqrt(np.maximum(variances / variances[-1], 0.0))
+        pose = world_from_cam[frame].inverse() @ world_from_cam[best.frames[0]]
+        across = axes.T @ (uncertainty.basis @ (pose.R.T @ pose.t))
+        aside_deg = direction_deg * across / max(float(np.linalg.norm(across)), 1e-300)
+        by_fit = _outside_disc(np.zeros(2), sigmas_deg) + _outside_ball(0.0, rotation_sigma_deg)
+        by_map = _outside_disc(aside_deg, sigmas_deg) + _outside_ball(rotation_deg, rotation_sigma_deg)
+        if view == 1:
+            at_fit = by_fit
+        at_map = max(at_map, by_map)
+    # The risk knows lenses that change from view to view, and fits with free depths.
+    known = float(two_directions(WRONG_DIRECTION_DEG, np.array(risk.sigmas_of_views_deg[:1]))[0])
+    lens = max(risk.direction - known - three_directions(WRONG_ROTATION_DEG, rotation_sigma_deg), 0.0)
+    at_fit = min(1.0, at_fit + lens)
+    return at_fit, max(at_fit, min(1.0, at_map + lens))
+
+
+def _outside_disc(centre_deg: Floats, sigmas_deg: Floats) -> float:
+    """Probability that a Gaussian vector about a centre lies outside of the disc of a wrong direction.
+
+    Shapes: ``centre_deg, sigmas_deg`` (2,), along the axes of its covariance.
+    """
+    from scipy.special import ndtr
+
+    (x, y), (short, long) = centre_deg, np.maximum(sigmas_deg, 1e-9)
+    # Along the longer axis by a sum, along the other one by the distribution function.
+    along = y + long * _PLACES
+    half = np.sqrt(np.maximum(WRONG_DIRECTION_DEG**2 - along**2, 0.0))
+    inside = np.where(half > 0, ndtr((half - x) / short) - ndtr((-half - x) / short), 0.0)
+    weights = np.exp(-0.5 * _PLACES**2)
+    return float(np.clip(1 - weights @ inside / weights.sum(), 0.0, 1.0))
+
+
+def _outside_ball(distance_deg: float, sigma_deg: float) -> float:
+    """Probability that a Gaussian rotation about a distance is wrong: the tail of noncentral chi-square."""
+    from scipy.special import chndtr
+
+    sigma = max(sigma_deg, 1e-9)
+    if abs(distance_deg - WRONG_ROTATION_DEG) > _CERTAIN_SIGMAS * sigma:
+        return float(distance_deg > WRONG_ROTATION_DEG)
+    return float(1 - chndtr((WRONG_ROTATION_DEG / sigma) ** 2, 3, (distance_deg / sigma) ** 2))
+
+
+def _tail_of_rotation(hypotheses: WindowHypotheses, risk: WindowRisk) -> float:
+    """The tail probability of what the motion gains if the camera only rotates."""
+    tail = min(risk.rotation, 1.0)
+    return tail if tail <= _CERTAIN_MOTION else min(tail, _tail_with_lasting_errors(hypotheses))
+
+
+def _tail_with_lasting_errors(hypotheses: WindowHypotheses) -> float:
+    """The tail with the errors that a tracker keeps in the noise.
+
+    An outlier gains 4.5 nats at the most. The test scales what is gained by chance with these errors, so that a hundred
+    outliers of the rotation in an image with little noise look like chance. With the errors in the noise, a track whose
+    parallax they explain is no outlier, and one whose parallax is larger stays one.
+    """
+    tracks = hypotheses.tracks
+    noise_px = tracks.noise_px * math.sqrt(gain_of_lasting_errors(tracks, hypotheses.rotation_only.state.R))
+    wide = replace(tracks.with_noise(noise_px), least_noise_px=noise_px)
+    again = fit_hypotheses(wide, [one.motion for one in hypotheses.motions], hypotheses.priors)
+    return 1.0 if again is None else min(confirmed(again, risk_of(again), 1.0)[1].rotation, 1.0)
