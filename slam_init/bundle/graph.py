@@ -9,8 +9,8 @@ farthest from it.
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,7 +22,8 @@ from slam_init.bundle.reprojection import (
     measured_pixels,
     projection,
 )
-from slam_init.types.arrays import Floats
+from slam_init.errors import SourceError
+from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 
@@ -31,12 +32,14 @@ if TYPE_CHECKING:
 
 __all__ = [
     "GAUGE",
+    "MapOfGraph",
     "PoseTerms",
     "build_graph",
     "calibration_key",
     "gtsam_calibration",
     "is_undistorted_first",
     "landmark_key",
+    "map_of_graph",
     "measured_pixels",
     "pose_key",
     "projection",
@@ -54,6 +57,8 @@ _SCALE_SIGMA = 1e-3
 _ASPECT_SIGMA = 1e-5
 #: Where the calibrations of gtsam have the principal point and k1, after fx, fy and the skew.
 _PRINCIPAL, _K1 = [3, 4], 5
+#: A projection of a camera that does not sit on a body differs by rounding.
+_SAME_PX = 1e-3
 #: The gauge in words.
 GAUGE = "first pose fixed (prior, 1e-6); distance from the first camera to the farthest one held (prior, 1e-3 of it)"
 
@@ -201,6 +206,81 @@ def _unit_of_k1(camera: Camera) -> float:
         return 1.0
     bent = np.array(camera.bent(1.0).distortion)
     return float(np.abs(bent - np.resize((*camera.distortion, *np.zeros(len(bent))), len(bent))).max())
+
+
+@dataclass(frozen=True, eq=False)
+class MapOfGraph:
+    """The poses and the observations of a factor graph, of any program."""
+
+    #: By the index of the symbol of a pose.
+    world_from_cam: dict[int, Pose]
+    #: (M,) Of each observation: the index of its pose, and the key of its landmark.
+    frames: Ints
+    track_ids: Ints
+    #: (M, 2)
+    pixels: Floats
+    camera: Camera
+
+
+def map_of_graph(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> MapOfGraph:
+    """Read the poses, the observations and the calibration of a graph with projection factors.
+
+    gtsam's calibrations have no size of the image: the principal point is taken for its middle.
+
+    Raises
+    ------
+    SourceError
+        If the graph has no observation, or cameras that differ, are skewed, or sit on a body.
+    """
+    import gtsam
+
+    poses, rows = dict[int, Pose](), list[tuple[int, int, float, float]]()
+    calibrations, keys = set[tuple[str, tuple[float, ...]]](), dict[int, int]()
+    for number in range(graph.size()):
+        factor: Any = graph.at(number)
+        if not type(factor).__name__.startswith(("GenericProjectionFactor", "GeneralSFMFactor2")):
+            continue
+        pose_key, point_key, *lens_key = factor.keys()
+        kind = type(factor).__name__.removeprefix("GenericProjectionFactor").removeprefix("GeneralSFMFactor2")
+        calibration = getattr(values, f"at{kind}")(lens_key[0]) if lens_key else factor.calibration()
+        xi = (calibration.xi(),) if kind == "Cal3Unified" else ()  # which its vector has not
+        calibrations.add((kind, (*calibration.vector().tolist()[:9], *xi)))
+        frame, pose = int(gtsam.Symbol(pose_key).index()), values.atPose3(pose_key)
+        if keys.setdefault(frame, pose_key) != pose_key:
+            raise SourceError(f"the graph has two poses with the number {frame}: give a graph of one camera")
+        if frame not in poses:
+            poses[frame] = _pose(pose)
+            # The wrapper does not tell where a sensor sits on its body.
+            camera = getattr(gtsam, f"PinholeCamera{kind}")(pose, calibration)
+            at_optimum = camera.project(values.atPoint3(point_key)) - factor.measured()
+            if np.abs(at_optimum - factor.unwhitenedError(values)).max() > _SAME_PX:
+                raise SourceError("the cameras of the graph sit on a body: give the poses of the cameras")
+        rows.append((frame, point_key, *factor.measured().tolist()))
+    if not rows:
+        raise SourceError("the graph has no projection factor: give a graph with the observations of its points")
+    if len(calibrations) > 1:
+        raise SourceError(
+            f"the graph has {len(calibrations)} calibrations: give a graph of one camera, or handover.npz"
+        )
+    ((kind, numbers),) = calibrations
+    frames, track_ids, x, y = zip(*rows, strict=True)
+    return MapOfGraph(
+        poses,
+        np.array(frames, np.int64),
+        np.array(track_ids, np.uint64).astype(np.int64),
+        np.array([x, y], float).T.copy(),
+        _camera_of(kind, numbers),
+    )
+
+
+def _camera_of(kind: str, numbers: tuple[float, ...]) -> Camera:
+    fx, fy, skew, cx, cy, *distortion = numbers
+    if skew != 0:
+        raise SourceError(f"the calibration of the graph has a skew of {skew:g}: undistort the images")
+    if kind == "Cal3Unified":  # gtsam has xi last
+        distortion = [distortion[-1], *distortion[:-1]]
+    models = {"Cal3_S2": "pinhole", "Cal3DS2": "radtan", "Cal3Fisheye": "fisheye", "Cal3Unified": "omni"}
+    return Camera(models[kind], round(2 * cx + 1), round(2 * cy + 1), fx, fy, cx, cy, tuple(distortion))
 
 
 def read_problem(values: gtsam.Values, problem: BundleProblem) -> BundleProblem:

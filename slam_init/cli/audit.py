@@ -6,7 +6,7 @@ import argparse
 import json
 from typing import TYPE_CHECKING
 
-from slam_init.cli.parser import DONE, NOT_INITIALIZED
+from slam_init.cli.parser import DONE, DOUBTFUL, WRONG
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.system.process_io import tell
 from slam_init.system.regular_file import user_path
@@ -20,13 +20,14 @@ def add_audit(commands: Commands) -> None:
     audit = commands.add_parser("audit", help="state the risk that a map from anywhere is wrong", allow_abbrev=False)
     audit.description = (
         "State the risk that a map from anywhere is wrong, term by term, and what would tell. Exit codes: 0 sound, 3 "
-        "doubtful or wrong, 2 bad input."
+        "doubtful, 4 wrong, 2 bad input."
     )
     audit.set_defaults(command=_audit)
     audit.add_argument(
         "map",
         metavar="MAP",
-        help="handover.npz, the folder of a run, the folder of a COLMAP model, or a trajectory in TUM's format",
+        help="handover.npz, the folder of a run, the folder of a COLMAP model, gtsam's graph.txt, nerfstudio's "
+        "transforms.json, or a trajectory in TUM's format (ORB-SLAM's keyframes)",
     )
     audit.add_argument(
         "--images",
@@ -46,11 +47,16 @@ def _audit(arguments: argparse.Namespace) -> int:
     from slam_init.config import Config
     from slam_init.datasets import open_source
     from slam_init.datasets.map_files import open_map, tracked_by
-    from slam_init.decision.audit import audit
+    from slam_init.decision.audit import AuditVerdict, audit
     from slam_init.output.plain_json import plain
 
     map_, config = open_map(user_path(arguments.map)), Config()
     source = None if arguments.images is None else open_source(arguments.images)
+    if source is None and map_.images is not None:
+        try:
+            source = open_source(map_.images)
+        except SourceError as error:
+            raise SourceError(f"{error}: give them by --images") from None
     camera = map_.camera or (None if source is None else source.camera)
     if arguments.camera is not None:
         size = None if camera is None else (camera.width, camera.height)
@@ -65,4 +71,6 @@ def _audit(arguments: argparse.Namespace) -> int:
     poses, views = (map_.poses, map_.tracks(camera)) if source is None else tracked_by(map_, source, camera, config)
     found = audit(poses, views, camera, config)
     tell(json.dumps(plain(found), indent=2, allow_nan=False) + "\n" if arguments.json else f"{found}\n")
-    return DONE if found else NOT_INITIALIZED
+    if found:
+        return DONE
+    return WRONG if found.verdict is AuditVerdict.WRONG else DOUBTFUL

@@ -2,7 +2,9 @@
 
 * ``handover.npz``, or the folder of a run that has one;
 * the folder of a COLMAP model, text or binary, with the observations of its points;
-* a trajectory in the format of TUM RGB-D: poses and no tracks.
+* ``graph.txt`` of gtsam with ``values.txt`` beside it, or their folder, with the measurements of its factors;
+* ``transforms.json`` of nerfstudio: poses and the names of their images;
+* a trajectory in the format of TUM RGB-D, as ORB-SLAM writes of its keyframes: poses and no tracks.
 
 The tracks of the points of a map are those that the map has kept. Those of a source, its images or its matches, are not
 chosen by the map, so that more speaks against a wrong one.
@@ -10,6 +12,7 @@ chosen by the map, so that more speaks against a wrong one.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,11 +20,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from slam_init.bundle.graph import map_of_graph
 from slam_init.config import Config
 from slam_init.datasets.bounded import read_npz
 from slam_init.datasets.colmap import model_files, read_cameras, read_images
 from slam_init.datasets.image_files import ImageFileSource, natural_key
-from slam_init.datasets.layouts.photographs import find_colmap
+from slam_init.datasets.layouts.photographs import TRANSFORMS, find_colmap, read_transforms
 from slam_init.datasets.match_chains import TrackTable
 from slam_init.datasets.posed_images import common_camera
 from slam_init.datasets.stamps import truth_on_clock
@@ -30,12 +34,15 @@ from slam_init.datasets.track_source import KnowsTracks, TrackSource
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.frontend.tracks import Tracker
 from slam_init.output.handover import FORMAT, VERSION
+from slam_init.output.results import load_graph
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations, TimedSource
 from slam_init.types.pose import Pose, Trajectory
 
-_HANDOVER = "handover.npz"
+_HANDOVER, _GRAPH, _VALUES = "handover.npz", "graph.txt", "values.txt"
+#: A pose belongs to the image that is nearest in time, within this time.
+_SAME_TIME_S = 0.02
 #: Shapes of the arrays of ``handover.npz`` that are read; -1 is any number.
 _ARRAYS: dict[str, tuple[int, ...]] = {
     "format": (), "version": (), "camera_model": (), "camera_size": (2,), "camera_parameters": (-1,),
@@ -63,6 +70,8 @@ class MapFile:
     table: TrackTable | None = None
     #: By time.
     trajectory: Trajectory | None = None
+    #: Holds the images that the map names; None where it names none.
+    images: Path | None = None
 
     @property
     def poses(self) -> dict[int, Pose]:
@@ -85,15 +94,25 @@ class MapFile:
 def open_map(path: Path) -> MapFile:
     """Read a map: a file or a folder of one of the kinds above."""
     if path.is_file():
-        return _handover(path) if path.suffix.lower() == ".npz" else _trajectory(path)
+        of_suffix = {".npz": _handover, ".json": _transforms}.get(path.suffix.lower())
+        if of_suffix is not None:
+            return of_suffix(path)
+        return _graph(path.parent) if path.name == _GRAPH else _trajectory(path)
     if not path.is_dir():
         raise SourceError(f"{path}: no such map: give handover.npz, a folder, or a trajectory")
     if (path / _HANDOVER).is_file():
         return _handover(path / _HANDOVER)
-    model = find_colmap(path)
-    if model is None:
-        raise SourceError(f"{path}: holds no map: looked for {_HANDOVER} and for cameras and images of COLMAP")
-    return _colmap(path, model)
+    if (model := find_colmap(path)) is not None:
+        return _colmap(path, model)
+    if (path / _GRAPH).is_file() and (path / _VALUES).is_file():
+        return _graph(path)
+    listed = next((path / name for name in TRANSFORMS if (path / name).is_file()), None)
+    if listed is None:
+        raise SourceError(
+            f"{path}: holds no map: looked for {_HANDOVER}, cameras and images of COLMAP, {_GRAPH} of gtsam and "
+            f"{TRANSFORMS[0]}"
+        )
+    return _transforms(listed)
 
 
 def tracked_by(
@@ -125,20 +144,28 @@ def _check_size(source: TimedSource, frame: Frame, camera: Camera) -> None:
 def _in_source(map_: MapFile, source: TimedSource) -> dict[int, Pose]:
     """The poses of a map by the frames of a source: by time, by the names of the images, or by their numbers."""
     if map_.trajectory is not None:
-        truth = truth_on_clock(map_.trajectory, source.timestamps_s)[0]
-        at = [None if truth is None else truth.at(time_s) for time_s in source.timestamps_s.tolist()]
-        return {frame: pose for frame, pose in enumerate(at) if pose is not None}
+        stamped = truth_on_clock(map_.trajectory, source.timestamps_s)[0] or map_.trajectory
+        # A pose belongs to one image: at 60 images a second the next ones are near in time as well.
+        apart_s = np.abs(source.timestamps_s[:, None] - stamped.timestamps_s)
+        frames = apart_s.argmin(axis=0)
+        near = zip(frames.tolist(), apart_s.min(axis=0).tolist(), stamped.world_from_cam, strict=True)
+        return {frame: pose for frame, time_s, pose in near if time_s <= _SAME_TIME_S}
     if not map_.names:
         return {frame: pose for frame, pose in map_.poses.items() if frame < len(source)}
-    names = _names_of(source)
-    found = {}
+    names, found = _names_of(source), dict[int, Pose]()
     for name, pose in zip(map_.names, map_.world_from_cam, strict=True):
-        places = [
-            k for k, one in enumerate(names) if one == name or one.endswith(f"/{name}") or name.endswith(f"/{one}")
-        ]
-        if len(places) == 1:
-            found[places[0]] = pose
+        # The folders of the images may have another place: the longest common end decides.
+        shared = [_common_end(name, one) for one in names]
+        longest = max(shared, default=0)
+        if longest and shared.count(longest) == 1:
+            found[shared.index(longest)] = pose
     return found
+
+
+def _common_end(name: str, other: str) -> int:
+    """How many parts two paths have in common at their ends."""
+    parts = zip(reversed(name.split("/")), reversed(other.split("/")), strict=False)
+    return sum(1 for _ in itertools.takewhile(lambda pair: pair[0] == pair[1], parts))
 
 
 def _names_of(source: TimedSource) -> list[str]:
@@ -153,6 +180,27 @@ def _trajectory(path: Path) -> MapFile:
     if found is None:
         raise SourceError(f"{path}: holds no pose: give a map, or a trajectory: timestamp tx ty tz qx qy qz qw")
     return MapFile(path, found.world_from_cam, trajectory=found)
+
+
+def _transforms(path: Path) -> MapFile:
+    images = list(read_transforms(path, path.parent))
+    camera, kept, _ = common_camera([image.camera for image in images], str(path))
+    images = [image for image, keep in zip(images, kept, strict=True) if keep]
+    poses = tuple(image.world_from_cam for image in images if image.world_from_cam is not None)
+    names = tuple(image.path.relative_to(path.parent).as_posix() for image in images)
+    return MapFile(path, poses, tuple(range(len(images))), names, camera, images=path.parent)
+
+
+def _graph(folder: Path) -> MapFile:
+    graph, values = load_graph(folder)
+    try:
+        found = map_of_graph(graph, values)
+    except SourceError as error:
+        raise SourceError(f"{folder}: {error}") from None
+    frames = sorted(found.world_from_cam)
+    parts = [_of_image(k, found.pixels[found.frames == k], found.track_ids[found.frames == k]) for k in frames]
+    poses = tuple(found.world_from_cam[k] for k in frames)
+    return MapFile(folder, poses, tuple(frames), camera=found.camera, table=_joined(parts))
 
 
 def _colmap(folder: Path, model: Path) -> MapFile:

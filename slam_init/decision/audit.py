@@ -205,18 +205,22 @@ def _audited(known: Mapping[int, Pose], history: History, config: Config) -> Aud
     if isinstance(pose, RelativePose):
         noise_px = max(config.map.min_noise_px, pose.noise_rad * history.camera.focal_px)
         proposed = motions_of_pair(pose, frames, pair.rays1, pair.rays2)
-    window = gather_tracks(history.camera, [pair.reference, pair.current, *further], noise_px, config.map.min_noise_px)
-    given = _motion_of({frame: known[frame] for frame in window.frames if frame in known})
+    tracks = gather_tracks(history.camera, [pair.reference, pair.current, *further], noise_px, config.map.min_noise_px)
+    given = _motion_of({frame: known[frame] for frame in tracks.frames if frame in known})
     lens = LensInUse.of(history.camera)
     # No turning of the camera is known, so that the readout of a rolling shutter moves no pixel.
     priors = replace(priors_of(lens), readout_sigma_s=0.0)
     # A wrong map must not set the noise, so that the proposals come first.
-    hypotheses = fit_hypotheses(window, [*proposed, given], priors)
+    hypotheses = fit_hypotheses(tracks, [*proposed, given], priors)
     if hypotheses is None:
         raise SlamInitError(f"frames {frames[0]} and {frames[1]} share too few tracks: give frames that share more")
-    # Each motion that explains the tracks has its share, however large the risk is.
-    hypotheses, risk = confirmed(hypotheses, risk_of(hypotheses), 1.0)
-    return _stated(known, JudgedWindow(pair, hypotheses, risk, lens, threshold_rad), config)
+    risk = risk_of(hypotheses)
+    terms = posterior_of(hypotheses, risk, known)
+    if terms.total <= config.acceptance.max_risk:
+        hypotheses, risk = confirmed(hypotheses, risk, 1.0)
+        terms = posterior_of(hypotheses, risk, known)
+    window = JudgedWindow(pair, hypotheses, risk, lens, threshold_rad)
+    return _stated(known, window, terms, config.acceptance.max_risk)
 
 
 def _motion_of(world_from_cam: Mapping[int, Pose]) -> Motion:
@@ -258,10 +262,9 @@ def _chosen(known: Mapping[int, Pose], history: History, config: Config) -> tupl
     return pair, [without(view, static) for view in further]
 
 
-def _stated(known: Mapping[int, Pose], window: JudgedWindow, config: Config) -> Audit:
+def _stated(known: Mapping[int, Pose], window: JudgedWindow, terms: MapPosterior, max_risk: float) -> Audit:
     """The verdict on the map, and what would tell."""
-    risk, best, max_risk = window.risk, window.best, config.acceptance.max_risk
-    terms = posterior_of(window.hypotheses, risk, known)
+    risk, best = window.risk, window.best
     rotation_deg, direction_deg = differences_deg(known, best)[best.frames[1]]
     verdict = AuditVerdict.WRONG if terms.total > _WRONG else AuditVerdict.DOUBTFUL
     verdict = AuditVerdict.SOUND if terms.total <= max_risk else verdict

@@ -30,7 +30,7 @@ from slam_init.window.levels import MERE_ROTATION, WRONG_DIRECTION_DEG, WRONG_RO
 from slam_init.window.motion import FittedMotion, difference_deg
 from slam_init.window.risk import WindowRisk, confirmed, risk_of
 from slam_init.window.rival import rival_odds
-from slam_init.window.tails import three_directions, two_directions
+from slam_init.window.tails import three_directions
 from slam_init.window.tracker_errors import gain_of_lasting_errors
 from slam_init.window.uncertainty import direction_uncertainty, expand
 
@@ -132,6 +132,10 @@ def _wrong(hypotheses: WindowHypotheses, risk: WindowRisk, world_from_cam: Mappi
     """Probability that a map is wrong if the best motion is right: of a map at its fit, and of the map."""
     best, rotation_sigma_deg = hypotheses.motions[0], risk.rotation_sigma_deg
     expanded, lengths = expand(hypotheses, best), np.linalg.norm(best.fit.state.t, axis=1)
+    # The stated tail of the direction knows lenses that change from view to view, and fits with free depths.
+    rotated = three_directions(WRONG_ROTATION_DEG, rotation_sigma_deg)
+    tail = min(max(risk.direction - rotated, math.exp(-0.5 * _PLACES[-1] ** 2)), 1.0)
+    stated_deg = WRONG_DIRECTION_DEG / max(math.sqrt(-2 * math.log(tail)), 1e-9)
     at_fit, at_map = 0.0, 0.0
     for frame, (rotation_deg, direction_deg) in differences_deg(world_from_cam, best).items():
         view = best.frames.index(frame)
@@ -139,20 +143,16 @@ def _wrong(hypotheses: WindowHypotheses, risk: WindowRisk, world_from_cam: Mappi
             continue
         uncertainty = direction_uncertainty(expanded, view)
         variances, axes = np.linalg.eigh(uncertainty.covariance)
-        sigmas_deg = risk.sigmas_of_views_deg[view - 1] * np.sqrt(np.maximum(variances / variances[-1], 0.0))
+        shape, sigma_deg = np.sqrt(np.maximum(variances / variances[-1], 0.0)), risk.sigmas_of_views_deg[view - 1]
         pose = world_from_cam[frame].inverse() @ world_from_cam[best.frames[0]]
         across = axes.T @ (uncertainty.basis @ (pose.R.T @ pose.t))
         aside_deg = direction_deg * across / max(float(np.linalg.norm(across)), 1e-300)
-        by_fit = _outside_disc(np.zeros(2), sigmas_deg) + _outside_ball(0.0, rotation_sigma_deg)
-        by_map = _outside_disc(aside_deg, sigmas_deg) + _outside_ball(rotation_deg, rotation_sigma_deg)
+        by_map = _outside_disc(aside_deg, sigma_deg * shape) + _outside_ball(rotation_deg, rotation_sigma_deg)
         if view == 1:
-            at_fit = by_fit
+            at_fit = _outside_disc(np.zeros(2), stated_deg * shape) + rotated
+            by_map = max(by_map, at_fit)
         at_map = max(at_map, by_map)
-    # The risk knows lenses that change from view to view, and fits with free depths.
-    known = float(two_directions(WRONG_DIRECTION_DEG, np.array(risk.sigmas_of_views_deg[:1]))[0])
-    lens = max(risk.direction - known - three_directions(WRONG_ROTATION_DEG, rotation_sigma_deg), 0.0)
-    at_fit = min(1.0, at_fit + lens)
-    return at_fit, max(at_fit, min(1.0, at_map + lens))
+    return min(at_fit, 1.0), min(at_map, 1.0)
 
 
 def _outside_disc(centre_deg: Floats, sigmas_deg: Floats) -> float:

@@ -17,10 +17,16 @@ def rows(text):
 
 
 def test_false_maps_that_are_not_sound_are_found():
-    missed, alarm = replace(FALSE, verdict="sound", verdict_later="sound"), replace(RIGHT, verdict="doubtful")
+    missed, alarm = replace(FALSE, verdict="sound", verdict_later="sound"), replace(RIGHT, verdict="wrong")
     counted = rows(report([RIGHT, alarm, FALSE, missed]))["all"]
     assert counted[:2] == ["2", "1 / 1"]
-    assert counted[3:6] == ["2", "1 / 0", "50 / 0"]
+    assert counted[3:7] == ["0 / 1", "2", "1 / 2", "1 / 0"]
+
+
+def test_stated_risks_are_set_against_the_false_maps():
+    counted = rows(report([RIGHT, FALSE, replace(FALSE, risk_later=0.9)]))
+    assert counted["0 to 0.005"][:3] == ["1", "0.00", "0"]
+    assert counted["0.8 to 1"][:3] == ["2", "1.90", "2"]
 
 
 def test_each_map_is_a_line_of_the_log(tmp_path):

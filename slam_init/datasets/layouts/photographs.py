@@ -99,11 +99,12 @@ def _folder_of_images(folder: Path, images: list[ColmapImage]) -> Path:
 
 def open_transforms(folder: Path, path: Path) -> ImageFileSource:
     """Open a folder with a ``transforms.json``."""
+    return photographs("transforms", folder, list(read_transforms(path, folder)))
+
+
+def read_transforms(path: Path, folder: Path) -> Iterator[PosedImage]:
+    """The images of a ``transforms.json``, whether the folder holds them or not."""
     content = read_json(path, folder, "a list of posed images")
-    return photographs("transforms", folder, list(_transforms(path, folder, content)))
-
-
-def _transforms(path: Path, folder: Path, content: JsonObject) -> Iterator[PosedImage]:
     frames = content.get("frames")
     if not isinstance(frames, list) or not frames:
         raise SourceError(f"{path}: frames is missing or empty: expected a list of images")

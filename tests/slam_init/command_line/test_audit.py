@@ -60,7 +60,7 @@ def test_the_same_map_has_the_same_risk_in_all_formats(map_, tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("moved", "code"), [(False, 0), (True, 3)])
+@pytest.mark.parametrize(("moved", "code"), [(False, 0), (True, 4)])
 def test_a_trajectory_is_audited_by_the_images(moved, code, tmp_path, capsys):
     truth = open_source(ROOM).groundtruth
     stamped = list(zip(truth.timestamps_s.tolist(), truth.world_from_cam, strict=True))

@@ -1,0 +1,120 @@
+"""Maps of other programs: what their files state is what the map has, and a pose belongs to one image."""
+
+import json
+from types import SimpleNamespace
+
+import gtsam
+import numpy as np
+import pytest
+from make_map import make_map
+
+from slam_init import Pose, SourceError
+from slam_init.config import Config
+from slam_init.datasets.map_files import open_map, tracked_by
+from slam_init.output.nerfstudio import opengl_matrix
+
+COUNT = 12
+
+
+@pytest.fixture
+def sequence(tmp_path):
+    """The images of a sequence at 100 Hz as in TUM's format, with names that are numbers."""
+    import cv2
+
+    (tmp_path / "rgb").mkdir()
+    rng = np.random.default_rng(0)
+    for k in range(COUNT):
+        cv2.imwrite(str(tmp_path / "rgb" / f"{k:04d}.png"), rng.integers(0, 255, (48, 64), np.uint8))
+    stamps = [f"{1.7e9 + 0.01 * k:.6f}" for k in range(COUNT)]
+    (tmp_path / "rgb.txt").write_text("".join(f"{stamp} rgb/{k:04d}.png\n" for k, stamp in enumerate(stamps)))
+    return SimpleNamespace(folder=tmp_path, stamps=stamps)
+
+
+def poses_in(map_, sequence):
+    from slam_init import Camera, open_source
+
+    camera = Camera("pinhole", 64, 48, 60.0, 60.0, 31.5, 23.5)
+    return tracked_by(map_, open_source(sequence.folder), camera, Config())[0]
+
+
+@pytest.mark.parametrize("model", ["pinhole", "radtan", "fisheye", "omni"])
+def test_a_graph_of_gtsam_states_what_the_handover_states(model, tmp_path):
+    made = make_map(model)
+    made.save(tmp_path / "run")
+    of_graph, of_arrays = open_map(tmp_path / "run" / "graph.txt"), open_map(tmp_path / "run")
+    assert of_graph.frames == of_arrays.frames
+    of = [(one.fx, one.fy, one.cx, one.cy, *one.distortion) for one in (of_graph.camera, of_arrays.camera)]
+    assert of_graph.camera.model == of_arrays.camera.model and of[0] == pytest.approx(of[1])
+    for one, other in zip(of_graph.tracks(made.camera), of_arrays.tracks(made.camera), strict=True):
+        assert one.frame == other.frame
+        # The landmark of a graph is named by its key.
+        rows = np.argsort(one.track_ids), np.argsort(other.track_ids)
+        np.testing.assert_allclose(one.pixels[rows[0]], other.pixels[rows[1]], atol=1e-6)
+
+
+def graph_of(folder, *factors, values):
+    graph = gtsam.NonlinearFactorGraph()
+    for factor in factors:
+        graph.add(factor)
+    folder.mkdir()
+    (folder / "graph.txt").write_text(graph.serialize())
+    (folder / "values.txt").write_text(values.serialize())
+    return folder
+
+
+def observation(frame, calibration, *body_from_cam, name="x"):
+    noise = gtsam.noiseModel.Isotropic.Sigma(2, 1.0)
+    keys = gtsam.symbol(name, frame), gtsam.symbol("l", 0)
+    return gtsam.GenericProjectionFactorCal3_S2(np.ones(2), noise, *keys, calibration, False, False, *body_from_cam)
+
+
+@pytest.mark.parametrize(
+    ("factors", "said"),
+    [
+        (lambda: [], "no projection factor"),
+        (lambda: [observation(0, gtsam.Cal3_S2(50, 50, 1, 32, 24))], "skew"),
+        (lambda: [observation(k, gtsam.Cal3_S2(50 + k, 50, 0, 32, 24)) for k in (0, 1)], "2 calibrations"),
+        (lambda: [observation(0, CAL), observation(0, CAL, name="y")], "two poses"),
+        (lambda: [observation(0, CAL, gtsam.Pose3(gtsam.Rot3(), np.array([0.1, 0, 0])))], "sit on a body"),
+    ],
+)
+def test_a_graph_that_is_no_map_of_one_camera_is_told_in_one_line(factors, said, tmp_path):
+    values = gtsam.Values()
+    for key in (gtsam.symbol("x", 0), gtsam.symbol("x", 1), gtsam.symbol("y", 0)):
+        values.insert(key, gtsam.Pose3())
+    values.insert(gtsam.symbol("l", 0), np.array([0.1, 0.2, 3.0]))
+    with pytest.raises(SourceError) as error:
+        open_map(graph_of(tmp_path / "graph", *factors(), values=values))
+    assert said in str(error.value) and "\n" not in str(error.value)
+
+
+CAL = gtsam.Cal3_S2(50, 50, 0, 32, 24)
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e9])
+def test_a_keyframe_belongs_to_one_image(unit, sequence):
+    """ORB-SLAM writes the keyframes of TUM's sequences in seconds, and those of EuRoC in nanoseconds."""
+    lines = [f"{float(sequence.stamps[k]) * unit:.7f} {k} 0 0 0 0 0 1\n" for k in (2, 7)]
+    path = sequence.folder / "KeyFrameTrajectory.txt"
+    path.write_text("".join(lines))
+    found = poses_in(open_map(path), sequence)
+    assert {frame: pose.t[0] for frame, pose in found.items()} == {2: 2, 7: 7}
+
+
+def transforms(folder, names):
+    frames = [
+        {"file_path": name, "transform_matrix": opengl_matrix(Pose(np.eye(3), np.array([k, 0.0, 0.0]))).tolist()}
+        for k, name in enumerate(names)
+    ]
+    path = folder / "transforms.json"
+    path.write_text(json.dumps({"fl_x": 60.0, "w": 64, "h": 48, "cx": 32, "cy": 24, "frames": frames}))
+    return path
+
+
+def test_the_images_of_nerfstudio_are_found_by_the_ends_of_their_names(sequence, tmp_path):
+    (tmp_path / "other").mkdir()
+    path = transforms(tmp_path / "other", ["images/0003.png", "images/rgb/0009.png", "images/absent.png"])
+    map_ = open_map(path)
+    assert map_.camera.fx == 60 and map_.images == path.parent
+    assert {frame: pose.t[0] for frame, pose in poses_in(map_, sequence).items()} == {3: 0, 9: 1}
+    np.testing.assert_allclose(map_.world_from_cam[0].R, np.eye(3), atol=1e-12)
