@@ -59,6 +59,13 @@ _ASPECT_SIGMA = 1e-5
 _PRINCIPAL, _K1 = [3, 4], 5
 #: A projection of a camera that does not sit on a body differs by rounding.
 _SAME_PX = 1e-3
+#: The models of gtsam's calibrations, and their distortion in our order.
+_LENSES: dict[str, tuple[str, tuple[str, ...]]] = {
+    "Cal3_S2": ("pinhole", ()),
+    "Cal3DS2": ("radtan", ("k1", "k2", "p1", "p2")),
+    "Cal3Fisheye": ("fisheye", ("k1", "k2", "k3", "k4")),
+    "Cal3Unified": ("omni", ("xi", "k1", "k2", "p1", "p2")),
+}
 #: The gauge in words.
 GAUGE = "first pose fixed (prior, 1e-6); distance from the first camera to the farthest one held (prior, 1e-3 of it)"
 
@@ -242,9 +249,11 @@ def map_of_graph(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> Map
             continue
         pose_key, point_key, *lens_key = factor.keys()
         kind = type(factor).__name__.removeprefix("GenericProjectionFactor").removeprefix("GeneralSFMFactor2")
+        if kind not in _LENSES:
+            raise SourceError(f"the graph has a {kind}: give a graph with one of {', '.join(_LENSES)}")
         calibration = getattr(values, f"at{kind}")(lens_key[0]) if lens_key else factor.calibration()
-        xi = (calibration.xi(),) if kind == "Cal3Unified" else ()  # which its vector has not
-        calibrations.add((kind, (*calibration.vector().tolist()[:9], *xi)))
+        names = ("fx", "fy", "skew", "px", "py", *_LENSES[kind][1])
+        calibrations.add((kind, tuple(float(getattr(calibration, name)()) for name in names)))
         frame, pose = int(gtsam.Symbol(pose_key).index()), values.atPose3(pose_key)
         if keys.setdefault(frame, pose_key) != pose_key:
             raise SourceError(f"the graph has two poses with the number {frame}: give a graph of one camera")
@@ -277,10 +286,7 @@ def _camera_of(kind: str, numbers: tuple[float, ...]) -> Camera:
     fx, fy, skew, cx, cy, *distortion = numbers
     if skew != 0:
         raise SourceError(f"the calibration of the graph has a skew of {skew:g}: undistort the images")
-    if kind == "Cal3Unified":  # gtsam has xi last
-        distortion = [distortion[-1], *distortion[:-1]]
-    models = {"Cal3_S2": "pinhole", "Cal3DS2": "radtan", "Cal3Fisheye": "fisheye", "Cal3Unified": "omni"}
-    return Camera(models[kind], round(2 * cx + 1), round(2 * cy + 1), fx, fy, cx, cy, tuple(distortion))
+    return Camera(_LENSES[kind][0], round(2 * cx + 1), round(2 * cy + 1), fx, fy, cx, cy, tuple(distortion))
 
 
 def read_problem(values: gtsam.Values, problem: BundleProblem) -> BundleProblem:

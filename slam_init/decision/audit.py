@@ -62,7 +62,7 @@ _ANOTHER_MOTION = "another motion explains the tracks better: initialize again, 
 
 
 class AuditVerdict(StrEnum):
-    """The verdict on a map: ``doubtful`` where the tracks do not tell, ``wrong`` where they contradict the map."""
+    """The verdict on a map: ``doubtful`` where the tracks do not tell, ``wrong`` where it is likelier than right."""
 
     SOUND = "sound"
     DOUBTFUL = "doubtful"
@@ -76,15 +76,23 @@ class Audit(Described):
     Attributes
     ----------
     verdict : AuditVerdict
-        ``sound`` if the risk is at most ``Config().acceptance.max_risk`` (0.005), ``wrong`` if ``risk_map`` is above
-        0.9, else ``doubtful``.
+        ``sound`` if the risk is at most ``Config().acceptance.max_risk`` (0.005), ``wrong`` if it is above 0.5, else
+        ``doubtful``.
     risk : float
         Probability that the map is wrong: a rotation off by more than 5 degrees, or the direction of a baseline by more
         than 15.
-    risk_direction, risk_rival, risk_rotation, risk_moving, risk_floor : float
-        The terms of the best motion, as in :class:`~slam_init.types.evidence.WindowEvidence`.
+    risk_direction : float
+        Probability that the best motion is right, and a map at its fit would be wrong.
+    risk_rival : float
+        Probability that another motion is right, and the map is not near it.
+    risk_rotation : float
+        Probability that the camera only rotates.
+    risk_moving : float
+        Probability that the tracks that the best motion does not explain are the scene at rest.
+    risk_floor : float
+        Probability of what is not modelled.
     risk_map : float
-        What the map adds by its distance from the best motion, or because it is another one.
+        Probability that the best motion is right, and the map is wrong because it is a distance away from its fit.
     direction_sigma_deg, rotation_sigma_deg : float
         Standard deviations of the pair's direction and rotation, of the best motion.
     pair : (int, int)

@@ -3,6 +3,7 @@
 import json
 import struct
 
+import cv2
 import numpy as np
 import pytest
 from make_map import make_map
@@ -11,6 +12,7 @@ from slam_init import open_source, write_colmap
 from slam_init.calibration.colmap_models import NUMBERED
 from slam_init.cli import main
 from slam_init.output.handover import handover_bytes
+from slam_init.output.nerfstudio import opengl_matrix
 from slam_init.output.results import tum_text
 from slam_init.types.initial_map import Keyframe
 
@@ -52,10 +54,12 @@ def test_the_same_map_has_the_same_risk_in_all_formats(map_, tmp_path, capsys):
     write_colmap(map_, tmp_path / "model")
     to_binary(tmp_path / "model", tmp_path / "binary")
     (tmp_path / "handover.npz").write_bytes(handover_bytes(map_))
-    found = [told([str(tmp_path / name)], capsys) for name in ("model", "binary", "handover.npz", ".")]
-    assert [code for code, _ in found] == 4 * [0]
+    map_.save(tmp_path / "run")
+    names = ("model", "binary", "handover.npz", ".", "run/graph.txt")
+    found = [told([str(tmp_path / name)], capsys) for name in names]
+    assert [code for code, _ in found] == len(names) * [0]
     risks = [one["risk"] for _, one in found]
-    assert risks == pytest.approx(4 * [risks[0]], rel=1e-3)
+    assert risks == pytest.approx(len(names) * [risks[0]], rel=1e-3)
     assert found[0][1]["verdict"] == "sound" and found[0][1]["better"] is None
 
 
@@ -70,6 +74,32 @@ def test_a_trajectory_is_audited_by_the_images(moved, code, tmp_path, capsys):
     (tmp_path / "poses.txt").write_text(tum_text(keyframes))
     assert main(["audit", str(tmp_path / "poses.txt"), "--images", ROOM]) == code
     assert ("sound" if code == 0 else "what tells") in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_the_images_that_nerfstudio_lists_are_found(tmp_path, capsys):
+    source = open_source(ROOM)
+    (tmp_path / "images").mkdir()
+    listed = []
+    for frame, pose in zip(source.frames(), source.groundtruth.world_from_cam, strict=True):
+        name = f"images/{frame.index:04d}.png"
+        cv2.imwrite(str(tmp_path / name), frame.image)
+        listed.append({"file_path": name, "transform_matrix": opengl_matrix(pose).tolist()})
+    camera = source.camera
+    numbers = {"fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx + 0.5, "cy": camera.cy + 0.5}
+    (tmp_path / "transforms.json").write_text(json.dumps(numbers | {"w": 320, "h": 240, "frames": listed}))
+    code, found = told([str(tmp_path / "transforms.json")], capsys)
+    assert (code, found["verdict"]) == (0, "sound")
+
+
+def no_listed_image(folder):
+    (folder / "transforms.json").write_text(
+        json.dumps({"fl_x": 300, "w": 320, "h": 240, "frames": 2 * [{"file_path": "a.png", "transform_matrix": EYE}]})
+    )
+    return "transforms.json"
+
+
+EYE = np.eye(4).tolist()
 
 
 def broken_npz(folder):
@@ -107,6 +137,7 @@ def too_few_points(folder):
         (lambda folder: str(folder), "holds no map"),
         (broken_npz, "has no array"),
         (no_images, "--images"),
+        (no_listed_image, "--images"),
         (junk, "junk.txt:1"),
         (broken_points, "POINT3D_ID"),
         (too_few_points, "share"),
