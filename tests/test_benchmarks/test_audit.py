@@ -2,8 +2,6 @@
 
 from dataclasses import replace
 
-import pytest
-
 from tests.benchmarks.audit import Judged, main, report, run
 from tests.benchmarks.reliability import built_in
 
