@@ -49,6 +49,7 @@ _CERTAIN_MOTION = 1e-5
 #: Class: level, in standard deviations.
 _CERTAIN_SIGMAS = 8.0
 #: Places of the integral over a Gaussian, in its standard deviations: 100 to one of them, up to a tail of 1e-12.
+#: Class: budget, in standard deviations.
 _PLACES = np.linspace(-7.0, 7.0, 1401)
 
 
