@@ -50,7 +50,8 @@ RANGES: dict[str, tuple[float, float, str]] = {
     "map.min_noise_px": (0.001, 100, "pixels"),
     "map.lens_uncertainty": (0, 100, "0 for an exact lens"),
     "map.focal_sigma": (0.0001, 1, "a share of the focal length"),
-    "acceptance.max_risk": (1e-9, 1, "a probability"),
+    "acceptance.max_risk": (0.0011, 1, "a probability; 0.001 of it is for what is not modelled"),
+    "acceptance.lens_changes": (0, 5, "0 for a lens that is fixed; with 5 every second lens changes"),
     "acceptance.min_landmarks": (4, 100_000, "three points fix a pose, and one more tests it"),
     "acceptance.max_depth_sigma": (0.002, 0.2, "a tracker needs 0.2, and the scale of a map is held to 0.001"),
     "acceptance.min_parallax_deg": (0, 90, "rays that meet at a right angle give the best depth"),
@@ -139,9 +140,8 @@ class KeyframeConfig(_Section):
     new_overlap: float = 0.8
     #: ... or, in a slow video, after this number of frames.
     new_after_frames: int = 10
-    #: Least number of common tracks of a pair: the epipolar geometry has five unknowns, and the decision between two
-    #: motions needs votes by the dozen (see quest.alternatives.decides).
-    min_matches: int = 40
+    #: Least number of common tracks of a pair: as many as the landmarks that a map needs.
+    min_matches: int = 30
     #: A pair is tried again when its direction score is higher by this factor than at its last failure, or after a
     #: wait: a try at every frame costs time and gives the same result.
     retry_gain: float = 1.15
@@ -193,8 +193,12 @@ class AcceptanceConfig(_Section):
 
     #: Largest probability that a map is wrong, stated by the joint estimate of all views: one map in 200.
     max_risk: float = 0.005
-    #: Least number of landmarks, as in ORB-SLAM and stella_vslam: tracking needs them.
-    min_landmarks: int = 50
+    #: Factor on the probability that focus or a stabilizer changes the lens from view to view, which short baselines
+    #: before a plane do not tell from a motion. 0: the focus is fixed and nothing stabilizes the images.
+    lens_changes: float = 1.0
+    #: Least number of landmarks: COLMAP registers an image by 30 of them. Whether they tell a pose is another gate
+    #: (:mod:`slam_init.decision.depths`).
+    min_landmarks: int = 30
     #: A depth is known up to this relative standard deviation, and three quarters of the landmarks need known depths
     #: (:mod:`slam_init.decision.depths`). A prediction is off by 10 pixels then where the parallax is 50. A smaller
     #: value makes the initializer wait for more parallax.

@@ -13,8 +13,9 @@ stage          what it does
 ``two_view``   inside ``judge``: :mod:`quest` proposes motions from the best pair
 ``map``        inside ``judge``: all views are fitted for each motion. :mod:`slam_init.decision.judged_window` states
                the risk that the best one is wrong, the reason, and the lens to go on with;
-               :mod:`slam_init.decision.window_map` builds the map of an accepted motion, or of both motions of an
-               undecided plane; :mod:`slam_init.decision.depths` asks whether a tracker can go on from its landmarks
+               :mod:`slam_init.decision.window_map` builds the map of an accepted motion, or of the two motions that
+               the views do not decide between; :mod:`slam_init.decision.depths` asks whether a tracker can go on from
+               its landmarks
 ``refine``     in place of ``pairs`` and ``judge`` once a map is accepted: :mod:`slam_init.mapping.refinement` locates
                the frame in the map, which grows
 =============  ======================================================================================================

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -30,9 +30,6 @@ from slam_init.errors import SourceError
 from slam_init.system.regular_file import kind_problem, user_path
 from slam_init.system.user_code import attribute_of
 from slam_init.types.frame import TimedSource
-
-if TYPE_CHECKING:
-    from slam_init.types.frame import TimedSource
 
 #: Prefix of the name of such a source.
 PYTHON = "python:"

@@ -217,7 +217,7 @@ def _audited(known: Mapping[int, Pose], history: History, config: Config) -> Aud
     given = _motion_of({frame: known[frame] for frame in tracks.frames if frame in known})
     lens = LensInUse.of(history.camera)
     # No turning of the camera is known, so that the readout of a rolling shutter moves no pixel.
-    priors = replace(priors_of(lens), readout_sigma_s=0.0)
+    priors = replace(priors_of(lens, config), readout_sigma_s=0.0)
     # A wrong map must not set the noise, so that the proposals come first.
     hypotheses = fit_hypotheses(tracks, [*proposed, given], priors)
     if hypotheses is None:

@@ -8,6 +8,7 @@ estimate, and the prior stays where it was: an estimate is never the prior of th
 
 from __future__ import annotations
 
+from slam_init.config import Config
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA, LensInUse, k1_sigma
 from slam_init.window.levels import PRINCIPAL_SIGMA, READOUT_SIGMA_S
 from slam_init.window.state import Priors
@@ -23,7 +24,7 @@ _WIDE_FOCAL, _WIDE_K1 = 0.5, -0.1
 _FOLLOWED = 0.01
 
 
-def priors_of(lens: LensInUse) -> Priors:
+def priors_of(lens: LensInUse, config: Config) -> Priors:
     """What is known of the lens in use before a fit."""
     stated = lens.stated
     return Priors(
@@ -33,6 +34,7 @@ def priors_of(lens: LensInUse) -> Priors:
         principal_sigma_px=PRINCIPAL_SIGMA * stated.width,
         log_scale_mean=-lens.log_scale,
         k1_mean=-lens.k1,
+        lens_changes=config.acceptance.lens_changes,
     )
 
 

@@ -46,7 +46,8 @@ class WindowMaps:
 
         A view that is left out costs some landmarks only.
         """
-        return self._agreeing(RISK_OF_A_VIEW, self._config.acceptance.max_risk)
+        max_risk = self._config.acceptance.max_risk
+        return self._agreeing(RISK_OF_A_VIEW * max_risk, max_risk)
 
     def undecided(self, reason: Verdict) -> tuple[InitialMap, ...]:
         """The maps of the two motions that the tracks do not decide between, the best first; none where one has no map.

@@ -2,8 +2,8 @@
 
 quest proposes motions from the pairs that the keyframe manager chooses. From then on the motions live: each further
 frame joins their joint fit, and the risk is stated anew. What follows from a window is a function of it
-(:mod:`slam_init.decision.judged_window`). A map is built for an accepted motion, for both motions of an undecided
-plane, or on request (:mod:`slam_init.decision.window_map`).
+(:mod:`slam_init.decision.judged_window`). A map is built for an accepted motion, for the two motions of an undecided
+plane or of the scene and a large body, or on request (:mod:`slam_init.decision.window_map`).
 """
 
 from __future__ import annotations
@@ -181,7 +181,7 @@ class WindowRule:
         """The hypotheses of a window and the risk of the best one, confirmed where it is small; None without one."""
         lens, history = self._history.lens, self._history
         attitudes = [history.attitude(view.frame) for view in views.all]
-        hypotheses = self._live.fitted(lens.camera, priors_of(lens), views.all, attitudes)
+        hypotheses = self._live.fitted(lens.camera, priors_of(lens, self._config), views.all, attitudes)
         if hypotheses is None:
             return None
         again, risk = confirmed(hypotheses, risk_of(hypotheses), self._config.acceptance.max_risk)

@@ -78,7 +78,7 @@ class WindowEvidence:
     planar : bool
         Whether the points were held on a plane.
     risk : float
-        Probability that the map is wrong; the sum of the five terms below.
+        Probability that the map is wrong; the sum of the five terms below, at most 1.
     risk_direction, risk_rival, risk_rotation, risk_moving, risk_floor : float
         By the uncertainty of direction and rotation, by another motion, by a camera that only rotates, by tracks with a
         rigid motion of their own, and by what is not modelled.
@@ -160,7 +160,7 @@ class Margin:
     log_likelihood: float
     #: The same difference, in units of its standard deviation if both maps explain the tracks equally well (after Vuong
     #: 1989). Each track votes by the difference of its two log likelihoods; the votes against the first map tell the
-    #: standard deviation (:mod:`slam_init.window.risk`).
+    #: standard deviation (:mod:`slam_init.window.rival`).
     z: float
     #: Smallest z that decides the vote. Two equally good maps exceed the default once in 30 000 cases.
     z_needed: float = 4.0

@@ -1,4 +1,4 @@
-"""Verdicts on a pair of frames: a closed set of reasons, and an advice for each."""
+"""Verdicts on a frame: a closed set of reasons, and an advice for each."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from enum import StrEnum
 
 # To add a reason, add a line here: the value goes to ``summary.json``, and the advice is shown to the person who moves
 # the camera. A gate or a rule of ``slam_init.decision`` then names the reason: ``screening`` before two views,
-# ``two_views`` for a pair, ``_reason`` of ``judged_window`` for a window, ``depths`` for a map. ``VERDICT_COLORS`` of
+# ``two_views`` for a pair (a reason of :mod:`quest` has the name of its member), ``_reason`` of ``judged_window`` for a
+# window, ``depths`` and ``_map_gates`` of ``window_rule`` for a map. ``VERDICT_COLORS`` of
 # ``slam_init.pictures.style`` gives it a colour. ``python tests/support/make_schema.py`` writes it to
 # ``slam_init/output/summary.schema.json``. The page of the reasons is made from this list.
 class Verdict(StrEnum):
-    """The verdict on a pair of frames: accepted, or the reason of the refusal.
+    """The verdict on a frame: accepted, or the reason of the refusal.
 
     The stage of an attempt that refuses it gives the reason, and the stages decide which reason comes first. A run
     reports the most frequent reason of the second half of its attempts. Of equally frequent reasons it reports the

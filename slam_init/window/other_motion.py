@@ -67,8 +67,10 @@ def other_motion(hypotheses: WindowHypotheses) -> OtherMotion:
 def fit_other_motion(hypotheses: WindowHypotheses, other: OtherMotion) -> FittedMotion | None:
     """The motion of the camera if the other tracks are at rest, fitted to these in the views that they locate.
 
-    * Returns: None where it does not locate the pair.
+    * Returns: None where it does not locate the pair, or where the camera only rotates then.
     """
+    if not other.pose.t.any():
+        return None
     tracks, best = hypotheses.tracks, hypotheses.motions[0].motion
     moving = np.flatnonzero(np.isin(tracks.track_ids, other.track_ids))
     pair = {tracks.frames[0]: Pose.identity(), tracks.frames[1]: other.pose}

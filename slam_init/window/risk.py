@@ -94,7 +94,7 @@ class WindowRisk:
 
     #: Sum of the terms, at most 1.
     total: float
-    #: direction, rival, rotation, floor: Probabilities, see the module docstring.
+    #: direction, rival, rotation, floor: Probabilities, see the module docstring; ``moving`` is that of ``other``.
     direction: float
     rival: float
     rotation: float
@@ -113,7 +113,8 @@ class WindowRisk:
     depth_sigma: float
     #: Expected standard deviation of the coefficients of the error fields.
     field_px: float
-    #: The distortion and the readout by the best motion, or by the camera that only rotates where that is likely.
+    #: The focal length, the distortion and the readout by the best motion, or by the camera that only rotates where
+    #: that is likely.
     camera: CameraEstimate
     #: Probability that each view is shifted as a whole.
     frames_are_shifted: float
@@ -292,7 +293,7 @@ def _against_zooms(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk
     # A zoom looks like a motion toward a plane, so that a few bodies before it look like its relief.
     if explained > zooming.gain_over_rotation[0]:
         probability = max(probability, _bodies_probability(zooming, SHARE_OF_BODIES))
-    rotation = risk.rotation + LENS_ZOOMS * probability
+    rotation = risk.rotation + hypotheses.priors.lens_changes * LENS_ZOOMS * probability
     return replace(risk, rotation=rotation, total=_total(risk.direction, risk.rival, rotation, risk.moving))
 
 

@@ -36,6 +36,8 @@ class Priors:
     #: earlier camera.
     log_scale_mean: float = 0.0
     k1_mean: float = 0.0
+    #: Factor on the probability that the lens changes from view to view.
+    lens_changes: float = 1.0
 
     def lens_pulls(self, state: WindowState) -> tuple[float, float]:
         """How far the lens is from what is expected, in standard deviations."""

@@ -362,7 +362,7 @@ def varying_lens(expanded: ExpandedFit, priors: Priors) -> VaryingLens:
     along = [J @ follow for J in derivatives]
     fixed = [J @ covariance @ J.T + F @ given @ F.T for J, F in zip(derivatives, along, strict=True)]
     log_weights, factors, moved_deg = (
-        [math.log(1 - sum(prior for _, prior in (*ZOOMS, *SHIFTS)))],
+        [math.log(1 - priors.lens_changes * sum(prior for _, prior in (*ZOOMS, *SHIFTS)))],
         [np.ones(views - 1)],
         [np.zeros(views - 1)],
     )
@@ -370,13 +370,13 @@ def varying_lens(expanded: ExpandedFit, priors: Priors) -> VaryingLens:
         *((zoom, _NO_SHIFT, prior) for zoom, prior in ZOOMS),
         *((shift / 3, shift, prior) for shift, prior in SHIFTS),
     ]
-    for zoom, shift, prior in modes:
+    for zoom, shift, prior in modes if priors.lens_changes else ():
         sigmas = np.tile([zoom, *2 * [shift * expanded.tracks.camera.width]], views - 1)
         scaled = np.outer(sigmas, sigmas) * 0.5 * (information + information.T) + np.eye(len(sigmas))
         posterior = np.outer(sigmas, sigmas) * np.linalg.inv(scaled)
         mean = -posterior @ gradient
         evidence = 0.5 * float(gradient @ posterior @ gradient) - 0.5 * float(np.linalg.slogdet(scaled)[1])
-        log_weights.append(math.log(prior) + evidence)
+        log_weights.append(math.log(priors.lens_changes * prior) + evidence)
         moved = [F @ B @ posterior @ B.T @ F.T for F in along]
         largest = [
             float(np.linalg.eigvalsh(a + b)[-1] / max(np.linalg.eigvalsh(a)[-1], 1e-300))

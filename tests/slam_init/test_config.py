@@ -92,7 +92,12 @@ def test_a_value_that_is_none_is_refused_by_name(tmp_path, path, value):
     assert "\n" not in str(refusal.value)
 
 
-MAY_BE_ZERO = (("seed",), ("acceptance", "min_parallax_deg"), ("map", "lens_uncertainty"))
+MAY_BE_ZERO = (
+    ("seed",),
+    ("acceptance", "min_parallax_deg"),
+    ("acceptance", "lens_changes"),
+    ("map", "lens_uncertainty"),
+)
 
 
 @pytest.mark.parametrize("path", [path for path in NUMBERS if path not in MAY_BE_ZERO], ids=name)
@@ -143,8 +148,8 @@ def test_a_file_with_several_removed_keys_is_refused_once_for_all(tmp_path):
         load_config(path)
 
 
-@pytest.mark.parametrize("risk", [0.0, -0.1, 1.0001, 5, float("nan"), float("inf")])
-def test_a_risk_that_is_no_probability_is_refused_in_one_line(tmp_path, risk):
+@pytest.mark.parametrize("risk", [0.0, 0.001, -0.1, 1.0001, 5, float("nan"), float("inf")])
+def test_a_risk_that_is_no_probability_or_that_no_map_can_have_is_refused_in_one_line(tmp_path, risk):
     with pytest.raises(ConfigError, match=r"acceptance\.max_risk is") as refusal:
         AcceptanceConfig(max_risk=risk)
     assert "\n" not in str(refusal.value)
@@ -153,8 +158,8 @@ def test_a_risk_that_is_no_probability_is_refused_in_one_line(tmp_path, risk):
     assert "\n" not in str(refusal.value)
 
 
-@pytest.mark.parametrize("risk", [1e-9, 0.5, 1.0])
-def test_a_risk_is_a_probability_above_zero(tmp_path, risk):
+@pytest.mark.parametrize("risk", [0.0011, 0.5, 1.0])
+def test_a_risk_is_a_probability_above_what_is_not_modelled(tmp_path, risk):
     assert load_config(written(tmp_path, f"[acceptance]\nmax_risk = {risk}\n")).acceptance.max_risk == risk
 
 

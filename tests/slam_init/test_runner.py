@@ -111,7 +111,8 @@ def test_the_provenance_holds_the_options_of_the_run(room_run):
     assert options["method"] == "quest"
     assert options["acceptance"] == {
         "max_risk": 0.005,
-        "min_landmarks": 50,
+        "lens_changes": 1.0,
+        "min_landmarks": 30,
         "max_depth_sigma": 0.2,
         "min_parallax_deg": 0.0,
     }

@@ -45,11 +45,11 @@ def test_a_lens_that_moves_takes_its_prior_along():
     lens = followed(LensInUse.of(UNKNOWN), found(0.2, -0.1))
     np.testing.assert_allclose(lens.camera.fx, CAMERA.fx * np.exp(0.2))
     assert lens.camera.distortion[0] == -0.1
-    priors = priors_of(lens)
+    priors = priors_of(lens, WINDOW_CONFIG)
     assert (priors.log_scale_mean, priors.k1_mean, priors.focal_sigma) == (-0.2, 0.1, 0.35)
     # Back again, the prior is the first one.
     lens = lens.moved(-0.2, 0.1)
-    assert priors_of(lens).log_scale_mean == pytest.approx(0)
+    assert priors_of(lens, WINDOW_CONFIG).log_scale_mean == pytest.approx(0)
     np.testing.assert_allclose(lens.camera.fx, CAMERA.fx)
 
 

@@ -135,7 +135,7 @@ def test_each_attempt_with_a_motion_has_its_window_and_one_gate_on_the_risk(scen
 
 def test_the_largest_risk_is_an_option():
     source = point_source("room", 1)
-    strict = tried(source, range(12), with_limits(max_risk=1e-4))  # below the floor of any risk
+    strict = tried(source, range(12), with_limits(max_risk=1.1e-3))
     assert strict.accepted is None
     assert strict.attempt.stage is Stage.MAP
     assert [gate.name for gate in strict.attempt.failed_gates] == [GateName.RISK]

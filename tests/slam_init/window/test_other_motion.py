@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from make_window import PRIORS, hypotheses_of, pair_and_further, point_source
 
-from slam_init.window.other_motion import explained_tracks, other_motion
+from slam_init.types.pose import Pose
+from slam_init.window.other_motion import OtherMotion, explained_tracks, fit_other_motion, other_motion
 from slam_init.window.risk import risk_of
 
 
@@ -47,3 +48,9 @@ def test_a_small_body_is_no_rival():
         found = hypotheses(seed, moving=0.1, bodies=1, body_turn_deg_s=30, outliers=0.05)
         assert other_motion(found).probability == 0
         assert explained_tracks(found).mean() > 0.75
+
+
+def test_other_tracks_under_which_the_camera_only_rotates_make_no_map():
+    found = hypotheses(0, moving=0.45, bodies=1, body_turn_deg_s=30, outliers=0.05)
+    turning = OtherMotion(0.5, found.tracks.track_ids[::2], Pose(found.motions[0].cam2_from_cam1.R, np.zeros(3)))
+    assert fit_other_motion(found, turning) is None

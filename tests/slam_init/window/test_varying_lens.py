@@ -70,6 +70,15 @@ def test_the_modes_widen_the_directions_and_the_lens_as_stated_does_not():
     assert (np.diff(lens.factors[1:4], axis=0) >= -1e-9).all()
 
 
+def test_a_lens_that_is_said_to_be_fixed_has_no_other_modes():
+    found = hypotheses("wall", baseline=0.05)
+    fixed = replace(found, priors=replace(found.priors, lens_changes=0.0))
+    lens = lens_of(fixed)
+    assert lens.probabilities.tolist() == [1.0]
+    assert lens.shifted == 0
+    assert risk_of(fixed).direction < risk_of(found).direction
+
+
 @pytest.mark.parametrize(("scene", "seed"), [("rotation", 1), ("rotation", 2), ("static", 1), ("static", 2)])
 def test_a_camera_that_zooms_and_does_not_translate_has_no_small_risk(scene, seed):
     found = hypotheses(scene, seed, zoom=0.02)
