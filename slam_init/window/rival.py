@@ -46,15 +46,22 @@ def rival_term(
     best, *rivals = hypotheses.motions
     margins = [_margin(hypotheses, best, rival) for rival in rivals]
     costs = _CostsWithFields(hypotheses)
-    odds = [
-        max(
-            _rival_probability(costs, expanded, rival, margin, fit=fit),
-            _rival_by_bodies(hypotheses, best, rival),
-        )
-        * _wrong_if_right(best, rival, spread_deg)
-        for rival, margin in zip(rivals, margins, strict=True)
-    ]
-    return min(1.0, sum(odds)), min(margins, key=Margin.decision_ratio, default=None)
+
+    def probability(*, fit: bool) -> float:
+        odds = [
+            max(
+                _rival_probability(costs, expanded, rival, margin, fit=fit),
+                _rival_by_bodies(hypotheses, best, rival),
+            )
+            * _wrong_if_right(best, rival, spread_deg)
+            for rival, margin in zip(rivals, margins, strict=True)
+        ]
+        return min(1.0, sum(odds))
+
+    # Fits with fields raise the probability only, and cost as much as those of the motions.
+    by_expansions = probability(fit=False)
+    total = probability(fit=True) if fit and by_expansions <= UNDECIDED else by_expansions
+    return total, min(margins, key=Margin.decision_ratio, default=None)
 
 
 def rival_odds(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> list[float]:
@@ -114,7 +121,7 @@ def _rival_probability(
     missing = int(seen[list(motion.rows)].sum()) - int(seen[list(rival.rows)].sum())
     outliers = hypotheses.priors.gate_sigmas**2 * missing
     ahead = max(0.5 * (rival.fit.cost + outliers - best.fit.cost), 1e-9)
-    expanded = expand(hypotheses, rival, evidence_only=True)
+    expanded = costs.expanded(rival)
     # The fields explain a share of the difference of the costs, and the same share of the votes. A wrong motion absorbs
     # a part of the fields, so that it seems to need smaller ones. The fields belong to the tracker and not to the
     # motion: the motions are compared at each scale that is likely with both.
@@ -148,6 +155,13 @@ class _CostsWithFields:
     def __init__(self, hypotheses: WindowHypotheses) -> None:
         self.hypotheses = hypotheses
         self._known: dict[tuple[int, float], float] = {}
+        self._expanded: dict[int, ExpandedFit] = {}
+
+    def expanded(self, motion: FittedMotion) -> ExpandedFit:
+        """The expansion of a motion for its evidence, computed once."""
+        if id(motion) not in self._expanded:
+            self._expanded[id(motion)] = expand(self.hypotheses, motion, evidence_only=True)
+        return self._expanded[id(motion)]
 
     def of(self, motion: FittedMotion, expanded: ExpandedFit, scale_px: float) -> float:
         """The cost of a motion; each motion is fitted once with the fields of a scale."""
