@@ -47,6 +47,9 @@ def add_compare(commands: Commands) -> None:
     add_processes(compare)
     compare.add_argument("--seed", type=int, default=0, metavar="N", help="of random draws (default: 0)")
     add_topics(compare)
+    compare.add_argument(
+        "--audit", action="store_true", help="state the risk of the map of each trial (see slam-init audit)"
+    )
     compare.add_argument("--recordings", action="store_true", help="write a recording of each trial")
     compare.add_argument("--out", metavar="DIR", default=_DEFAULT_COMPARISON, help=OUT_HELP)
 

@@ -47,6 +47,7 @@ def run_command(arguments: argparse.Namespace, out: str | os.PathLike[str], *, p
             limit_frames=arguments.limit_frames,
             time_limit_s=arguments.time_limit,
             memory_limit_mb=arguments.memory_limit,
+            audit=arguments.audit,
             config=Config(),
         ),
     )
@@ -144,4 +145,5 @@ def _command(arguments: argparse.Namespace) -> str:
             words += [f"--{option.replace('_', '-')}", str(value)]
     for method in arguments.method:
         words += ["--method", method]
+    words += ["--audit"] if arguments.audit else []
     return shlex.join(words)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from slam_init.compare.statistics import Interval, cluster_mean, holm, mcnemar_exact, restricted_mean, wilson
 from slam_init.compare.trial_table import TrialTable
+from slam_init.decision.audit import WRONG
 from slam_init.types.arrays import Floats, Ints
 
 
@@ -113,6 +114,11 @@ class Figures:
     report_rate: Interval
     #: Of the trials with the true focal length, the share in which the result reports that it is wrong.
     false_report_rate: Interval
+    #: Mean over the maps of the probability that they are wrong, by the audit; None without one. With reliable risks
+    #: it is the share of the false ones.
+    audited_risk: float | None
+    #: Share of these maps that the audit calls wrong.
+    audited_wrong_rate: Interval
     #: Number of trials without a map, by their reason or error message.
     reasons: dict[str, int]
     #: Medians over the correct maps; None if there are no correct maps.
@@ -137,6 +143,7 @@ def figures_of(table: TrialTable) -> Figures:
     undecided = int(table["ambiguous"].sum())
     suspects, reports = (np.isfinite(table[f"{name}_focal_factor"]) for name in ("suspected", "reported"))
     reasons = Counter(table["reason"][(outcome == "none") | (outcome == "error")].tolist())
+    audited = table["audited_risk"][np.isfinite(table["audited_risk"])]
     seconds = table["seconds_to_accept"][np.isfinite(table["seconds_to_accept"])]
     return Figures(
         trials=trials,
@@ -159,6 +166,8 @@ def figures_of(table: TrialTable) -> Figures:
         suspicion_rate=wilson(int(np.sum(suspects & wrong_focal)), int(wrong_focal.sum())),
         report_rate=wilson(int(np.sum(reports & wrong_focal)), int(wrong_focal.sum())),
         false_report_rate=wilson(int(np.sum(reports & ~wrong_focal)), int(np.sum(~wrong_focal))),
+        audited_risk=float(audited.mean()) if len(audited) else None,
+        audited_wrong_rate=wilson(int(np.sum(audited > WRONG)), len(audited)),
         reasons=dict(sorted(reasons.items(), key=lambda item: (-item[1], item[0]))),
         medians={name: _median(table[name][is_correct]) for name in _MEDIANS_OF_CORRECT},
         peak_memory_mb=_quantile(table["peak_memory_mb"], 1.0),

@@ -140,18 +140,24 @@ def _tracks_folder(folder: OutputFolder, backend: str) -> Iterator[str]:
 def _shared_settings(plan: Plan, settings: Settings) -> dict[str, Json]:
     """Return the settings that must be equal for all rows of a results folder."""
     views = {SourceView.parse(source.text)[0].query for source in plan.sources} - {""}
+    # Rows that were not audited lack a figure.
+    audit: dict[str, Json] = {"audit": True} if settings.audit else {}
     view: dict[str, Json] = {"view": ", ".join(sorted(views))} if views else {}
-    return view | {
-        "seed": settings.seed,
-        "limit_frames": settings.limit_frames,
-        "limit_s": settings.limit_s,
-        # The limits of external programs do not change the result of a trial, unless it is an error.
-        "options": {
-            name: value
-            for name, value in asdict(replace(settings.config, method="", seed=0)).items()
-            if name != "external"
-        },
-    }
+    return (
+        view
+        | audit
+        | {
+            "seed": settings.seed,
+            "limit_frames": settings.limit_frames,
+            "limit_s": settings.limit_s,
+            # The limits of external programs do not change the result of a trial, unless it is an error.
+            "options": {
+                name: value
+                for name, value in asdict(replace(settings.config, method="", seed=0)).items()
+                if name != "external"
+            },
+        }
+    )
 
 
 def _is_current(plan: Plan, row: TrialRow) -> bool:

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 #: Version 2 added the figures of ambiguous planes and of suspected focal lengths. Version 3 renamed the parts
 #: ``image_still`` and ``points_still`` to ``image_static`` and ``points_static``. Version 4 added ``min_left``,
-#: ``judging``, ``wait``, ``waits`` and ``reliability``.
-_SCHEMA = 4
+#: ``judging``, ``wait``, ``waits`` and ``reliability``. Version 5 added the figures of the audit.
+_SCHEMA = 5
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,8 @@ class Column(NamedTuple):
     best: int = 0
     #: Whether the terminal shows the column as well.
     terminal: bool = False
+    #: Whether it does so only where a method has a value.
+    if_known: bool = False
 
 
 def _median(name: str) -> Callable[[Figures], float | None]:
@@ -50,6 +52,8 @@ RATES = (
     Column("strict %", lambda f: f.strict / f.trials if f.trials else None, 1, 100, terminal=True),
     Column("false %", lambda f: f.false_rate, 1, 100, best=-1, terminal=True),
     Column("precision %", lambda f: f.precision, 1, 100),
+    Column("audited<br>risk %", lambda f: f.audited_risk, 1, 100, best=-1, terminal=True, if_known=True),
+    Column("audit: wrong %", lambda f: f.audited_wrong_rate, 1, 100),
     Column("none", lambda f: f.none, terminal=True),
     Column("ambiguous", lambda f: f.undecided),
     Column("plane: right<br>map kept %", lambda f: f.kept_truth_rate, 1, 100, terminal=True),
@@ -80,6 +84,8 @@ STATIC = (
     Column("trials", lambda f: f.trials, terminal=True),
     Column("false", lambda f: f.false),
     Column("false %", lambda f: f.false_rate, 1, 100, best=-1, terminal=True),
+    Column("audited<br>risk %", lambda f: f.audited_risk, 1, 100, best=-1, terminal=True, if_known=True),
+    Column("audit: wrong %", lambda f: f.audited_wrong_rate, 1, 100),
     Column("none", lambda f: f.none, terminal=True),
     Column("error", lambda f: f.error, terminal=True),
     Column("expected reason %", lambda f: f.reason_accuracy, 1, 100, best=1, terminal=True),
@@ -115,7 +121,11 @@ def p_value_text(p: float) -> str:
 
 def text_figures(title: str, figures: Mapping[str, Figures], columns: Iterable[Column]) -> str:
     """Make the Markdown tables of the columns that the terminal shows."""
-    shown = [column for column in columns if column.terminal]
+    shown = [
+        column
+        for column in columns
+        if column.terminal and not (column.if_known and all(column.value(f) is None for f in figures.values()))
+    ]
     header = [title, *(column.heading.replace("<br>", " ") for column in shown)]
     rows = [
         [method, *(figure_text(column.value(f), column.digits, column.scale) for column in shown)]

@@ -25,7 +25,7 @@ _NUMBERS = (
     "ate", "rotation_error_before_deg", "direction_error_before_deg", "ate_before", "survival", "depth_error",
     "depth_order_error", "landmarks", "frame_median_ms", "frame_p95_ms", "attempt_median_ms", "trial_ms",
     "peak_memory_mb", "suspected_focal_factor", "reported_focal_factor", "reported_distortion", "risk",
-    "rotation_sigma_deg", "direction_sigma_deg", "pair_rotation_error_deg", "pair_direction_error_deg",
+    "rotation_sigma_deg", "direction_sigma_deg", "pair_rotation_error_deg", "pair_direction_error_deg", "audited_risk",
 )  # fmt: skip
 #: Columns that are true or false.
 _FLAGS: dict[str, Callable[[TrialRow], bool]] = {

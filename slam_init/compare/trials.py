@@ -21,7 +21,10 @@ from slam_init.compare.sources import ComparedSource, calibration_of, open_compa
 from slam_init.compare.trajectories import write_trajectory
 from slam_init.config import Config, ExternalConfig
 from slam_init.decision.attempt_log import reported_distortion, reported_focal_factor
+from slam_init.decision.audit import audit
+from slam_init.errors import SlamInitError
 from slam_init.methods.external_command import is_external
+from slam_init.types.frame import Observations
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Result
@@ -73,6 +76,8 @@ class Settings:
     time_limit_s: float = 300.0
     #: A trial that allocates more memory counts as an error. 0 for no limit.
     memory_limit_mb: int = 6000
+    #: Whether the maps are audited.
+    audit: bool = False
     #: Options of the methods; the fields ``method`` and ``seed`` are not used.
     config: Config = field(default_factory=Config)
 
@@ -100,6 +105,8 @@ def run_trial(trial: Trial, settings: Settings) -> TrialRow:
         recording.end(result, source, camera, recorder)
     times_ms["trial_ms"] = 1e3 * (time.perf_counter() - begin)
     columns: dict[str, Any] = {name: _rounded(value) for name, value in times_ms.items()}
+    if settings.audit and result.map is not None:
+        columns["audited_risk"] = _rounded(_audited_risk(trial, settings, result.map, source, camera))
     return replace(row, **columns)
 
 
@@ -165,6 +172,21 @@ def error_row(trial: Trial, settings: Settings, cause: str) -> TrialRow:
 def _opened(text: str) -> TimedSource | PointSource:
     """Open and cache a source: its trials follow one another, and a synthetic world takes a second to build."""
     return open_compared(text)
+
+
+def _audited_risk(
+    trial: Trial, settings: Settings, map_: InitialMap, source: TimedSource | PointSource, camera: Camera
+) -> float | None:
+    """Audit the poses of a map with all tracks that the trial could read; None where they do not connect its frames."""
+    limit, views = settings.frames_limit(trial.source, trial.start), dict[int, Observations]()
+    steps = replay(source, trial.source.text, trial.start, Path(settings.tracks))
+    for _, step in zip(range(limit), steps, strict=False):
+        views |= {view.frame: view for view in (*step.revised, step.current)}
+    poses = {keyframe.frame: keyframe.world_from_cam for keyframe in map_.keyframes}
+    try:
+        return audit(poses, views.values(), camera, settings.config).risk
+    except SlamInitError:
+        return None
 
 
 # -- rows ------------------------------------------------------------------------------------------

@@ -56,7 +56,7 @@ _SAME_SCENE = 0.7
 #: A map is wrong where that is more likely than not: with a risk whose reliability is measured, this verdict errs least
 #: often.
 #: Class: definition.
-_WRONG = 0.5
+WRONG = 0.5
 _AT_A_DISTANCE = "the poses are away from the best motion: adjust the map with all of its tracks and views"
 _ANOTHER_MOTION = "another motion explains the tracks better: initialize again, or start from the better motion"
 
@@ -274,7 +274,7 @@ def _stated(known: Mapping[int, Pose], window: JudgedWindow, terms: MapPosterior
     """The verdict on the map, and what would tell."""
     risk, best = window.risk, window.best
     rotation_deg, direction_deg = differences_deg(known, best)[best.frames[1]]
-    verdict = AuditVerdict.WRONG if terms.total > _WRONG else AuditVerdict.DOUBTFUL
+    verdict = AuditVerdict.WRONG if terms.total > WRONG else AuditVerdict.DOUBTFUL
     verdict = AuditVerdict.SOUND if terms.total <= max_risk else verdict
     is_best = is_near(known, best)
     reason, advice = _what_tells(window, terms, verdict, max_risk, _AT_A_DISTANCE if is_best else _ANOTHER_MOTION)

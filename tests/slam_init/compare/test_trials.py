@@ -8,8 +8,11 @@ import pytest
 from make_map import make_attempts, make_map, make_result, make_truth
 
 from quest.geometry.quaternion import rotation_from_vector
+from slam_init.compare.figures import figures_of
 from slam_init.compare.sources import describe_sources, open_compared
-from slam_init.compare.trials import Settings, Trial, result_row
+from slam_init.compare.tables import RATES, text_figures
+from slam_init.compare.trial_table import TrialTable
+from slam_init.compare.trials import Settings, Trial, result_row, run_trial
 from slam_init.types.evidence import RotationOnlyEvidence
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose
@@ -41,6 +44,16 @@ def test_an_ambiguous_plane_is_kept_correctly_if_one_of_the_hypotheses_is_correc
     assert kept_truth(right, wrong) is kept_truth(wrong, right) is True
     assert kept_truth(wrong, wrong) is kept_truth() is False
     assert kept_truth(right, wrong, reason=Verdict.LOW_PARALLAX) is None
+
+
+def test_the_map_of_any_method_is_audited_where_it_is_asked_for():
+    (source,) = describe_sources(["points:room?baseline=0.1"])
+    trial = Trial(source, "essential-5pt", 0)
+    without, row = (run_trial(trial, Settings(audit=audit)) for audit in (False, True))
+    assert row.outcome == "correct" and row.risk is without.audited_risk is None
+    assert 0 < row.audited_risk < 0.05
+    assert text_figures("", {"": figures_of(TrialTable.read([row]))}, RATES).count("audited risk %") == 1
+    assert "audited" not in text_figures("", {"": figures_of(TrialTable.read([without]))}, RATES)
 
 
 def test_one_suspicion_of_the_focal_length_is_recorded_and_several_that_agree_are_reported():
