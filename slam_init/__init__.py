@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from slam_init.calibration.prior import prior_camera
     from slam_init.config import Config, load_config
     from slam_init.datasets.opening import open_source
-    from slam_init.decision.audit import Audit, AuditVerdict, audit
+    from slam_init.decision.audit import audit
     from slam_init.errors import CalibrationError, ConfigError, OutputError, SlamInitError, SourceError
     from slam_init.exports import export
     from slam_init.initializer import Initializer
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from slam_init.scale.find import find_scale
     from slam_init.scale.metric_map import in_metres
     from slam_init.scale.requests import parse_scale
+    from slam_init.types.audit import Audit, AuditVerdict
     from slam_init.types.camera import Camera
     from slam_init.types.frame import Frame, Observations
     from slam_init.types.gates import Gate
@@ -81,8 +82,8 @@ __all__ = [
 
 _HOMES = {
     "Attempt": "types.result",
-    "Audit": "decision.audit",
-    "AuditVerdict": "decision.audit",
+    "Audit": "types.audit",
+    "AuditVerdict": "types.audit",
     "CalibrationError": "errors",
     "Camera": "types.camera",
     "Config": "config",

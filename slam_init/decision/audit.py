@@ -8,14 +8,13 @@ its probability to be wrong over all of them (:mod:`slam_init.decision.map_poste
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from quest.display import Described
 from quest.estimate import RelativePose
+from quest.geometry.epipolar import depths_from_pose
 from slam_init.config import Config
 from slam_init.decision.judged_window import JudgedWindow
 from slam_init.decision.lens import priors_of
@@ -29,11 +28,12 @@ from slam_init.frontend.tracks import History
 from slam_init.mapping.views import voting_views
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Floats, evenly_spaced
+from slam_init.types.audit import Audit, AuditedMatches, AuditVerdict
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.lens_in_use import LensInUse
 from slam_init.types.pose import Pose
-from slam_init.types.reasons import Verdict, in_words
+from slam_init.types.reasons import Verdict
 from slam_init.window.hypotheses import fit_hypotheses, motions_of_pair
 from slam_init.window.motion import Motion
 from slam_init.window.risk import confirmed, risk_of
@@ -59,91 +59,6 @@ _SAME_SCENE = 0.7
 WRONG = 0.5
 _AT_A_DISTANCE = "the poses are away from the best motion: adjust the map with all of its tracks and views"
 _ANOTHER_MOTION = "another motion explains the tracks better: initialize again, or start from the better motion"
-
-
-class AuditVerdict(StrEnum):
-    """The verdict on a map: ``doubtful`` where the tracks do not tell, ``wrong`` where it is likelier than right."""
-
-    SOUND = "sound"
-    DOUBTFUL = "doubtful"
-    WRONG = "wrong"
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Audit(Described):
-    """The stated risk of a map from anywhere. Its terms add up, to 1 at the most.
-
-    Attributes
-    ----------
-    verdict : AuditVerdict
-        ``sound`` if the risk is at most ``Config().acceptance.max_risk`` (0.005), ``wrong`` if it is above 0.5, else
-        ``doubtful``.
-    risk : float
-        Probability that the map is wrong: a rotation off by more than 5 degrees, or the direction of a baseline by more
-        than 15.
-    risk_direction : float
-        Probability that the best motion is right, and a map at its fit would be wrong.
-    risk_rival : float
-        Probability that another motion is right, and the map is not near it.
-    risk_rotation : float
-        Probability that the camera only rotates.
-    risk_moving : float
-        Probability that the tracks that the best motion does not explain are the scene at rest.
-    risk_floor : float
-        Probability of what is not modelled.
-    risk_map : float
-        Probability that the best motion is right, and the map is wrong because it is a distance away from its fit.
-    direction_sigma_deg, rotation_sigma_deg : float
-        Standard deviations of the pair's direction and rotation, of the best motion.
-    pair : (int, int)
-        The frames whose baseline was judged.
-    frames : tuple of int
-        All frames of the window, the pair first.
-    tracks : int
-        Number of tracks in the window.
-    rotation_deg, direction_deg : float
-        Angles between the pair of the map and that of the best motion.
-    better : Pose or None
-        The best motion of the pair, cam2_from_cam1 with a translation of length 1, where the map is another one.
-    reason : Verdict or None
-        Where the doubt is about the tracks: the reason that a map of our own would be refused for.
-    advice : str
-        What would tell; empty for a sound map.
-    """
-
-    verdict: AuditVerdict
-    risk: float
-    risk_direction: float
-    risk_rival: float
-    risk_rotation: float
-    risk_moving: float
-    risk_floor: float
-    risk_map: float
-    direction_sigma_deg: float
-    rotation_sigma_deg: float
-    pair: tuple[int, int]
-    frames: tuple[int, ...]
-    tracks: int
-    rotation_deg: float
-    direction_deg: float
-    better: Pose | None
-    reason: Verdict | None
-    advice: str
-
-    def __bool__(self) -> bool:
-        return self.verdict is AuditVerdict.SOUND
-
-    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
-        names = ("direction", "rival", "rotation", "moving", "floor", "map")
-        terms = ", ".join(f"{name} {getattr(self, f'risk_{name}'):.2g}" for name in names)
-        reason = "" if self.reason is None else f"{in_words(self.reason)}: "
-        return f"{self.verdict}: risk {self.risk:.2g} that the map is wrong", [
-            ("terms", terms),
-            ("judged", f"frames {self.pair[0]} and {self.pair[1]}, {len(self.frames)} views, {self.tracks} tracks"),
-            ("direction", f"{self.direction_deg:.3g} deg from the best motion, +- {self.direction_sigma_deg:.2g} deg"),
-            ("rotation", f"{self.rotation_deg:.3g} deg from the best motion, +- {self.rotation_sigma_deg:.2g} deg"),
-            *([("what tells", f"{reason}{self.advice}")] if self.advice else []),
-        ]
 
 
 def audit(
@@ -297,7 +212,42 @@ def _stated(known: Mapping[int, Pose], window: JudgedWindow, terms: MapPosterior
         better=None if is_best or terms.only_rotates else best.cam2_from_cam1,
         reason=reason,
         advice=advice,
+        matches=_matches(known, window),
     )
+
+
+def _matches(known: Mapping[int, Pose], window: JudgedWindow) -> AuditedMatches:
+    """What the picture of the audit shows."""
+    pair, best, camera = window.pair, window.best, window.lens.camera
+    first, second = best.frames[:2]
+    given = known[second].inverse() @ known[first]
+    unit = float(np.linalg.norm(given.t))
+    given = Pose(given.R, given.t / unit)
+    depths, others = depths_from_pose(given.R, given.t, pair.rays1, pair.rays2)
+    points = np.where(((depths > 0) & (others > 0))[:, None], depths[:, None] * pair.rays1, np.nan)
+    # The best motion has a lens of its own.
+    state = best.fit.state
+    lens = window.lens.moved(state.log_scale, state.k1).camera
+    fitted = [lens.bearings(pixels - state.principal_px) for pixels in (pair.pixels1, pair.pixels2)]
+    frames = [frame for frame in best.frames if frame in known]
+    motion = best.motion.cam_from_world
+    length = max(float(np.linalg.norm(motion[second].t)), 1e-300)
+    return AuditedMatches(
+        size=(camera.width, camera.height),
+        pixels2=pair.pixels2,
+        map_px=camera.focal_px * _off_plane(given, pair.rays1, pair.rays2),
+        best_px=lens.focal_px * _off_plane(best.cam2_from_cam1, *fitted),
+        points=points,
+        map_centres=np.array([(known[first].inverse() @ known[frame]).t / unit for frame in frames]),
+        best_centres=np.array([motion[frame].inverse().t / length for frame in frames]),
+    )
+
+
+def _off_plane(pose: Pose, rays1: Floats, rays2: Floats) -> Floats:
+    """Angles (N,) between the rays of the second view and the epipolar planes of those of the first."""
+    normals = np.cross(pose.t, rays1 @ pose.R.T)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    return np.asarray(np.abs(np.einsum("ij,ij->i", rays2, normals)))
 
 
 def _what_tells(
