@@ -144,7 +144,7 @@ def drawn_world(stratum: str, seed: int) -> World:
     noise, points = rng.choice([0.2, 0.4, 0.7]), rng.choice([150, 300, 600])
     text = f"points:{scene}?views=20&noise_px={noise}&baseline={baseline}&points={points}{error}"
     source = open_points(text, seed)
-    poses = list(source.groundtruth.world_from_cam)
+    poses = dict(enumerate(source.groundtruth.world_from_cam))
     return World(source.camera, list(source.observations()), poses, False, {"stratum": stratum}, points_of(source))
 
 

@@ -59,7 +59,8 @@ class World:
 
     camera: Camera
     views: list[Observations]
-    world_from_cam: list[Pose]
+    #: By index of the frame; some indices may be missing.
+    world_from_cam: Mapping[int, Pose]
     no_translation: bool
     #: The factors that it was drawn from.
     factors: Mapping[str, Any]
@@ -107,7 +108,7 @@ def decide(world: World, seed: int) -> Decision:
     )  # fmt: skip
 
 
-def errors_deg(map_: InitialMap, truth: Sequence[Pose]) -> tuple[float, float]:
+def errors_deg(map_: InitialMap, truth: Mapping[int, Pose] | Sequence[Pose]) -> tuple[float, float]:
     """Largest errors of a rotation and of the direction of a baseline; short baselines are left out."""
     first, *others = map_.keyframes
     errors = []
@@ -128,7 +129,7 @@ def built_in(seed: int) -> Iterator[World]:
         for baseline in _BASELINES[:1] if scene in _WITHOUT_TRANSLATION else _BASELINES:
             source = open_points(f"points:{scene}?baseline={baseline}&noise_px={noise_px}&outliers={outliers}", seed)
             factors = {"scene": scene, "baseline": baseline, "noise": noise_px, "outliers": outliers}
-            poses = list(source.groundtruth.world_from_cam)
+            poses = dict(enumerate(source.groundtruth.world_from_cam))
             views, points = list(source.observations()), points_of(source)
             yield World(source.camera, views, poses, scene in _WITHOUT_TRANSLATION, factors, points)
 
@@ -158,7 +159,7 @@ def by_another_hand(path: Path) -> Callable[[int], Iterator[World]]:
             Observations(index, time_s, str(index), ids.astype(np.int64), pixels, camera.bearings(pixels))
             for index, time_s, ids, pixels in made["frames"]
         ]
-        poses = [Pose(R, t) for R, t in made["poses"]]
+        poses = {view.frame: Pose(R, t) for view, (R, t) in zip(views, made["poses"], strict=True)}
         plain = {key: value.item() if hasattr(value, "item") else value for key, value in factors.items()}
         points = np.where((made["kind"] == 0)[:, None], made["X"], np.nan) if "X" in made else np.zeros((0, 3))
         yield World(camera, views, poses, bool(made["notrans"]), plain, points)

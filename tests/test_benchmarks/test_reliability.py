@@ -41,7 +41,9 @@ def test_a_map_of_a_world_by_another_hand_is_judged_by_its_truth(worlds):
     assert found.outcome == "correct"
     assert 0 < found.risk < 0.005
     assert found.direction_deg < 15
-    wrong = replace(world, world_from_cam=[replace(pose, t=pose.t[::-1]) for pose in world.world_from_cam])
+    wrong = replace(
+        world, world_from_cam={k: replace(pose, t=pose.t[::-1]) for k, pose in world.world_from_cam.items()}
+    )
     assert decide(wrong, 0).outcome == "false"
 
 
