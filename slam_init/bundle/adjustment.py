@@ -99,7 +99,7 @@ def _adjusted(
         residuals = fit.problem.residuals(fit.camera)
         noise_px = least_squares_noise(fit.problem, residuals, config)
         solution = _solution(fit, start, residuals, noise_px, lens, errors, found)
-    except RuntimeError as error:  # how gtsam reports singular systems and cheirality
+    except (RuntimeError, np.linalg.LinAlgError) as error:  # how gtsam and numpy report singular systems
         return BundleFailure(" ".join(str(error).split())[:160])
     return replace(
         solution,
@@ -150,7 +150,7 @@ def solution_of(camera: Camera, problem: BundleProblem, config: MapConfig) -> Bu
         errors = error_model(camera, projected, problem, noise_px, lens)
         found = covariances(projected, errors.by_tracks * noise_px, errors.shared)
         return _solution(BundleFit(camera, problem, ()), problem, residuals, noise_px, lens, errors, found)
-    except RuntimeError as error:  # how gtsam reports singular systems and cheirality
+    except (RuntimeError, np.linalg.LinAlgError) as error:  # how gtsam and numpy report singular systems
         return BundleFailure(" ".join(str(error).split())[:160])
 
 

@@ -47,6 +47,8 @@ _SCALES_PX: Floats = np.array([0.04, 0.08, 0.16, 0.32, 0.64, 1.28])
 _PRIOR: Floats = np.array([0.6, 0.2, 0.12, 0.05, 0.02, 0.01])
 #: A factor needs some hundred landmarks, not all. The covariance of the fields is scaled to the number of all.
 _LANDMARKS = 200
+#: A view with fewer of these keeps all its landmarks: six fix a pose, and the others its noise.
+_LEAST_OF_VIEW = 20
 #: A field that pulls farther than this number of standard deviations of the largest scale is no field.
 _LARGEST_PULL_SIGMAS = 5.0
 
@@ -76,8 +78,7 @@ def error_model(
     residuals = residuals_of(projected, measured)
     by_lens, places = lens_derivatives(camera, projected), _polynomials(camera, projected.pixels)
     shared = SharedErrors(by_lens, lens.sigmas, np.array(lens.fitted), places, 0.0)
-    chosen = np.zeros(len(projected.points), bool)
-    chosen[evenly_spaced(len(chosen), _LANDMARKS)] = True
+    chosen = _chosen_landmarks(projected)
     kept = chosen[projected.landmarks]
     with single_threaded():
         equations = _Equations(projected.keep(kept), residuals[kept], noise_px, shared.of_observations(kept))
@@ -86,6 +87,15 @@ def error_model(
         gain = equations.gain_of_fields(len(chosen) / max(int(chosen.sum()), 1))
     excess = 1 + mean_square * gain / by_tracks
     return ErrorModel(math.sqrt(by_tracks), shared._replace(field_px=math.sqrt(mean_square), excess=excess))
+
+
+def _chosen_landmarks(problem: BundleProblem) -> Bools:
+    """Some landmarks (L,), evenly spaced, and all of a view that would be left with too few to fix its pose."""
+    chosen = np.zeros(len(problem.points), bool)
+    chosen[evenly_spaced(len(chosen), _LANDMARKS)] = True
+    seen = np.bincount(problem.views[chosen[problem.landmarks]], minlength=len(problem.frames))
+    chosen[problem.landmarks[seen[problem.views] < _LEAST_OF_VIEW]] = True
+    return chosen
 
 
 class _Equations:

@@ -171,6 +171,21 @@ def test_a_landmark_with_two_views_that_decides_about_the_poses_is_left_out():
     assert len(solution.problem.track_ids) > 100
 
 
+@pytest.mark.parametrize("left", [6, 7])
+@pytest.mark.parametrize("seed", range(12))
+def test_a_view_of_few_landmarks_has_a_covariance(seed, left):
+    """Of 600 landmarks 200 are chosen for the errors that they share, which could leave a view without any."""
+    rng = np.random.default_rng(seed)
+    exact = problem(CAMERA, cloud(rng, 600), list(SIDEWAYS), 0.3, rng)
+    of_last = np.flatnonzero(exact.views == exact.views.max())
+    kept = np.ones(len(exact.views), bool)
+    kept[rng.permutation(of_last)[left:]] = False
+    solution = adjust(CAMERA, exact.keep(kept), LENS, poses_known=True)
+    assert np.isfinite(solution.pose_covariances).all()
+    assert (np.linalg.eigvalsh(solution.pose_covariances[1:]) > -1e-12).all()
+    assert np.trace(solution.pose_covariances[-1]) > np.trace(solution.pose_covariances[1])
+
+
 def test_a_lens_without_a_calibration_of_gtsam_is_in_the_covariances_of_the_map_alone():
     camera, rng = LENSES["double-sphere"], np.random.default_rng(10)
     seen = problem(camera, cloud(rng), list(ROTATING), 0.3, rng)
