@@ -35,7 +35,7 @@ from slam_init.bundle.least_squares import arrays_of
 from slam_init.bundle.lens import lens_derivatives, residuals_of
 from slam_init.bundle.problem import BundleProblem, LensPrior
 from slam_init.system.linear_algebra import single_threaded
-from slam_init.types.arrays import Floats, evenly_spaced
+from slam_init.types.arrays import Bools, Floats, evenly_spaced
 from slam_init.types.camera import Camera
 
 #: Standard deviations of a coefficient of the fields, in pixels. The root mean square of a coordinate over the image is
