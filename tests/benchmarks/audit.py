@@ -125,7 +125,12 @@ def films() -> Iterator[tuple[str, int, World]]:
             if len(known) == len(poses):
                 factors = {"scene": name}
                 world = World(
-                    camera, list(tracker.history), known, name == _WITHOUT_TRANSLATION, factors, np.zeros((0, 3))
+                    camera,
+                    list(tracker.history),
+                    dict(enumerate(known)),
+                    name == _WITHOUT_TRANSLATION,
+                    factors,
+                    np.zeros((0, 3)),
                 )
                 yield "film", start, world
 
