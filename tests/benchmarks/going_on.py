@@ -23,7 +23,7 @@ from slam_init.bundle.problem import BundleProblem
 from slam_init.config import Config
 from slam_init.datasets import open_source
 from slam_init.datasets.synth import SynthSource
-from slam_init.evaluation.metrics import align_positions, align_truth
+from slam_init.evaluation.metrics import align_positions, align_truth, initialization_quality
 from slam_init.initializer import Initializer
 from slam_init.mapping.growing import GrowingMap
 from slam_init.output.tables import markdown_table
@@ -53,6 +53,10 @@ class Row:
     #: Frames since the newest keyframe, and the share of the landmarks that are seen, in the frame of the hand-over.
     age: int
     seen: float
+    #: E_scale, and E_init in seconds, of eval-vislam; the wait of E_init.
+    e_scale: float = math.nan
+    e_init: float = math.nan
+    wait_s: float = math.nan
     depth_error: float = math.nan
     depth_error_later: float = math.nan
 
@@ -67,7 +71,9 @@ def follow(name: str, source: Source, start: int) -> Row | None:
     if source.camera is None or source.groundtruth is None:
         return None
     initializer, frames = Initializer(source.camera, Config(refine_frames=0)), source.frames(start)
+    times = []
     for frame in islice(frames, _LONGEST_WAIT):
+        times.append(frame.timestamp_s)
         if initializer.process(frame):
             break
     map_, truth = initializer.map, source.groundtruth
@@ -92,6 +98,8 @@ def follow(name: str, source: Source, start: int) -> Row | None:
         if growing.lost_at is not None:
             break
     lost_after = None if growing.lost_at is None else sum(one.frame < growing.lost_at for one in seen) + 1
+    wait_s = times[-1] - times[0]
+    quality = initialization_quality(map_.keyframes, located, truth, wait_s) or (math.nan, math.nan)
     return Row(
         name,
         len(located),
@@ -101,6 +109,8 @@ def follow(name: str, source: Source, start: int) -> Row | None:
         _with_true_start(map_, truth, seen),
         age,
         visible,
+        *quality,
+        wait_s,
         depths[0],
         depths[1] if len(depths) > 1 else math.nan,
     )
@@ -176,6 +186,7 @@ def table(rows: Sequence[Row]) -> str:
     """Make the table: a line for each sequence."""
     header = ["sequence", "maps", f"lost within {_WATCHED} frames", "located", "error of the path", "from true poses"]
     header += ["depth error at the hand-over", f"after {_LATER} frames", "age of the newest keyframe", "landmarks seen"]
+    header += ["T_init (s)", "E_scale", "E_init (s)"]
     lines = []
     for name in dict.fromkeys(row.name for row in rows):
         lines.append(_line(name, [row for row in rows if row.name == name]))
@@ -191,12 +202,17 @@ def _line(name: str, rows: Sequence[Row]) -> list[str]:
         [row.depth_error_later for row in rows],
     )
     fresh = [f"{max(row.age for row in rows)} at most", _median([row.seen for row in rows])]
-    return [name, str(len(rows)), str(sum(row.lost for row in rows)), located, *map(_median, errors), *fresh]
+    quality = [
+        _median([row.wait_s for row in rows], ".2f"),
+        _median([row.e_scale for row in rows]),
+        _median([row.e_init for row in rows], ".3f"),
+    ]
+    return [name, str(len(rows)), str(sum(row.lost for row in rows)), located, *map(_median, errors), *fresh, *quality]
 
 
-def _median(values: Sequence[float]) -> str:
+def _median(values: Sequence[float], form: str = ".2%") -> str:
     known = [value for value in values if math.isfinite(value)]
-    return f"{float(np.median(known)):.2%}" if known else "-"
+    return format(float(np.median(known)), form) if known else "-"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
