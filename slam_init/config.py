@@ -127,6 +127,9 @@ class TrackingConfig(_Section):
     sift_features: int = 2500
     sift_ratio: float = 0.8
     sift_frames: int = 4
+    #: What links the frames in the place of the flow: ``sift``, ``orb``, ``lightglue``, ``hloc:FEATURES,MATCHER`` or
+    #: ``module:attribute`` (:mod:`slam_init.frontend.matchers`). Empty for the flow.
+    matcher: str = ""
 
 
 @dataclass(frozen=True)

@@ -45,6 +45,7 @@ from slam_init.decision.pose_so_far import PoseSoFar
 from slam_init.decision.screening import screen
 from slam_init.errors import ConfigError
 from slam_init.frontend.keyframes import KeyframeManager, PairPreview
+from slam_init.frontend.matchers import Matcher
 from slam_init.frontend.rolling_shutter import corrected_pixels
 from slam_init.frontend.tracks import History, Tracker
 from slam_init.intake import Intake, Turn
@@ -84,6 +85,9 @@ class Initializer:
         ``quest-two-view``.
     propose : callable, optional
         Estimates the relative pose of a pair (:data:`slam_init.decision.two_views.Proposer`); by default quest does.
+    matcher : callable, optional
+        Matches two images in the place of the optical flow (:class:`slam_init.frontend.matchers.Matcher`). By default
+        that of ``tracking.matcher``.
 
     Attributes
     ----------
@@ -99,6 +103,7 @@ class Initializer:
         *,
         third_view: bool = True,
         propose: Proposer | None = None,
+        matcher: Matcher | None = None,
     ) -> None:
         if not isinstance(config, Config | None) or not isinstance(recorder, Recorder | None):
             wrong = recorder if isinstance(config, Config | None) else config
@@ -107,7 +112,7 @@ class Initializer:
         self.recorder = recorder or Recorder()
         self.stopwatch = Stopwatch()
         self.status = Status()
-        self.intake = Intake(camera, self.config.tracking)
+        self.intake = Intake(camera, self.config.tracking, matcher)
         self.keyframes = KeyframeManager(self.config)
         self._window = _window_rule(self.config, self.intake, third_view=third_view, propose=propose)
         self._attempts = AttemptLog()

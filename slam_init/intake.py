@@ -15,9 +15,10 @@ from slam_init.config import TrackingConfig
 from slam_init.errors import SlamInitError
 from slam_init.frontend.conventions import check_rays
 from slam_init.frontend.frame_clock import FrameClock
+from slam_init.frontend.matched_tracks import make_tracker
+from slam_init.frontend.matchers import Matcher
 from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.frontend.static_overlay import StaticOverlay
-from slam_init.frontend.tracks import Tracker
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.attitude import checked_rotation
 from slam_init.types.camera import Camera
@@ -49,11 +50,12 @@ class Intake:
     * ``masked``: Share of the last image that a mask ignores.
     """
 
-    def __init__(self, given: GivenCamera, config: TrackingConfig) -> None:
+    def __init__(self, given: GivenCamera, config: TrackingConfig, matcher: Matcher | None = None) -> None:
         check_given(given)
         # Until the first frame tells the size of the images, a camera that is not given in full has an ordinary one.
         self._given, self._waits_for_size = given, not isinstance(given, Camera)
-        self.tracker = Tracker(given if isinstance(given, Camera) else prior_camera((640, 480)), config)
+        camera = given if isinstance(given, Camera) else prior_camera((640, 480))
+        self.tracker = make_tracker(camera, config, matcher)
         self.history = self.tracker.history
         self.shutter = RollingShutter(self.history.camera)
         self.masked = 0.0

@@ -45,6 +45,12 @@ def add_run(commands: Commands) -> None:
     decision.add_argument("--list-methods", action=ListMethods, nargs=0, help="list the methods, one a line, and exit")
     decision.add_argument("--seed", type=int, metavar="N", help="of random draws and synthetic worlds (default: 0)")
     decision.add_argument("--config", metavar="FILE", help="options in TOML, as in DIR/config.toml")
+    decision.add_argument(
+        "--matcher",
+        metavar="NAME",
+        help="match images in the place of following points by flow: sift, orb, lightglue, hloc:FEATURES,MATCHER, or "
+        "your own as module:attribute or file.py:attribute",
+    )
     decision.add_argument("--refine-focal", action="store_true", help="adjust the focal length with the map")
     decision.add_argument("--imu", action="store_true", help="use the gyroscope of the source (EuRoC, ROS bags)")
     decision.add_argument(
@@ -155,6 +161,8 @@ def _run(arguments: argparse.Namespace) -> int:
         config = replace(config, refine_frames=arguments.refine_frames)
     if arguments.refine_focal:
         config = replace(config, map=replace(config.map, refine_focal=True))
+    if arguments.matcher is not None:
+        config = replace(config, tracking=replace(config.tracking, matcher=arguments.matcher))
     if arguments.live is not None:
         from slam_init.recording.live_viewer import leave_open, viewer_url
 
@@ -209,6 +217,11 @@ def _run_on(
     if arguments.imu and gyroscope_of(source) is None:
         told = "a EuRoC sequence with imu0, its T_BS, or a ROS bag with sensor_msgs/Imu has one"
         raise UsageError(f"--imu: {source.name} has no gyroscope ({told}): leave --imu out")
+
+    from slam_init.datasets.track_source import KnowsTracks
+
+    if arguments.matcher is not None and isinstance(source, KnowsTracks):
+        raise UsageError(f"--matcher matches images, and {source.name} has tracks of its own: leave it out")
 
     from slam_init.cli.loading import load_libraries
 

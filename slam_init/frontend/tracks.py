@@ -159,14 +159,20 @@ def _check(observations: Observations) -> None:
     check_lengths(name, observations.bearings)
 
 
-@dataclass(frozen=True, eq=False)
-class _SiftFrame:
-    """Keypoints of one frame with descriptors and track ids (-1: no track yet). The ids are updated in place."""
+@dataclass(eq=False)
+class Keypoints:
+    """Keypoints of one frame with track ids (-1: no track yet). The ids are updated in place."""
 
     frame: int
     pixels: Floats
-    descriptors: Floats
     track_ids: Ints
+
+
+@dataclass(eq=False)
+class _SiftFrame(Keypoints):
+    """The same with descriptors."""
+
+    descriptors: Floats
 
 
 class Tracker:
@@ -216,7 +222,7 @@ class Tracker:
             track_ids=ids[order],
             pixels=pixels[order],
             bearings=bearings[order],
-            colors=_colors_at(frame.image, pixels[order]),
+            colors=colors_at(frame.image, pixels[order]),
             drifts=self._drift.covariances(ids[order]),
             step_px=self._step_px,
             exposure_s=self._exposure_s,
@@ -312,9 +318,9 @@ class Tracker:
 
     def _detect_sift(self, index: int, gray: Image, trackable: Trackable | None) -> _SiftFrame:
         found = detect_sift(gray, self._config.sift_features, trackable)
-        return _SiftFrame(index, found.pixels, found.descriptors, np.full(len(found.pixels), -1, np.int64))
+        return _SiftFrame(index, found.pixels, np.full(len(found.pixels), -1, np.int64), found.descriptors)
 
-    def _join(self, old: _SiftFrame, new: _SiftFrame, i_old: Ints, i_new: Ints) -> None:
+    def _join(self, old: Keypoints, new: Keypoints, i_old: Ints, i_new: Ints) -> None:
         """Put matched keypoints into one track, and add the new tracks of the old frame to the history."""
         a, b = old.track_ids[i_old], new.track_ids[i_new]
         fresh = (a < 0) & (b < 0)
@@ -389,8 +395,11 @@ def expected_by(old: Floats, new: Floats, points: Floats) -> Floats:
     return np.asarray(points + np.median(around, axis=1))
 
 
-def _colors_at(image: Image, pixels: Floats) -> Image:
-    """RGB (N, 3) of the pixels nearest to the points."""
+def colors_at(image: Image, pixels: Floats) -> Image:
+    """Give the RGB values (N, 3) of the pixels nearest to points.
+
+    Shapes: ``image`` (H, W) or (H, W, 3), ``pixels`` (N, 2), returns (N, 3).
+    """
     if len(pixels) == 0:
         return np.zeros((0, 3), np.uint8)
     column, row = np.round(pixels).astype(int).T

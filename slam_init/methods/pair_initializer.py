@@ -16,7 +16,8 @@ from slam_init.decision.outcome import Outcome
 from slam_init.decision.refusal import refused, with_gates
 from slam_init.errors import SlamInitError
 from slam_init.frontend.frame_clock import FrameClock
-from slam_init.frontend.tracks import Tracker, common_tracks
+from slam_init.frontend.matched_tracks import make_tracker
+from slam_init.frontend.tracks import common_tracks
 from slam_init.mapping.map_building import map_with_views
 from slam_init.methods.two_view import TwoViewMethod, TwoViewOutcome, undistorted_pixels
 from slam_init.recording.recorder import Recorder
@@ -60,7 +61,7 @@ class PairInitializer:
         self.camera = camera
         self.config = config or Config()
         self.recorder = recorder or Recorder()
-        self.tracker = Tracker(camera, self.config.tracking)
+        self.tracker = make_tracker(camera, self.config.tracking)
         self.history = self.tracker.history
         self._clock = FrameClock(self.history)
         self.stopwatch = Stopwatch()
