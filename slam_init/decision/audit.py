@@ -53,10 +53,10 @@ _MOST_FRAMES = 24
 #: were sound with a share of .3, 14 with .5, 16 with .7, and 14 without such views.
 #: Class: measured.
 _SAME_SCENE = 0.7
-#: A map is wrong where that is more likely than not: with a risk whose reliability is measured, this verdict errs least
-#: often.
-#: Class: definition.
-WRONG = 0.5
+#: A map is wrong at odds of nine to one. Even odds are no contradiction: the two motions of a plane, and two rigid
+#: motions of the scene, have a half each where the tracks do not tell.
+#: Class: level.
+WRONG = 0.9
 _AT_A_DISTANCE = "the poses are away from the best motion: adjust the map with all of its tracks and views"
 _ANOTHER_MOTION = "another motion explains the tracks better: initialize again, or start from the better motion"
 

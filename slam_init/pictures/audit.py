@@ -21,7 +21,7 @@ _COLORS = {AuditVerdict.SOUND: INLIER, AuditVerdict.DOUBTFUL: TRACK, AuditVerdic
 #: Range of the colours, as distances from an epipolar line: a third of a good tracker's noise up to an outlier.
 _NEAR_PX, _FAR_PX = 0.1, 10.0
 #: Smallest probability on the axis of the terms, and the bounds of the verdicts.
-_LEAST, _SOUND, _WRONG = 1e-4, 0.005, 0.5
+_LEAST, _SOUND, _WRONG = 1e-4, 0.005, 0.9
 _TERMS = ("direction", "rival", "rotation", "moving", "floor", "map")
 _WORDS = {
     "direction": "the best motion itself",
@@ -168,7 +168,7 @@ def _draw_terms(axes: Axes, audit: Audit) -> None:
     axes.barh(places, lengths - _LEAST, left=_LEAST, color=colors, height=0.66)
     axes.set_xscale("log")
     axes.set_xlim(_LEAST, 3.0)
-    for bound, words in ((_SOUND, "sound up to 0.005"), (_WRONG, "wrong from 0.5")):
+    for bound, words in ((_SOUND, "sound up to 0.005"), (_WRONG, "wrong from 0.9")):
         axes.axvline(bound, color=INK, linewidth=1.0, linestyle=":")
         axes.text(bound, len(values) - 0.45, words, fontsize=8, color=FAINT, ha="center", va="bottom")
     for place, value, length in zip(places, values, lengths, strict=True):

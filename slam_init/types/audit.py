@@ -12,7 +12,7 @@ from slam_init.types.reasons import Verdict, in_words
 
 
 class AuditVerdict(StrEnum):
-    """The verdict on a map: ``doubtful`` where the tracks do not tell, ``wrong`` where it is likelier than right."""
+    """The verdict on a map: ``doubtful`` where the tracks do not tell, ``wrong`` at odds of nine to one."""
 
     SOUND = "sound"
     DOUBTFUL = "doubtful"
@@ -54,7 +54,7 @@ class Audit(Described):
     Attributes
     ----------
     verdict : AuditVerdict
-        ``sound`` if the risk is at most ``Config().acceptance.max_risk`` (0.005), ``wrong`` if it is above 0.5, else
+        ``sound`` if the risk is at most ``Config().acceptance.max_risk`` (0.005), ``wrong`` if it is above 0.9, else
         ``doubtful``.
     risk : float
         Probability that the map is wrong: a rotation off by more than 5 degrees, or the direction of a baseline by more
