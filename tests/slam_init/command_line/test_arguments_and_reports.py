@@ -23,14 +23,20 @@ def test_arguments_reach_the_pipeline(world, pipeline, capsys):
         "--restart",
         "--scale",
         "height:1.65",
+        "--export",
+        "scene,mcap",
+        "--matcher",
+        "orb",
     ]
     assert main(["run", IMAGES, *WITH, *numbers, "--out", "results", "--quiet"]) == 0
     ((source, camera, config, options),) = pipeline.calls
     assert (source.kind, len(source), camera.fx, config.seed, config.method) == ("images", 3, 60, 5, "quest")
     assert str(options.pop("out")) == "results"
+    assert config.tracking.matcher == "orb"
     assert options == {
         "start": 1, "max_frames": 2, "continue_frames": 4, "progress": False, "overview": True, "viewer": None,
         "restart": True, "scale": parse_scale("height:1.65"), "imu": False,
+        "export": ["scene", "mcap"],
     }  # fmt: skip
     assert capsys.readouterr() == ("", "")
 
