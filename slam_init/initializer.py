@@ -227,7 +227,7 @@ class Initializer:
         with self.stopwatch("pairs"):
             pairs = self.keyframes.preview(self.history, current)
         with self.stopwatch("judge"):
-            outcome = self._judge(pairs, current)
+            outcome = self._screen_and_judge(pairs, current)
         if outcome is not None:
             self._keep(outcome, current.frame)
         self.keyframes.update(current, pairs)
@@ -236,7 +236,7 @@ class Initializer:
         self.status = self._status_after(outcome, self.history[current.frame])
         return self.status
 
-    def _judge(self, pairs: list[PairPreview], current: Observations) -> Outcome | None:
+    def _screen_and_judge(self, pairs: list[PairPreview], current: Observations) -> Outcome | None:
         """Judge a frame; None without an attempt: no pair is worth trying, and no earlier motion goes on."""
         refused = screen(self.camera, self.config, current, pairs, self.intake.masked)
         if refused is not None:

@@ -121,7 +121,7 @@ class WindowRule:
             # The joint fit of a rotation-only camera takes the most steps, and no pair tells anything new.
             outcome = Outcome(refused_at(attempt, Verdict.PURE_ROTATION, Stage.MOTION))
         else:
-            outcome = self._judge(chosen, views, attempt, stopwatch)
+            outcome = self._propose_and_fit(chosen, views, attempt, stopwatch)
         if self._history.camera.focal_sigma is None:  # a focal length that is no calibration needs no suspicion
             checked = self._focal_check(outcome.attempt, pairs, self._history, current)
             outcome = replace(outcome, attempt=checked)
@@ -142,7 +142,9 @@ class WindowRule:
 
     # -- parts of the judgement -------------------------------------------------------------------
 
-    def _judge(self, chosen: PairPreview | None, views: _Views, attempt: Attempt, stopwatch: Stopwatch) -> Outcome:
+    def _propose_and_fit(
+        self, chosen: PairPreview | None, views: _Views, attempt: Attempt, stopwatch: Stopwatch
+    ) -> Outcome:
         """Propose motions where a pair was chosen, and judge all that are known."""
         if chosen is not None:
             self._reference = chosen.reference
@@ -154,9 +156,9 @@ class WindowRule:
                 self._last = None
                 return Outcome(self._without_motion(attempt, pose))
         with stopwatch("map"):
-            return self._judged(attempt, views)
+            return self._fit_and_state_risk(attempt, views)
 
-    def _judged(self, attempt: Attempt, views: _Views) -> Outcome:
+    def _fit_and_state_risk(self, attempt: Attempt, views: _Views) -> Outcome:
         """Fit the motions to the window, state the risk, and build the map where it is small."""
         try:
             found = self._estimated(views)
@@ -173,7 +175,7 @@ class WindowRule:
         window = JudgedWindow(pair, hypotheses, risk, self._history.lens, self._threshold_rad)
         # A camera that merely rotates is judged again once a pair shows parallax.
         self._last, self._rotates = window, window.only_rotates
-        outcome = self._decided(window, window.with_evidence(attempt))
+        outcome = self._accept_or_refuse(window, window.with_evidence(attempt))
         self._live.change_lens(window.lens, outcome.lens or window.lens)
         return replace(outcome, motion=window.motion, margin=risk.margin)
 
@@ -189,7 +191,7 @@ class WindowRule:
             self._live.keep(again)
         return again, risk
 
-    def _decided(self, window: JudgedWindow, attempt: Attempt) -> Outcome:
+    def _accept_or_refuse(self, window: JudgedWindow, attempt: Attempt) -> Outcome:
         """Refuse a window by its gates, or build its map."""
         gates = window.gates(self._config.acceptance.max_risk)
         attempt, maps = with_gates(attempt, gates), self._maps(window)
