@@ -8,7 +8,8 @@ A motion explains the matches as well as another one if two conditions hold:
   truncated squares with their scatter over regions of the view, so that one moving body or one part of the lens does
   not decide.
 
-The two motions of a plane have the same residuals, so only the counts are compared between them.
+The two motions of a plane have the same residuals of the homography. So only the counts are compared between them, and
+what orders them is :func:`more_probable_first`.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quest.geometry.quaternion import canonical
+from quest.noise import GATE_SIGMAS, OUTLIER_NATS
 from quest.relative_pose import Hypothesis
 from quest.robust import kernels
 from quest.robust.plane import PlaneFit
@@ -42,6 +44,12 @@ _RELIEF_SIGMAS, _RELIEF_VARIANCE, _OFF_PLANE, _LARGEST_RELIEF = 2.5, 7.4, 0.02, 
 #: rival is dropped for good, hence the higher level. A plane must be as good as the free motion, hence the lower one.
 RIVAL_LEVEL = (26.0, 4.0)
 PLANE_LEVEL = (15.0, 2.5)
+
+#: Smallest noise in thresholds, and least cosine of a slant.
+_EXACT = 1e-3
+#: Standard deviations by which the numbers of matches off a plane have to differ, to count for one of its motions: two
+#: are exceeded once in twenty by chance.
+_VOTE_SIGMAS = 2.0
 
 
 def decides(votes_for: int, votes_against: int, total: int, scatter: float | None = None) -> bool:
@@ -104,6 +112,43 @@ def explained_by_plane(
         and plane.along_rad < max(_FLAT, 1 + 6.6 / np.sqrt(plane.on)) * noise_rad
         and not all(has_larger_residuals(problem, pose, best, gate_rad, noise_rad, PLANE_LEVEL) for pose in plane.poses)
     )
+
+
+def more_probable_first(problem: PoseProblem, plane: PlaneFit, gate_rad: float, noise_rad: float) -> list[Floats]:
+    """The two motions (q_wxyz, t) of a plane, the more probable one first.
+
+    The logarithm of the probability of each has four parts:
+
+    * A match on the plane that lies behind a camera is an outlier of this motion.
+    * Other matches are explained by chance, so that they count where their number is significant.
+    * A relief adds to the residuals along the epipolar lines of the true motion. Its size is that of maximum
+      likelihood, so that an exact plane says nothing: with A and C the sums of squares along and across the lines, the
+      likelihood is ``-N/2 (log A + log C)``, or that of equal variances where A < C.
+    * A patch of a plane fills a part of the view in proportion to the cosine of its slant, in both views. The measure
+      of homographies does not depend on which of the two motions makes one.
+    """
+    x = problem.m @ plane.H.T
+    d = problem.n - x / np.linalg.norm(x, axis=1, keepdims=True)
+    on = np.sum(d**2, axis=1) < 2 * (GATE_SIGMAS * noise_rad) ** 2
+    d, m, n = d[on], problem.m[on], problem.n[on]
+    # Exact matches have residuals of rounding errors, which say nothing.
+    both, least = float(np.sum(d**2)), len(d) * (_EXACT * problem.threshold_rad) ** 2
+    scores, others = [], []
+    for model, normal in zip(plane.poses, plane.normals, strict=True):
+        explained = problem.explained(model, gate_rad)
+        s = n @ model[4:]
+        # The length of the part of t orthogonal to n.
+        sine = np.sqrt(np.maximum(1 - s**2, 1e-12))
+        along = float(np.sum((((d @ model[4:]) - s * np.sum(d * n, axis=1)) / sine) ** 2))
+        along = max(along, 0.5 * both)
+        relief = -0.5 * len(d) * (np.log(along + least) + np.log(max(both - along, 0.0) + least))
+        cosines = abs(np.mean(m, axis=0) @ normal), abs(np.mean(n, axis=0) @ kernels.rotation_of_model(model) @ normal)
+        slant = float(np.sum(np.log(np.maximum(cosines, _EXACT))))
+        scores.append(OUTLIER_NATS * int(explained[on].sum()) + relief + slant)
+        others.append(int(explained[~on].sum()))
+    if abs(others[0] - others[1]) > _VOTE_SIGMAS * np.sqrt(sum(others)):
+        scores = [score + OUTLIER_NATS * count for score, count in zip(scores, others, strict=True)]
+    return plane.poses if scores[0] >= scores[1] else plane.poses[::-1]
 
 
 def equivalent_motions(

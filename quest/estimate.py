@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quest.alternatives import as_hypothesis, equivalent_motions, explained_by_plane
+from quest.alternatives import as_hypothesis, equivalent_motions, explained_by_plane, more_probable_first
 from quest.chance import (
     LARGEST_OF_MOTION,
     LARGEST_OF_ROTATION,
@@ -354,9 +354,8 @@ def _pose_with_alternatives(
     planar = explained_by_plane(problem, plane, best, len(motion.m), gate_rad, noise_rad)
     if planar:
         # The two poses of the homography: with the constraint of the plane they are several times more accurate than
-        # poses from epipolar lines alone. They have the same residuals, so only the signs of the depths order them.
-        order = np.argsort(problem.costs(np.array(plane.poses))[0], kind="stable")
-        best, *candidates = (plane.poses[k] for k in order)
+        # poses from epipolar lines alone.
+        best, *candidates = more_probable_first(problem, plane, gate_rad, noise_rad)
         inliers = problem.explained(best, gate_rad)
         # With rays in all directions, this motion may place so many points behind a camera that fewer than ten inliers
         # remain.
@@ -404,8 +403,11 @@ def _rivals(problem: PoseProblem, others: list[Floats], motion: _Motion, plane: 
 def _unobserved_motions(problem: PoseProblem, motion: _Motion) -> tuple[Hypothesis, ...]:
     """The best motion and those of its plane, although the matches do not show their translation."""
     plane = fit_plane(motion.model, motion.m, motion.n, motion.noise_rad)
+    models = [motion.model, *plane.poses]
+    if explained_by_plane(problem, plane, motion.model, len(motion.m), motion.gate_rad, motion.noise_rad):
+        models = [*more_probable_first(problem, plane, motion.gate_rad, motion.noise_rad), motion.model]
     different: list[Floats] = []
-    for model in (*plane.poses, motion.model):
+    for model in models:
         if not any(same_mode(model, other) for other in different):
             different.append(model)
     return tuple(as_hypothesis(model, problem.explained(model, motion.gate_rad)) for model in different)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from math import log
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,8 @@ _UNKNOWNS = 5
 #: deviations. Outliers are a twentieth as dense as a match of unknown scale: within 0.02 to 0.1 the answers on real
 #: pairs are the same.
 _SCALES, _OUTLIERS = (0.01, 1 / 3), 0.05
+#: What a match that only one of two motions explains adds to the logarithm of its likelihood.
+OUTLIER_NATS = -log(_OUTLIERS)
 #: Steps of the table of the likelihood: four in the smallest deviation.
 _TABLE = 400
 #: Largest number of other modes of the search that are compared with the best, and of matches that compare them.

@@ -36,6 +36,10 @@ class PlaneFit(NamedTuple):
     #: (7,) The motions (q_wxyz, t) of the homography, |t| = 1, the one nearest to the given motion first. Empty where
     #: there is no plane.
     poses: list[Floats]
+    #: (3,) The unit normal of the plane in camera 1 of each of these motions.
+    normals: list[Floats]
+    #: (3, 3) The homography, of positive determinant: it takes a ray of camera 1 in front to one of camera 2 in front.
+    H: Floats
 
 
 def fit_plane(model: Floats, m: Floats, n: Floats, noise_rad: float) -> PlaneFit:
@@ -46,11 +50,12 @@ def fit_plane(model: Floats, m: Floats, n: Floats, noise_rad: float) -> PlaneFit
     """
     R, t, k = kernels.rotation_of_model(model), model[4:].copy(), np.empty(3)
     if len(m) < _LEAST_ON_PLANE or not kernels.best_plane(m, n, R, t, _GATE_SIGMAS * noise_rad, _samples(), k):
-        return PlaneFit(0, len(m), np.inf, np.inf, [])
+        return PlaneFit(0, len(m), np.inf, np.inf, [], [], np.eye(3))
     H, on_plane = R + t[:, None] * k, np.empty(len(m), bool)
     on, along_rad, relief = kernels.fit_plane(m, n, t, noise_rad, _GATE_SIGMAS, _LEAST_ON_PLANE, H, on_plane)
-    poses = _poses_of_plane(H, m[on_plane], model) if np.isfinite(relief) else []
-    return PlaneFit(on, len(m) - on, along_rad, relief, poses)
+    motions = _motions_of_plane(H, m[on_plane], model) if np.isfinite(relief) else []
+    poses, normals = [pose for pose, _ in motions], [normal for _, normal in motions]
+    return PlaneFit(on, len(m) - on, along_rad, relief, poses, normals, H if np.linalg.det(H) > 0 else -H)
 
 
 @cache
@@ -59,13 +64,13 @@ def _samples() -> Floats:
     return np.random.default_rng(0).random((_SAMPLES, 3))
 
 
-def _poses_of_plane(H: Floats, m: Floats, model: Floats) -> list[Floats]:
-    """The motions (q_wxyz, t) of a homography of points m (N, 3), the one nearest to the given motion first."""
+def _motions_of_plane(H: Floats, m: Floats, model: Floats) -> list[tuple[Floats, Floats]]:
+    """The motions (q_wxyz, t) of a homography of points m (N, 3) and their normals, that of the given motion first."""
     motions = decompose_homography(H, m)
-    poses = [kernels.model_of_pose(R_i, t_i / np.linalg.norm(t_i)) for R_i, t_i, _ in motions if t_i.any()]
+    found = [(kernels.model_of_pose(R_i, t_i / np.linalg.norm(t_i)), k_i) for R_i, t_i, k_i in motions if t_i.any()]
     # One of the two is the motion itself, up to noise; the other is its twin.
-    poses.sort(key=lambda pose: -abs(float(pose[:4] @ model[:4])) - 0.25 * float(pose[4:] @ model[4:]))
-    return poses
+    found.sort(key=lambda one: -abs(float(one[0][:4] @ model[:4])) - 0.25 * float(one[0][4:] @ model[4:]))
+    return found
 
 
 def off_line_rad(rays: Floats) -> float:
