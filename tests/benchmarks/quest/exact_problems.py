@@ -1,7 +1,8 @@
 """Solvers on problems without noise: ``python -m tests.benchmarks.quest.exact_problems --out DIR``.
 
-Of each kind the same number of problems: points in a box, points on a plane, half turns, and baselines of 1e-4 of the
-depth. The rotations are uniform on the sphere. A problem is solved where a candidate is within 1e-6 rad of the true
+Of each kind the same number of problems: points in a box, points on a plane, half turns, motion without a turn, along
+the optical axis, turns without a motion, and baselines of 1e-4 of the depth. The other rotations are uniform on the
+sphere. A problem is solved where a candidate is within 1e-6 rad of the true
 rotation; a cell has the share that is solved, and the median and the largest error.
 
 A second table has the paper's noise figures with its rotations: uniform on the sphere, noise in steps of .1 px at a
@@ -27,6 +28,9 @@ from tests.benchmarks.quest.paper_problems import rotation_error
 
 Floats = NDArray[np.float64]
 
+_KINDS = ("general", "plane", "half turn", "no turn", "forward", "no motion", "baseline 1e-4")
+#: Baselines where it is not 1; the mean depth is 4.5.
+_BASELINES = {"no motion": 0.0, "baseline 1e-4": 4.5e-4}
 _SOLVED_RAD, _BATCH, _FOCAL_PX = 1e-6, 500, 800.0
 
 
@@ -35,13 +39,17 @@ def draw(kind: str, rng: np.random.Generator, count: int, points: int) -> tuple[
     q = rng.normal(size=(count, 4))
     if kind == "half turn":
         q[:, 0] = 0
+    elif kind == "no turn":
+        q[:, 1:] = 0
     q /= np.linalg.norm(q, axis=1, keepdims=True)
     X = rng.uniform([-1.2, -0.9, 3], [1.2, 0.9, 6], (count, points, 3))
     if kind == "plane":
         slope = rng.uniform(-1, 1, (count, 1, 2))
         X[..., 2] = 4.5 + np.sum(slope * X[..., :2], axis=2)
     t = rng.normal(size=(count, 1, 3))
-    t *= (4.5e-4 if kind == "baseline 1e-4" else 1.0) / np.linalg.norm(t, axis=2, keepdims=True)
+    if kind == "forward":
+        t[:] = (0.0, 0.0, 1.0)
+    t *= _BASELINES.get(kind, 1.0) / np.linalg.norm(t, axis=2, keepdims=True)
     R = np.array([matrix_from_quaternion(one) for one in q])
     Y = X @ R.swapaxes(1, 2) + t
     return (*(view / np.linalg.norm(view, axis=2, keepdims=True) for view in (X, Y)), q)
@@ -72,14 +80,14 @@ def noise_table(kind: str, problems: int) -> str:
 def main(argv: Sequence[str] | None = None) -> None:
     """Print the table, and write it to a file if a folder is given."""
     parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.quest.exact_problems", allow_abbrev=False)
-    parser.add_argument("--problems", type=positive, default=5000, help="of a kind (default 5000, of four kinds)")
+    parser.add_argument("--problems", type=positive, default=20_000, help="of a kind (default 20000)")
     parser.add_argument("--noisy", type=positive, default=200, help="of a level of noise (default 200)")
     parser.add_argument("--out", type=Path, help="folder for exact_problems.md")
     options = parser.parse_args(argv)
-    kinds, rows = ("general", "plane", "half turn", "baseline 1e-4"), []
+    rows = []
     for solver in SOLVERS.values():
         cells = []
-        for kind in kinds:
+        for kind in _KINDS:
             rng, errors = np.random.default_rng(34), []
             for start in range(0, options.problems, _BATCH):
                 m, n, q = draw(kind, rng, min(_BATCH, options.problems - start), solver.sample_size)
@@ -89,7 +97,7 @@ def main(argv: Sequence[str] | None = None) -> None:
             cells.append(f"{solved:.2f} % / {np.median(each):.0e} / {each.max():.0e}")
         rows.append([solver.name, str(solver.sample_size), "yes" if solver.handles_planes else "no", *cells])
     title = f"{options.problems} problems a cell: solved to {_SOLVED_RAD:g} rad / median error / largest error.\n\n"
-    header = ["solver", "matches", "claims planes", *kinds]
+    header = ["solver", "matches", "claims planes", *_KINDS]
     parts = [title + markdown_table(header, rows)]
     for kind in ("general", "plane"):
         parts.append(f"{kind}, rotations uniform on the sphere: mean of acos |q . q*| / pi, {options.noisy} problems.")
