@@ -84,8 +84,8 @@ def chance_of_motion(problem: PoseProblem, model: Floats, gate_rad: float, rng: 
     explained, loosely = kernels.chance_inliers(m, n, model, threshold_rad, gate_rad, trials)
     counts = _counts(problem.residuals(model), threshold_rad)
     tests = log(len(_GATES) * _MOTIONS) + log_binomial(total, _OF_MOTION)
-    share = np.asarray(_upper_share(loosely, trials) * _GATES)
-    return Chance(max(explained, 0.5) * total / trials, _false_alarms(counts, total, _OF_MOTION, tests, share), share)
+    share = np.asarray(upper_share(loosely, trials) * _GATES)
+    return Chance(max(explained, 0.5) * total / trials, false_alarms(counts, total, _OF_MOTION, tests, share), share)
 
 
 def false_alarms_beside_rotation(problem: PoseProblem, model: Floats, turned_r2: Floats, shares: Floats) -> float:
@@ -99,7 +99,7 @@ def false_alarms_beside_rotation(problem: PoseProblem, model: Floats, turned_r2:
     rest = turned_r2 >= 2 * problem.threshold_rad**2
     count = int(np.count_nonzero(rest))
     tests = log(len(_GATES) * _MOTIONS) + log_binomial(count, _OF_DIRECTION)
-    return _false_alarms(_counts(r2[rest], problem.threshold_rad), count, _OF_DIRECTION, tests, shares)
+    return false_alarms(_counts(r2[rest], problem.threshold_rad), count, _OF_DIRECTION, tests, shares)
 
 
 def _trials(total: int) -> int:
@@ -127,13 +127,13 @@ def false_alarms_of_rotation(
     for shuffle in range(1, shuffles + 1):
         wrong = half * np.sum((n[total - shuffle : 2 * total - shuffle] - turned) ** 2, axis=1)
         explained += int(np.count_nonzero(wrong < (_WIDE * threshold_rad) ** 2))
-    share = np.asarray(_upper_share(explained, shuffles * total) / _WIDE**2 * _GATES2)
+    share = np.asarray(upper_share(explained, shuffles * total) / _WIDE**2 * _GATES2)
     tests = log(len(_GATES)) + log_binomial(total, _OF_ROTATION)
-    everywhere = _false_alarms(_counts(r2, threshold_rad), total, _OF_ROTATION, tests, share)
+    everywhere = false_alarms(_counts(r2, threshold_rad), total, _OF_ROTATION, tests, share)
     outside = ~_largest_patch(directions_of(problem.m), inliers)
     count = int(outside.sum())
     tests = log(len(_GATES)) + log_binomial(count, _OF_TURN)
-    return everywhere, _false_alarms(_counts(r2[outside], threshold_rad), count, _OF_TURN, tests, share)
+    return everywhere, false_alarms(_counts(r2[outside], threshold_rad), count, _OF_TURN, tests, share)
 
 
 def log_binomial(n: int, k: int) -> float:
@@ -146,12 +146,12 @@ def _counts(r2: Floats, threshold_rad: float) -> Ints:
     return np.sort(r2).searchsorted(threshold_rad**2 * _GATES2)
 
 
-def _upper_share(explained: int, trials: int) -> float:
+def upper_share(explained: int, trials: int) -> float:
     """Share of random matches that is explained, one standard deviation above the measured one."""
     return min(1.0, (explained + sqrt(explained) + 1) / trials)
 
 
-def _false_alarms(counts: Ints, total: int, fitted: int, tests: float, share: Floats) -> float:
+def false_alarms(counts: Ints, total: int, fitted: int, tests: float, share: Floats) -> float:
     """The F of the module docstring, from the counts within the gates; ``tests`` is the logarithm of their number."""
     others = total - fitted
     if others <= 0:

@@ -16,10 +16,12 @@ if TYPE_CHECKING:
     from slam_init.calibration.prior import prior_camera
     from slam_init.config import Config, load_config
     from slam_init.datasets.opening import open_source
+    from slam_init.datasets.place_file import load_place
     from slam_init.decision.audit import audit
     from slam_init.errors import CalibrationError, ConfigError, OutputError, SlamInitError, SourceError
     from slam_init.exports import export
     from slam_init.initializer import Initializer
+    from slam_init.mapping.joining import join
     from slam_init.output.colmap import pycolmap_reconstruction
     from slam_init.output.results import load_graph, write_colmap, write_results
     from slam_init.runner import run
@@ -31,6 +33,8 @@ if TYPE_CHECKING:
     from slam_init.types.frame import Frame, Observations
     from slam_init.types.gates import Gate
     from slam_init.types.initial_map import InitialMap, Keyframe
+    from slam_init.types.join import Join, NoJoin, Similarity
+    from slam_init.types.place import Place
     from slam_init.types.pose import Pose, Trajectory
     from slam_init.types.reasons import Verdict
     from slam_init.types.result import Attempt, Result, Segment
@@ -51,13 +55,17 @@ __all__ = [
     "Gate",
     "InitialMap",
     "Initializer",
+    "Join",
     "Keyframe",
+    "NoJoin",
     "Observations",
     "OutputError",
+    "Place",
     "Pose",
     "Result",
     "Scale",
     "Segment",
+    "Similarity",
     "SlamInitError",
     "SourceError",
     "Status",
@@ -68,9 +76,11 @@ __all__ = [
     "export",
     "find_scale",
     "in_metres",
+    "join",
     "load_camera",
     "load_config",
     "load_graph",
+    "load_place",
     "open_source",
     "parse_scale",
     "prior_camera",
@@ -92,13 +102,17 @@ _HOMES = {
     "Gate": "types.gates",
     "InitialMap": "types.initial_map",
     "Initializer": "initializer",
+    "Join": "types.join",
     "Keyframe": "types.initial_map",
+    "NoJoin": "types.join",
     "Observations": "types.frame",
     "OutputError": "errors",
+    "Place": "types.place",
     "Pose": "types.pose",
     "Result": "types.result",
     "Scale": "types.scale",
     "Segment": "types.result",
+    "Similarity": "types.join",
     "SlamInitError": "errors",
     "SourceError": "errors",
     "Status": "types.status",
@@ -108,9 +122,11 @@ _HOMES = {
     "export": "exports",
     "find_scale": "scale.find",
     "in_metres": "scale.metric_map",
+    "join": "mapping.joining",
     "load_camera": "calibration.files",
     "load_config": "config",
     "load_graph": "output.results",
+    "load_place": "datasets.place_file",
     "open_source": "datasets.opening",
     "parse_scale": "scale.requests",
     "prior_camera": "calibration.prior",

@@ -17,6 +17,7 @@ from slam_init.frontend.orb import describe_landmarks
 from slam_init.frontend.tracks import History
 from slam_init.initializer import Initializer
 from slam_init.mapping.follower import Continuation, FrameTracker, follow
+from slam_init.mapping.places import describe_place
 from slam_init.mapping.reduction import Reduction
 from slam_init.methods import make_initializer
 from slam_init.methods.registry import FrontEnd
@@ -30,11 +31,12 @@ from slam_init.recording.recorder import Recorder
 from slam_init.scale.find import find_scale
 from slam_init.scale.metric_map import in_metres, scaled_keyframes
 from slam_init.scale.requests import KnownBoard, KnownMarkers, ScaleRequest
-from slam_init.types.arrays import Bools, Image
+from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations, Source, length_of, notes_of
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
+from slam_init.types.place import Appearance
 from slam_init.types.reasons import in_words
 from slam_init.types.result import GroundTruthErrors, Result, Segment
 from slam_init.types.scale import ScaleOrigin
@@ -55,7 +57,7 @@ class _Part:
     result: Result
     first_frame: int
     continued: Continuation | None
-    descriptors: tuple[Image, Bools] | None
+    appearance: Appearance | None
     truth: GroundTruthErrors | None
 
     @property
@@ -81,12 +83,12 @@ class Finished:
     result: Result
     summary: Summary
     located: tuple[Keyframe, ...]
-    descriptors: tuple[tuple[Image, Bools], ...]
+    appearances: tuple[Appearance, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """The arguments of :func:`slam_init.runner.run`; ``described``: whether landmarks get descriptors."""
+    """The arguments of :func:`slam_init.runner.run`; ``described``: whether the map is described by descriptors."""
 
     source: Source
     camera: Camera
@@ -117,8 +119,8 @@ class Job:
         notes = (*self.notes, *notes_of(self.source), *reduction.notes, *_focal_notes(result, self.camera))
         result = replace(result, notes=(*notes, *front.turns.notes, *result.notes, *_colmap_notes(result)))
         summary = self._summary(result, parts, hashed)
-        descriptors = tuple(part.descriptors for part in parts if part.descriptors is not None)
-        return Finished(result, summary, parts[0].located, descriptors)
+        appearances = tuple(part.appearance for part in parts if part.appearance is not None)
+        return Finished(result, summary, parts[0].located, appearances)
 
     def _parts(self, front: _Front, frames: Iterator[Frame], memory: FrameMemory) -> list[_Part]:
         """One part, or one for each map."""
@@ -150,13 +152,19 @@ class Job:
         if result.map is None:
             return _Part(front.reduction.enlarged(result), first_frame, None, None, None)
         images = {k.frame: memory[k.frame] for k in result.map.keyframes if k.frame in memory}
-        descriptors = describe_landmarks(result.map, images) if self.described else None
+        orb = describe_landmarks(result.map, images) if self.described else None
         count = self.continue_frames if left is None else left - (frames.count - before)
         result, continued = _continue(result, front.tracker, frames, count, front.recorder, self.restart)
         if self.scale is not None:
             result, continued = self._in_metres(self.scale, result, continued, images, front.recorder)
+        assert result.map is not None
+        appearance = None
+        if orb is not None:
+            located = () if continued is None else continued.keyframes
+            place = describe_place(result.map.keyframes, located, {**memory, **images}, result.map.camera)
+            appearance = Appearance(*orb, place)
         result = front.reduction.enlarged(result)
-        return _Part(result, first_frame, continued, descriptors, self._errors(result, continued))
+        return _Part(result, first_frame, continued, appearance, self._errors(result, continued))
 
     def _available(self, first_frame: int) -> int | None:
         """Number of frames from a frame on; None where nobody knows it."""

@@ -135,7 +135,7 @@ def run(
             if export:
                 _stage_exports(folder, done, export, source)
             toml = config_toml(config)
-            publish_results(folder, done.result, done.summary, toml, done.located, picture, done.descriptors)
+            publish_results(folder, done.result, done.summary, toml, done.located, picture, done.appearances)
         except SlamInitError:
             raise
         except BaseException as error:  # an interrupt, or an error of the program

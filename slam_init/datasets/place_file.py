@@ -1,0 +1,68 @@
+"""Reads the place of a saved map: what it is found again by."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from slam_init.datasets.bounded import read_npz
+from slam_init.datasets.text import pose_from_matrix
+from slam_init.errors import SourceError
+from slam_init.types.initial_map import Keyframe
+from slam_init.types.place import Place
+
+#: Shapes of the arrays that are read; -1 is any number.
+_ARRAYS: dict[str, tuple[int, ...]] = {
+    "place_frames": (-1,), "place_poses": (-1, 4, 4), "place_points": (-1, 3), "place_descriptors": (-1, 128),
+    "place_noise": (), "place_observation_views": (-1,), "place_observation_points": (-1,), "place_bearings": (-1, 3),
+}  # fmt: skip
+#: A hundred thousand points that ten views see have 60 MB.
+_MAX_BYTES = 100_000_000
+
+
+def load_place(path: str | os.PathLike[str]) -> Place:
+    """Read what a saved map is found again by.
+
+    Parameters
+    ----------
+    path : str or path
+        ``handover.npz``, or the folder of a run or of a segment that has one.
+
+    Returns
+    -------
+    Place
+
+    Raises
+    ------
+    SourceError
+        If the file cannot be read, or holds no place.
+    """
+    path = Path(path)
+    path = path / "handover.npz" if path.is_dir() else path
+    arrays = read_npz(path, _ARRAYS, _MAX_BYTES, "the handover of a map")
+    for name, shape in _ARRAYS.items():
+        found = arrays.get(name)
+        fits = found is not None and found.ndim == len(shape) and found.dtype.kind in "iuf"
+        if found is None or not fits or any(n not in (-1, m) for n, m in zip(shape, found.shape, strict=True)):
+            raise SourceError(f"{path}: has no {name} of a place: run again with this version")
+        if not np.isfinite(found).all():
+            raise SourceError(f"{path}: {name} has a number that is not finite: run again")
+    frames = np.asarray(arrays["place_frames"], np.int64).tolist()
+    poses = [
+        pose_from_matrix(f"{path}: pose {k}", matrix[:3])
+        for k, matrix in enumerate(np.asarray(arrays["place_poses"], float))
+    ]
+    views, points = (np.asarray(arrays[f"place_observation_{one}"], np.int64) for one in ("views", "points"))
+    where, rays = np.asarray(arrays["place_points"], float), np.asarray(arrays["place_bearings"], float)
+    described = np.asarray(arrays["place_descriptors"], float)
+    inside = len(views) == len(points) == len(rays) and len(where) == len(described) and len(frames) == len(poses)
+    if not inside or not ((views >= 0) & (views < len(frames)) & (points >= 0) & (points < len(where))).all():
+        raise SourceError(f"{path}: the arrays of its place do not fit together: run again")
+    if len(where) == 0:
+        raise SourceError(f"{path}: its map has no place to be found again by: run again from images")
+    described /= np.maximum(np.linalg.norm(described, axis=1, keepdims=True), 1e-12)
+    rays = rays / np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-12)
+    keyframes = tuple(Keyframe(f, 0.0, str(f), pose) for f, pose in zip(frames, poses, strict=True))
+    return Place(keyframes, where, described, views, points, rays, max(float(arrays["place_noise"]), 1e-6))
