@@ -38,7 +38,8 @@ from slam_init.types.place import Place
 _GATE_RAD = 0.01
 #: Gates of the test of chance, as shares, and the wide gate by which random matches are counted. Class: definition.
 _GATES, _WIDE = 0.5 ** np.arange(5.0), 8.0
-#: Drawn samples: with one right match of eight, 2,000 draws hold four right samples. Draws that are refined. Class: budget.
+#: Drawn samples: with one right match of eight, 2,000 draws hold four right samples. Draws that are refined.
+#: Class: budget.
 _DRAWS, _REFINED = 2000, 12
 #: Gauss-Newton steps of a refinement: they start within a few gates. Class: budget.
 _STEPS = 10
