@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from slam_init.errors import CalibrationError, ConfigError, OutputError, SlamInitError, SourceError
     from slam_init.exports import export
     from slam_init.initializer import Initializer
+    from slam_init.mapping.finding import Finder, Found
     from slam_init.mapping.joining import join
     from slam_init.output.colmap import pycolmap_reconstruction
     from slam_init.output.results import load_graph, write_colmap, write_results
@@ -51,6 +52,8 @@ __all__ = [
     "Camera",
     "Config",
     "ConfigError",
+    "Finder",
+    "Found",
     "Frame",
     "Gate",
     "InitialMap",
@@ -98,6 +101,8 @@ _HOMES = {
     "Camera": "types.camera",
     "Config": "config",
     "ConfigError": "errors",
+    "Finder": "mapping.finding",
+    "Found": "mapping.finding",
     "Frame": "types.frame",
     "Gate": "types.gates",
     "InitialMap": "types.initial_map",

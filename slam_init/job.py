@@ -161,7 +161,7 @@ class Job:
         appearance = None
         if orb is not None:
             located = () if continued is None else continued.keyframes
-            place = describe_place(result.map.keyframes, located, {**memory, **images}, result.map.camera)
+            place = describe_place(result.map, located, {**memory, **images})
             appearance = Appearance(*orb, place)
         result = front.reduction.enlarged(result)
         return _Part(result, first_frame, continued, appearance, self._errors(result, continued))

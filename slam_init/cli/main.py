@@ -21,6 +21,7 @@ from slam_init.cli.calibrate import add_calibrate
 from slam_init.cli.compare import add_compare
 from slam_init.cli.info import add_info
 from slam_init.cli.join import add_join
+from slam_init.cli.locate import add_locate
 from slam_init.cli.parser import BAD_INPUT, INTERRUPTED, Parser, UsageError
 from slam_init.cli.run import add_run
 from slam_init.cli.synth import add_synth
@@ -85,13 +86,15 @@ def make_parser() -> Parser:
     parser = Parser(
         prog="slam-init",
         description="Monocular SLAM initialization: from a video to a bundle-adjusted map, or why not.",
-        epilog="Exit codes: 0 initialized or done, 2 bad input, 3 never initialized (audit: not sound, join: not "
-        "joined), 130 interrupted (128 + signal).",
+        epilog="Exit codes: 0 initialized or done, 2 bad input, 3 never initialized (audit: not sound, join and locate: not "
+        "found), 130 interrupted (128 + signal).",
         allow_abbrev=False,
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     commands = parser.add_subparsers(
-        metavar="COMMAND", required=True, dest="run, view, info, synth, compare, bench, calibrate, audit or join"
+        metavar="COMMAND",
+        required=True,
+        dest="run, view, info, synth, compare, bench, calibrate, audit, join or locate",
     )
 
     add_run(commands)
@@ -103,6 +106,7 @@ def make_parser() -> Parser:
     add_calibrate(commands)
     add_audit(commands)
     add_join(commands)
+    add_locate(commands)
     return parser
 
 

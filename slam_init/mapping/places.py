@@ -10,14 +10,14 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from slam_init.frontend.sift import detect_sift, match_descriptors
 from slam_init.mapping.triangulation import triangulate
 from slam_init.types.arrays import Floats, Image, Ints, evenly_spaced
-from slam_init.types.camera import Camera
-from slam_init.types.initial_map import Keyframe
+from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.place import Place
 
 #: Keypoints of a view, views of the keyframes and as many of located frames, and views that a view is matched with: 45
@@ -33,26 +33,25 @@ _GATE_PX = 3.0
 _PARALLAX_DEG = 0.25
 
 
-def describe_place(
-    keyframes: Sequence[Keyframe], located: Sequence[Keyframe], images: Mapping[int, Image], camera: Camera
-) -> Place:
-    """Make the place of views with known poses.
+def describe_place(map_: InitialMap, located: Sequence[Keyframe], images: Mapping[int, Image]) -> Place:
+    """Make the place of a map.
 
     Shapes: ``images`` (H, W).
 
     * ``images``: Grey, by frame. Views without one are left out; of more than six of a kind, six are taken evenly.
-    * ``camera``: That of the images.
+    * ``located``: Further frames with known poses.
     """
     seen: list[Keyframe] = []
-    for views in (keyframes, located):
+    for views in (map_.keyframes, located):
         at_hand = [view for view in views if view.frame in images]
         seen += [at_hand[k] for k in evenly_spaced(len(at_hand), _VIEWS)]
     found = [detect_sift(images[view.frame], _KEYPOINTS) for view in seen]
-    bearings = [camera.bearings(one.pixels) for one in found]
+    bearings = [map_.camera.bearings(one.pixels) for one in found]
     keep = [np.isfinite(one).all(axis=1) for one in bearings]
     rays = [one[mask] for one, mask in zip(bearings, keep, strict=True)]
     described = [one.descriptors[mask] for one, mask in zip(found, keep, strict=True)]
-    return place_of_features(tuple(seen), rays, described, camera.focal_px)
+    place = place_of_features(tuple(seen), rays, described, map_.camera.focal_px)
+    return replace(place, depth_sigma=map_.depth_sigma if map_.depth_sigma >= 0 else 0.0)
 
 
 def place_of_features(

@@ -30,6 +30,9 @@ class Place(Described):
         Unit rays in the camera frame of the view.
     noise_rad : float
         Standard deviation of a ray in one direction.
+    depth_sigma : float
+        Relative standard deviation of the depths by the map (:attr:`InitialMap.depth_sigma`): what a unit of its points
+        is in units of its baselines. 0 where nobody stated it.
     """
 
     views: tuple[Keyframe, ...]
@@ -39,6 +42,7 @@ class Place(Described):
     observation_points: Ints
     observation_bearings: Floats
     noise_rad: float
+    depth_sigma: float = 0.0
 
     @staticmethod
     def empty() -> Place:

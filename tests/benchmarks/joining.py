@@ -13,12 +13,11 @@ from __future__ import annotations
 
 import argparse
 import itertools
-from pathlib import Path
 
 import numpy as np
 
 from slam_init.calibration.choosing import camera_of_source
-from slam_init.config import Config
+from slam_init.config import load_config
 from slam_init.datasets.opening import open_source
 from slam_init.job import Job
 from slam_init.mapping.joining import join
@@ -26,13 +25,15 @@ from slam_init.recording.recorder import Recorder
 from slam_init.types.frame import TimedSource
 from slam_init.types.place import Place
 
+#: The maps wait until their depths are known: a scale is not known better.
+_DEPTHS = 0.02
 _SCENES = ("room", "desk", "nadir-turn", "wall")
 
 
 def place_of(source: TimedSource, start: int, further: int) -> Place | None:
     """The place of the map that starts at a frame."""
     camera = camera_of_source(source, None, start)
-    config = Config()
+    config = load_config(None, {"acceptance": {"max_depth_sigma": _DEPTHS}})
     done = Job(source, camera, config, start, 60, further, False, (), None, False, True, False).run(Recorder())
     return done.appearances[0].place if done.appearances else None
 
@@ -55,14 +56,14 @@ def main() -> None:
     parser.add_argument("--apart", type=int, default=12)
     parser.add_argument("--further", type=int, default=8)
     parser.add_argument("--false", type=int, default=200, help="joins of maps of different videos")
-    parser.add_argument("sources", nargs="*", type=Path)
+    parser.add_argument("sources", nargs="*")
     arguments = parser.parse_args()
     if arguments.kind == "drawn":
         names = [
             (f"synth:{_SCENES[k % len(_SCENES)]}?frames=60&width=320&height=240", k) for k in range(arguments.worlds)
         ]
     else:
-        names = [(str(path), 0) for path in arguments.sources]
+        names = [(path, 0) for path in arguments.sources]
     places: list[tuple[int, Place]] = []
     right = joined = 0
     for number, (name, seed) in enumerate(names):

@@ -1,4 +1,4 @@
-"""``slam-init join``: saved maps are joined, or not; a file without a place is bad input."""
+"""``slam-init join`` and ``locate``: saved maps are joined, or not; a file without a place is bad input."""
 
 import json
 
@@ -54,3 +54,9 @@ def test_a_map_without_a_place_is_bad_input(tmp_path, capsys):
     np.savez(path, **(arrays | {"place_observation_points": arrays["place_observation_points"] + 1}))
     with pytest.raises(SourceError, match="do not fit together"):
         load_place(path)
+
+
+def test_the_frames_of_another_world_are_not_located(tmp_path, capsys):
+    saved = written(tmp_path / "a.npz", make_place())
+    assert main(["locate", saved, "synth:room?frames=2&width=160&height=120"]) == 3
+    assert capsys.readouterr().out.startswith("# 0 of 2 frames found, 120 points")

@@ -80,6 +80,14 @@ def test_a_pattern_that_fits_at_two_places_is_ambiguous():
     assert not found and found.reason is NoJoin.AMBIGUOUS_PLACE
 
 
+def test_a_scale_that_the_depths_of_a_map_leave_open_is_refused():
+    place = make_place()
+    known = join(replace(place, depth_sigma=0.03), replace(place, depth_sigma=0.04))
+    assert known.scale_sigma == pytest.approx(0.05, rel=1e-3)
+    found = join(place, replace(place, depth_sigma=0.2))
+    assert not found and found.reason is NoJoin.SCALE_OPEN and found.scale_sigma > 0.19
+
+
 def test_the_same_seed_gives_the_same_join():
     place = make_place(noise_rad=0.002)
     first, second = (join(moved(place, MOTION), place, seed=4) for _ in range(2))
