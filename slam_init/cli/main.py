@@ -86,8 +86,8 @@ def make_parser() -> Parser:
     parser = Parser(
         prog="slam-init",
         description="Monocular SLAM initialization: from a video to a bundle-adjusted map, or why not.",
-        epilog="Exit codes: 0 initialized or done, 2 bad input, 3 never initialized (audit: not sound, join and locate: not "
-        "found), 130 interrupted (128 + signal).",
+        epilog="Exit codes: 0 initialized or done, 2 bad input, 3 never initialized (audit: not sound; join, locate: "
+        "not found), 130 interrupted (128 + signal).",
         allow_abbrev=False,
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")

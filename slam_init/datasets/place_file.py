@@ -16,7 +16,8 @@ from slam_init.types.place import Place
 #: Shapes of the arrays that are read; -1 is any number.
 _ARRAYS: dict[str, tuple[int, ...]] = {
     "place_frames": (-1,), "place_poses": (-1, 4, 4), "place_points": (-1, 3), "place_descriptors": (-1, 128),
-    "depth_sigma": (), "place_noise": (), "place_observation_views": (-1,), "place_observation_points": (-1,), "place_bearings": (-1, 3),
+    "depth_sigma": (), "place_noise": (),
+    "place_observation_views": (-1,), "place_observation_points": (-1,), "place_bearings": (-1, 3),
 }  # fmt: skip
 #: A hundred thousand points that ten views see have 60 MB.
 _MAX_BYTES = 100_000_000

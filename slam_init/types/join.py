@@ -105,7 +105,8 @@ class Join(Described):
         Expected number of similarities that explain as many matches by chance, at most 1.
     scale_sigma : float
         Relative standard deviation of the scale: by the noise of the rays, by what the fit moves when a view of either
-        map is left out, and by the deviations of the depths that both maps state. Infinite where no similarity was found.
+        map is left out, and by the deviations of the depths that both maps state. Infinite where no
+        similarity was found.
     matches : int
         Number of points with similar descriptors.
     inliers : int

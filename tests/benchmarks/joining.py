@@ -13,11 +13,12 @@ from __future__ import annotations
 
 import argparse
 import itertools
+from dataclasses import replace
 
 import numpy as np
 
 from slam_init.calibration.choosing import camera_of_source
-from slam_init.config import load_config
+from slam_init.config import Config
 from slam_init.datasets.opening import open_source
 from slam_init.job import Job
 from slam_init.mapping.joining import join
@@ -33,7 +34,8 @@ _SCENES = ("room", "desk", "nadir-turn", "wall")
 def place_of(source: TimedSource, start: int, further: int) -> Place | None:
     """The place of the map that starts at a frame."""
     camera = camera_of_source(source, None, start)
-    config = load_config(None, {"acceptance": {"max_depth_sigma": _DEPTHS}})
+    config = Config()
+    config = replace(config, acceptance=replace(config.acceptance, max_depth_sigma=_DEPTHS))
     done = Job(source, camera, config, start, 60, further, False, (), None, False, True, False).run(Recorder())
     return done.appearances[0].place if done.appearances else None
 
