@@ -52,6 +52,7 @@ from slam_init.intake import Intake, Turn
 from slam_init.recording.recorder import Recorder
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera
+from slam_init.types.depth import Depth, TrackDepths
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.result import ProvisionalMap, Result
@@ -125,6 +126,7 @@ class Initializer:
         timestamp_s: float | None = None,
         *,
         mask: Image | None = None,
+        depth: Depth | None = None,
         rotation: Floats | None = None,
         rotation_sigma_rad: float = 1e-3,
     ) -> Status:
@@ -141,6 +143,10 @@ class Initializer:
             notes of the result (:mod:`slam_init.types.time_stamps`).
         mask : (H, W) uint8 or bool, optional
             Pixels that are 0 are ignored: neither an attempt nor the map uses them. By default a frame's own mask.
+        depth : Depth, optional
+            Depths of the image from elsewhere, of an RGB-D camera or of a network. They change the probabilities of
+            rival motions by a bounded factor (``docs/depth.md``). By default a frame's own depth; without one nothing
+            changes.
         rotation : (3, 3) array_like, optional
             How the camera turned since the last frame, by a gyroscope or a robot: it maps directions in the last camera
             to this one. The joint fit takes it as a measurement; without it nothing changes.
@@ -158,19 +164,21 @@ class Initializer:
         Raises
         ------
         SlamInitError
-            If the array is not such an image, the matrix is no rotation, or the frame is not later than the last one.
+            If the array is not such an image, the depth is not one of an image, the matrix is no rotation, or the frame
+            is not later than the last one.
             The initializer has not changed then, so that the frame can be left out.
         """
         if self._maps.handed_over:
             return self.status
         with self.intake.alone():
             turn = Turn.checked(rotation, rotation_sigma_rad)
-            frame = self.intake.frame(image, timestamp_s, mask)
+            frame = self.intake.frame(image, timestamp_s, mask, depth)
             with self.stopwatch("frame"):
                 with self.stopwatch("track"):
                     current = self.intake.track(frame)
+                    depths = self.intake.depths(frame.depth, current)
                 self.recorder.frame(frame, current)
-                status = self._step(current, (), turn)
+                status = self._step(current, (), turn, depths)
             self.recorder.frame_time(self.stopwatch.last_ms("frame"))
         return status
 
@@ -179,6 +187,7 @@ class Initializer:
         current: Observations,
         revised: Sequence[Observations] = (),
         *,
+        depth: Depth | None = None,
         rotation: Floats | None = None,
         rotation_sigma_rad: float = 1e-3,
     ) -> Status:
@@ -194,6 +203,8 @@ class Initializer:
         revised : sequence of Observations, optional
             Earlier frames with more tracks than before (see :attr:`slam_init.frontend.tracks.Tracker.revised`). Frames
             that are not in the history are ignored.
+        depth : Depth, optional
+            Depths of the frame, or one for each track (N,).
         rotation, rotation_sigma_rad : (3, 3) array_like and float, optional
             As for :meth:`process`.
 
@@ -213,12 +224,15 @@ class Initializer:
             return self.status
         with self.intake.alone():
             turn = Turn.checked(rotation, rotation_sigma_rad)
+            depths = self.intake.depths(depth, current)
             current, revised = self.intake.check_tracks(current, revised)
-            return self._step(current, revised, turn)
+            return self._step(current, revised, turn, depths)
 
-    def _step(self, current: Observations, revised: Sequence[Observations], turn: Turn | None) -> Status:
+    def _step(
+        self, current: Observations, revised: Sequence[Observations], turn: Turn | None, depths: TrackDepths | None
+    ) -> Status:
         """The way of a frame from its tracks to the status."""
-        self.intake.add(current, revised, turn)
+        self.intake.add(current, revised, turn, depths)
         self._maps.count(current.frame)
         if self._maps.accepted is not None:
             return self._grow(self._maps.accepted, current)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from threading import get_ident
 from typing import NamedTuple
 
@@ -22,6 +23,7 @@ from slam_init.frontend.static_overlay import StaticOverlay
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.attitude import checked_rotation
 from slam_init.types.camera import Camera
+from slam_init.types.depth import Depth, TrackDepths
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.lens_in_use import LensInUse
 from slam_init.types.status import frame_of
@@ -74,11 +76,17 @@ class Intake:
         finally:
             self._thread = inside
 
-    def frame(self, image: Image | Frame, timestamp_s: float | None, mask: Image | None) -> Frame:
-        """Check an image, its time and its mask, and make a frame of them."""
+    def frame(
+        self, image: Image | Frame, timestamp_s: float | None, mask: Image | None, depth: Depth | None = None
+    ) -> Frame:
+        """Check an image, its time, its mask and its depth, and make a frame of them."""
         if self._waits_for_size:
             self._complete_camera(image)
         frame = frame_of(image, timestamp_s, self.history.newest + 1, self.history.camera, mask)
+        if depth is not None:
+            frame = replace(frame, depth=depth)
+        if frame.depth is not None and (not isinstance(frame.depth, Depth) or np.ndim(frame.depth.values) != 2):
+            raise SlamInitError("depth of an image: give a Depth whose values have the shape (H, W)")
         own_seconds = timestamp_s is None or isinstance(image, Frame)
         return self._clock.stamped(frame, in_seconds_by_type=own_seconds)
 
@@ -102,9 +110,22 @@ class Intake:
         check_rays(camera, current)
         return current, revised
 
-    def add(self, current: Observations, revised: Sequence[Observations], turn: Turn | None) -> None:
+    def depths(self, depth: Depth | None, current: Observations) -> TrackDepths | None:
+        """The depths of the tracks of a frame; None without a depth."""
+        camera = self.history.camera
+        return None if depth is None else depth.at(current.track_ids, current.pixels, (camera.width, camera.height))
+
+    def add(
+        self,
+        current: Observations,
+        revised: Sequence[Observations],
+        turn: Turn | None,
+        depths: TrackDepths | None = None,
+    ) -> None:
         """Add the tracks of the next frame to the history."""
         self.history.add(current, revised)
+        if depths is not None:
+            self.history.depths[current.frame] = depths
         self._clock.took(current)
         if turn is not None:
             self.history.turned(current.frame, *turn)

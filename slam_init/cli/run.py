@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from slam_init.cli.parser import DONE, NOT_INITIALIZED, ListMethods, UsageError, at_least
-from slam_init.cli.source_options import add_source, chosen_camera, opened_source
+from slam_init.cli.source_options import add_depth, add_source, chosen_camera, opened_source, with_depth
 from slam_init.system.process_io import tell
 from slam_init.system.regular_file import user_path
 
@@ -32,6 +32,7 @@ def add_run(commands: Commands) -> None:
     run.description = "Read frames until a map is found; write it, and a recording of how, to a folder."
     run.set_defaults(command=_run)
     add_source(run, default=_DEFAULT_SOURCE)
+    add_depth(run.add_argument_group("depths from elsewhere"))
     frames = run.add_argument_group("first and last frame")
     frames.add_argument("--start", type=int, default=0, metavar="K", help="skip the first K frames")
     frames.add_argument("--max-frames", type=int, metavar="N", help="give up after N frames")
@@ -139,7 +140,7 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.scale is not None:
         arguments.scale = parse_scale(arguments.scale)
 
-    named = (arguments.images, arguments.camera, arguments.mask, config_path)
+    named = (arguments.images, arguments.camera, arguments.mask, arguments.depth, config_path)
     inputs = [arguments.source, *(file for file in named if file is not None)]
     out = chosen_folder(arguments.out, "run", run_files(restart=arguments.restart), inputs)
 
@@ -171,7 +172,7 @@ def _run(arguments: argparse.Namespace) -> int:
         if live:
             summary = _run_live(arguments, config, out)
         else:
-            summary = _run_on(opened_source(arguments, config.seed), arguments, config, out)
+            summary = _run_on(with_depth(arguments, opened_source(arguments, config.seed)), arguments, config, out)
     finally:
         if arguments.live is not None:
             leave_open()
@@ -195,6 +196,8 @@ def _run_live(arguments: argparse.Namespace, config: Config, out: Path) -> Summa
 
     if arguments.every != 1 or arguments.fps is not None or arguments.mask is not None:
         raise UsageError("--every, --fps and --mask are for sources that are read from files")
+    if arguments.depth is not None:
+        raise UsageError("--depth is for sources that are read from files: leave it out")
     if arguments.images is not None:
         raise UsageError("--images is for a source of matches, and a live source has images: leave it out")
     source = open_live(arguments.source, keep_all=arguments.no_drop, reconnects=arguments.reconnect)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -84,6 +85,42 @@ def add_mask(parser: argparse._ActionsContainer) -> None:
         metavar="PATH",
         help="an image whose black pixels are ignored in all frames, or a folder with NAME.png or NAME.EXT.png a frame",
     )
+
+
+def add_depth(parser: argparse._ActionsContainer) -> None:
+    """Add the options of depths from elsewhere."""
+    parser.add_argument(
+        "--depth",
+        metavar="DIR",
+        help="depths from elsewhere: 16-bit PNG, .npz or .npy, by the names of the frames or by their times",
+    )
+    parser.add_argument(
+        "--depth-kind",
+        choices=("metric", "scale", "affine", "inverse"),
+        default="metric",
+        help="in metres, up to a scale, up to scale and shift; inverse: one over them, up to both (default: metric)",
+    )
+    parser.add_argument(
+        "--depth-factor", type=float, default=1000.0, metavar="N", help="value of one unit in a PNG (TUM: 5000; 1000)"
+    )
+    parser.add_argument(
+        "--depth-sigma", type=float, default=0.1, metavar="S", help="relative standard deviation of the depths (0.1)"
+    )
+
+
+def with_depth(arguments: argparse.Namespace, source: TimedSource) -> TimedSource:
+    """Give the frames of a source the depths that are asked for."""
+    if arguments.depth is None:
+        return source
+    from slam_init.datasets.depth_maps import DepthFolder, DepthSource
+    from slam_init.datasets.track_source import KnowsTracks
+
+    if isinstance(source, KnowsTracks):
+        raise UsageError(f"{arguments.source} has tracks of its own: --depth is for sources of images")
+    if not 0 < arguments.depth_sigma < math.inf:
+        raise UsageError(f"--depth-sigma is {arguments.depth_sigma:g}: give a positive number")
+    folder = DepthFolder(arguments.depth, arguments.depth_kind, arguments.depth_factor, arguments.depth_sigma)
+    return DepthSource(source, folder, folder.note)
 
 
 def view_of(arguments: argparse.Namespace, every: int) -> SourceView:

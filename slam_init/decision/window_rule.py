@@ -43,6 +43,7 @@ from slam_init.types.gates import Gate, GateName, Stage, at_least
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, ProvisionalMap
 from slam_init.types.stopwatch import Stopwatch
+from slam_init.window.depth_evidence import GivenDepths
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.live import LiveHypotheses
 from slam_init.window.risk import WindowRisk, confirmed, risk_of
@@ -186,6 +187,8 @@ class WindowRule:
         hypotheses = self._live.fitted(lens.camera, priors_of(lens, self._config), views.all, attitudes)
         if hypotheses is None:
             return None
+        depths = [history.depths.get(frame) for frame in hypotheses.tracks.frames]
+        hypotheses = replace(hypotheses, depths=GivenDepths.of(hypotheses.tracks, depths))
         again, risk = confirmed(hypotheses, risk_of(hypotheses), self._config.acceptance.max_risk)
         if again is not hypotheses:
             self._live.keep(again)

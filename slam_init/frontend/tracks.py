@@ -30,6 +30,7 @@ from slam_init.frontend.sift import detect_sift, match_descriptors
 from slam_init.types.arrays import Bools, Floats, Image, Ints
 from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
+from slam_init.types.depth import TrackDepths
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.lens_in_use import LensInUse
 
@@ -62,6 +63,8 @@ class History:
         self._limit = limit
         self._frames: dict[int, Observations] = {}
         self._attitudes: dict[int, Attitude] = {}
+        #: Depths of the tracks of the frames that have some, from elsewhere.
+        self.depths: dict[int, TrackDepths] = {}
 
     @property
     def camera(self) -> Camera:
@@ -132,11 +135,13 @@ class History:
             if frame not in wanted:
                 del self._frames[frame]
                 self._attitudes.pop(frame, None)
+                self.depths.pop(frame, None)
 
     def start_at(self, frame: int) -> None:
         """Drop the frames before a frame."""
         for earlier in [f for f in self._frames if f < frame]:
             del self._frames[earlier]
+            self.depths.pop(earlier, None)
 
     def between(self, first: int, last: int) -> list[Observations]:
         """List the frames strictly between two frames."""

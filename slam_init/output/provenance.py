@@ -39,7 +39,7 @@ NOT_INSTALLED = "not installed"
 
 
 class InputHash:
-    """Hash of the frames that a run reads. Equal pixels, masks, names, time stamps and calibrations have equal hashes.
+    """Hash of the frames of a run. Equal pixels, masks, depths, names, time stamps and calibrations have equal hashes.
 
     * ``camera``: The stated calibration.
     """
@@ -55,6 +55,10 @@ class InputHash:
             self._hash.update(np.ascontiguousarray(frame.image).data)
             if frame.mask is not None:
                 self._hash.update(np.ascontiguousarray(frame.mask).data)
+            if frame.depth is not None:
+                self._hash.update(f"{frame.depth.kind}".encode())
+                for one in (frame.depth.values, frame.depth.sigma):
+                    self._hash.update(np.ascontiguousarray(one, float).data)
             yield frame
 
     def observed(self, observations: Observations) -> None:

@@ -15,6 +15,7 @@ from slam_init.types.pose import Trajectory
 
 if TYPE_CHECKING:
     from slam_init.types.camera import Camera
+    from slam_init.types.depth import Depth
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +34,8 @@ class Frame:
         Grey or BGR, as stored.
     mask : (H, W) uint8, optional
         Pixels that are 0 are ignored: no track begins in them or enters them.
+    depth : Depth, optional
+        Depths from elsewhere: evidence about the motion of the camera.
     """
 
     index: int
@@ -40,6 +43,7 @@ class Frame:
     name: str
     image: Image
     mask: Image | None = None
+    depth: Depth | None = None
 
     def __post_init__(self) -> None:
         # numpy's integers as well; a number that is none has no index.

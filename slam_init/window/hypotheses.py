@@ -25,6 +25,7 @@ from quest.estimate import Hypothesis, RelativePose
 from slam_init.mapping.plane import plane_of_motion
 from slam_init.types.arrays import Floats, evenly_spaced
 from slam_init.types.pose import Pose
+from slam_init.window.depth_evidence import GivenDepths
 from slam_init.window.equations import explained_at_most
 from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
 from slam_init.window.levels import LARGEST_VOTE, WORTH_TRYING, WRONG_FOCAL, WRONG_FOCAL_COST, WRONG_K1, WRONG_PRINCIPAL
@@ -76,6 +77,8 @@ class WindowHypotheses:
     rotations: tuple[Motion, ...] = ()
     #: Whether they began where their last fits had ended, and nowhere else.
     rotation_lives: bool = False
+    #: Depths from elsewhere; None without them.
+    depths: GivenDepths | None = None
 
     def costs_of(self, motion: FittedMotion) -> Floats:
         """The cost of each track in all views; a view that a motion does not locate sees outliers.

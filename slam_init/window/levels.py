@@ -189,6 +189,39 @@ EVEN = 0.5
 #: Class: level, in standard deviations and tracks.
 OTHER_SIGMAS, LEAST_OTHER_TRACKS = 3.0, 20
 
+# -- depths from elsewhere -------------------------------------------------------------------------------
+
+#: Probability that the depths of a view are unrelated to the scene: of networks before mirrors, screens, posters and
+#: fog, or of another frame.
+#: Class: assumption.
+DEPTH_IS_WRONG = 0.1
+
+#: Relative scatter of depths that are unrelated to a motion: that of a plane tilted by 35 degrees in a field of view of
+#: 70.
+#: Class: geometry.
+UNRELATED_DEPTH = 0.3
+
+#: Largest vote of depths for a motion against another one: one depth image of ten is wrong, and a wrong one agrees with
+#: one of two motions by chance every other time. So depths never decide alone: a risk of 0.005 needs 5.3 nats.
+#: Class: assumption, in nats.
+LARGEST_DEPTH_VOTE = 3.0
+
+#: Parts of the image (columns, rows) whose depths err independently.
+#: Class: assumption.
+DEPTH_PARTS = (4, 3)
+
+#: The stated deviation of depths is worth this many parts of the image: it may be off by a factor of 1.5.
+#: Class: assumption.
+STATED_SIGMA_PARTS = 4
+
+#: Standard deviation of an unknown shift, over the median of the scaled values.
+#: Class: assumption.
+SHIFT_SIGMA = 1.0
+
+#: Least number of tracks with a depth.
+#: Class: level.
+LEAST_TRACKS_WITH_DEPTH = 20
+
 # -- whether points lie on a plane -----------------------------------------------------------------------
 
 #: Points lie on a plane if distances of their own lower the cost by as much as noise does: by chi-square with one
