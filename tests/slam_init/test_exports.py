@@ -20,8 +20,8 @@ from slam_init.cli.main import main
 from slam_init.errors import OutputError, SlamInitError
 from slam_init.exports import check_formats
 from slam_init.frontend.orb import orb_descriptors
-from slam_init.output.mcap import ros_covariance
 from slam_init.output.names import EXPORTS, MCAP, STELLA
+from slam_init.output.ros_messages import ros_covariance
 from slam_init.output.scene import Undistortion, image_name
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose

@@ -1,0 +1,1 @@
+"""The lifecycle node of slam-init for ROS 2."""
