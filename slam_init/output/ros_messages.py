@@ -28,8 +28,8 @@ _OK, _WARN, _ERROR = 0, 1, 2
 _FLOAT32 = 7
 
 
-#: Makes a message of a type, such as ``geometry_msgs/msg/Pose``, from all of its fields by keyword. Arrays of bytes come
-#: as numpy arrays, and a byte as an int.
+#: Makes a message of a type, such as ``geometry_msgs/msg/Pose``, from all of its fields by keyword. Arrays of bytes are
+#: numpy arrays, and a byte is an int.
 MakeMessage: TypeAlias = Callable[..., Any]
 
 

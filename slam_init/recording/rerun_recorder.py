@@ -21,9 +21,9 @@ entity                      content
 ``advice``                  the result of the run in large letters
 ==========================  =======================================================================
 
-Timelines: ``frame`` (absolute index), ``sensor_time`` or, where the stamps are dates, ``sensor_date``, ``stage`` (0 for
-the map before bundle adjustment, 1 after it), ``ba_iter``. The content depends on the run and its
-seed only: it has no wall clock and no random ids.
+Timelines: ``frame`` (absolute index), ``sensor_time`` or, where the stamps are dates, ``sensor_date`` and
+``ros2_timestamp``, ``stage`` (0 for the map before bundle adjustment, 1 after it), ``ba_iter``. The content depends on
+the run and its seed only: it has no wall clock and no random ids.
 """
 
 from __future__ import annotations
@@ -173,6 +173,7 @@ class RerunRecorder(Recorder):
         self._dated = is_date(frame.timestamp_s) if self._dated is None else self._dated
         if self._dated:
             rec.set_time("sensor_date", timestamp=frame.timestamp_s)
+            rec.set_time("ros2_timestamp", timestamp=frame.timestamp_s)  # that of Rerun's reader of bags
         else:
             rec.set_time("sensor_time", duration=frame.timestamp_s)
         self.images.add(frame)

@@ -69,7 +69,12 @@ def test_a_recording_holds_the_whole_run_and_passes_verification(tmp_path, model
 
 @pytest.mark.parametrize(
     ("start_s", "name", "kind"),
-    [(0.0, "sensor_time", "duration"), (1.4e9, "sensor_date", "timestamp"), (2000.0, "sensor_time", "duration")],
+    [
+        (0.0, "sensor_time", "duration"),
+        (1.4e9, "sensor_date", "timestamp"),
+        (1.4e9, "ros2_timestamp", "timestamp"),
+        (2000.0, "sensor_time", "duration"),
+    ],
 )
 def test_dates_are_logged_as_dates_and_other_times_as_durations(tmp_path, start_s, name, kind):
     """A bag that is opened beside the recording has dates: only then both lie at the same time."""
