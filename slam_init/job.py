@@ -36,7 +36,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations, Source, length_of, notes_of
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
-from slam_init.types.place import Appearance
+from slam_init.types.place import Appearance, Place
 from slam_init.types.reasons import in_words
 from slam_init.types.result import GroundTruthErrors, Result, Segment
 from slam_init.types.scale import ScaleOrigin
@@ -88,7 +88,11 @@ class Finished:
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """The arguments of :func:`slam_init.runner.run`; ``described``: whether the map is described by descriptors."""
+    """The arguments of :func:`slam_init.runner.run`.
+
+    * ``described``: Whether the map is described by descriptors.
+    * ``placed``: Whether it can be joined with another one, then.
+    """
 
     source: Source
     camera: Camera
@@ -102,6 +106,7 @@ class Job:
     restart: bool
     described: bool
     imu: bool
+    placed: bool
 
     def run(self, recorder: Recorder) -> Finished:
         """Process the frames, and summarize the run."""
@@ -161,7 +166,7 @@ class Job:
         appearance = None
         if orb is not None:
             located = () if continued is None else continued.keyframes
-            place = describe_place(result.map, located, {**memory, **images})
+            place = describe_place(result.map, located, {**memory, **images}) if self.placed else Place.empty()
             appearance = Appearance(*orb, place)
         result = front.reduction.enlarged(result)
         return _Part(result, first_frame, continued, appearance, self._errors(result, continued))

@@ -44,6 +44,7 @@ def run(
     restart: bool = False,
     imu: bool = False,
     export: Collection[str] = (),
+    place: bool = False,
 ) -> tuple[Result, Summary]:
     """Initialize from a source, and write the results.
 
@@ -84,6 +85,9 @@ def run(
         Whether to use the gyroscope of the source, if it has one (:mod:`slam_init.datasets.gyroscope`).
     export : collection of str
         Formats of other tools that the maps are written in as well, as of :func:`slam_init.export`. It needs ``out``.
+    place : bool
+        Whether ``handover.npz`` holds what the map is joined with another one by (:func:`slam_init.join`). Up to
+        12 images are described and matched for it.
 
     Returns
     -------
@@ -115,7 +119,19 @@ def run(
     # The landmarks of an external program are its own.
     described = out is not None and not is_external(config.method)
     job = Job(
-        source, camera, config, start, max_frames, continue_frames, progress, notes, scale, restart, described, imu
+        source,
+        camera,
+        config,
+        start,
+        max_frames,
+        continue_frames,
+        progress,
+        notes,
+        scale,
+        restart,
+        described,
+        imu,
+        place,
     )
     if out is None:
         finished = job.run(Recorder())

@@ -99,6 +99,9 @@ def add_run(commands: Commands) -> None:
         help="also write the map for other tools: scene (images, COLMAP model and transforms.json for COLMAP, "
         "nerfstudio, 3DGS), stella (map.msg), mcap (Foxglove), or several: scene,mcap",
     )
+    after.add_argument(
+        "--place", action="store_true", help="keep what the map is joined with others by (slam-init join, locate)"
+    )
     live = run.add_argument_group("live sources, and a viewer")
     live.add_argument("--no-drop", action="store_true", help="of a live source: let the sender wait, drop no frame")
     live.add_argument(
@@ -247,5 +250,6 @@ def _run_on(
             restart=arguments.restart,
             imu=arguments.imu,
             export=arguments.export,
+            place=arguments.place,
         )
     return summary

@@ -62,7 +62,7 @@ def load_place(path: str | os.PathLike[str]) -> Place:
     if not inside or not ((views >= 0) & (views < len(frames)) & (points >= 0) & (points < len(where))).all():
         raise SourceError(f"{path}: the arrays of its place do not fit together: run again")
     if len(where) == 0:
-        raise SourceError(f"{path}: its map has no place to be found again by: run again from images")
+        raise SourceError(f"{path}: its map has no place to be found again by: run again from images with --place")
     described /= np.maximum(np.linalg.norm(described, axis=1, keepdims=True), 1e-12)
     rays = rays / np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-12)
     keyframes = tuple(Keyframe(f, 0.0, str(f), pose) for f, pose in zip(frames, poses, strict=True))

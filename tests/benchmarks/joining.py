@@ -36,7 +36,7 @@ def place_of(source: TimedSource, start: int, further: int) -> Place | None:
     camera = camera_of_source(source, None, start)
     config = Config()
     config = replace(config, acceptance=replace(config.acceptance, max_depth_sigma=_DEPTHS))
-    done = Job(source, camera, config, start, 60, further, False, (), None, False, True, False).run(Recorder())
+    done = Job(source, camera, config, start, 60, further, False, (), None, False, True, False, True).run(Recorder())
     return done.appearances[0].place if done.appearances else None
 
 

@@ -27,6 +27,7 @@ def test_arguments_reach_the_pipeline(world, pipeline, capsys):
         "scene,mcap",
         "--matcher",
         "orb",
+        "--place",
     ]
     assert main(["run", IMAGES, *WITH, *numbers, "--out", "results", "--quiet"]) == 0
     ((source, camera, config, options),) = pipeline.calls
@@ -36,7 +37,7 @@ def test_arguments_reach_the_pipeline(world, pipeline, capsys):
     assert options == {
         "start": 1, "max_frames": 2, "continue_frames": 4, "progress": False, "overview": True, "viewer": None,
         "restart": True, "scale": parse_scale("height:1.65"), "imu": False,
-        "export": ["scene", "mcap"],
+        "export": ["scene", "mcap"], "place": True,
     }  # fmt: skip
     assert capsys.readouterr() == ("", "")
 
