@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -27,6 +27,7 @@ _KEYPOINTS = 2048
 _HLOC = "superpoint_aachen,superpoint+lightglue"
 
 
+@runtime_checkable
 class Matcher(Protocol):
     """Matches two images."""
 
@@ -237,14 +238,14 @@ def make_matcher(name: str) -> Matcher:
             known = ", ".join(_MATCHERS)
             raise ConfigError(f"unknown matcher {name!r:.60}: use {known}, hloc:FEATURES,MATCHER or module:attribute")
         found = attribute_of(name)
-        matcher: Any = found() if isinstance(found, type) else found
+        matcher = found() if isinstance(found, type) else found
     except ImportError as error:
         raise ConfigError(f"the matcher {name} cannot be loaded ({error}){remedy and f': {remedy}'}") from None
     except AttributeError as error:
         raise ConfigError(f"the matcher {name} cannot be loaded ({error})") from None
-    if not callable(matcher):
+    if not isinstance(matcher, Matcher):
         raise ConfigError(f"the matcher {name} is of the type {type(matcher).__name__}: give a callable of two images")
-    return matcher  # type: ignore[no-any-return]
+    return matcher
 
 
 def _gray(image: Image) -> Image:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sys
 import time
+from abc import ABC, abstractmethod
 from array import array
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -37,7 +38,7 @@ def _store() -> Any:
     return get_typestore(Stores.ROS2_HUMBLE)
 
 
-class Graph:
+class Graph(ABC):
     """Sends messages to a node, and keeps what it publishes by topic."""
 
     def __init__(self) -> None:
@@ -45,13 +46,13 @@ class Graph:
         self.received: dict[str, list[Any]] = defaultdict(list)
         self.warnings: list[str] = []
 
+    @abstractmethod
     def node(self, **parameters: Any) -> Any:
         """Make the node."""
-        raise NotImplementedError
 
+    @abstractmethod
     def send(self, topic: str, message: Any, *, answered: bool = True) -> None:
         """Send a message, and wait until the node has answered by a status."""
-        raise NotImplementedError
 
 
 class _Success(Enum):
@@ -157,7 +158,9 @@ class FakeLifecycleNode:
         self._graph.listeners.clear()
 
     def get_logger(self) -> Any:
-        keep = lambda text, **_: self._graph.warnings.append(text)  # noqa: E731
+        def keep(text: str, **_: Any) -> None:
+            self._graph.warnings.append(text)
+
         return SimpleNamespace(info=lambda *_, **__: None, warning=keep, error=keep)
 
     def _change(self, before: str, callback: Callable[[Any], _Success], after: str) -> _Success:
