@@ -97,7 +97,7 @@ class DepthFolder:
         return None
 
     def _file_of(self, frame: Frame) -> Path | None:
-        stem = os.path.splitext(frame.name)[0]  # noqa: PTH122 (a Path drops "./")
+        stem = frame.name.removesuffix(Path(frame.name).suffix)
         stems = (frame.name, stem, f"{stem.removesuffix('.color')}.depth")
         for name in (f"{one}{suffix}" for one in stems for suffix in (".png", ".npz", ".npy")):
             if (self._path / name).exists():

@@ -31,12 +31,13 @@ _DEPTHS = 0.02
 _SCENES = ("room", "desk", "nadir-turn", "wall")
 
 
-def place_of(source: TimedSource, start: int, further: int) -> Place | None:
-    """The place of the map that starts at a frame."""
+def place_of(source: TimedSource, start: int, grown: int) -> Place | None:
+    """The place of the map that starts at a frame and grows by some frames."""
     camera = camera_of_source(source, None, start)
     config = Config()
-    config = replace(config, acceptance=replace(config.acceptance, max_depth_sigma=_DEPTHS))
-    done = Job(source, camera, config, start, 60, further, False, (), None, False, True, False, True).run(Recorder())
+    acceptance = replace(config.acceptance, max_depth_sigma=_DEPTHS)
+    config = replace(config, acceptance=acceptance, refine_frames=grown)
+    done = Job(source, camera, config, start, None, 0, False, (), None, False, True, False, True).run(Recorder())
     return done.appearances[0].place if done.appearances else None
 
 
@@ -56,7 +57,7 @@ def main() -> None:
     parser.add_argument("kind", choices=["drawn", "real"])
     parser.add_argument("--worlds", type=int, default=40)
     parser.add_argument("--apart", type=int, default=12)
-    parser.add_argument("--further", type=int, default=8)
+    parser.add_argument("--grown", type=int, default=30)
     parser.add_argument("--false", type=int, default=200, help="joins of maps of different videos")
     parser.add_argument("sources", nargs="*")
     arguments = parser.parse_args()
@@ -70,7 +71,7 @@ def main() -> None:
     right = joined = 0
     for number, (name, seed) in enumerate(names):
         source = open_source(name, seed)
-        pair = [place_of(source, start, arguments.further) for start in (0, arguments.apart)]
+        pair = [place_of(source, start, arguments.grown) for start in (0, arguments.apart)]
         places += [(number, place) for place in pair if place is not None]
         first, second = pair
         if first is None or second is None:
