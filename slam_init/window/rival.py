@@ -70,7 +70,7 @@ def rival_term(
 
 
 def rival_odds(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> list[float]:
-    """The probability of each rival over that of the best motion, at most 1, without a bound from above.
+    """The probability of each rival over that of the best motion, without a bound from above.
 
     The risk always leaves out the region with the largest vote. Here a moving body fills it with a prior probability.
     """
