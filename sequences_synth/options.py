@@ -192,6 +192,8 @@ class SynthOptions(EffectOptions):
     tag_m : float
         Side of the black square of an AprilTag (family 36h11, number 7) on a board in front of the scene, metres; 0 for
         none.
+    imu : bool
+        Whether an inertial sensor of a phone is fixed to the camera (:mod:`sequences_synth.inertial`), at 200 Hz.
 
     Raises
     ------
@@ -211,12 +213,15 @@ class SynthOptions(EffectOptions):
     flicker: float = 0.0
     fade: int = 0
     tag_m: float = 0.0
+    imu: bool = False
     body_turn_deg_s: float = 30.0
 
     def __post_init__(self) -> None:
         self._check(_RENDERED_LIMITS)
         if self.cut >= self.frames:
             raise ValueError(f"cut is {self.cut}: it must be less than the number of frames, {self.frames}")
+        if self.imu and (self.cut or self.stabilized):
+            raise ValueError("imu is 1: it needs one path of the true camera, so leave cut and stabilized out")
         if self.lens not in ("pinhole", *LENSES):
             raise ValueError(f"lens is {self.lens!r}: use one of pinhole, {', '.join(LENSES)}")
         if self.lens != "pinhole" and (self.k1 or self.stabilized):

@@ -10,6 +10,7 @@ import numpy as np
 
 from sequences_synth.arrays import Bools, Floats, Floats32, Image
 from sequences_synth.camera import LensCamera, PinholeCamera, lens_camera, stated_camera
+from sequences_synth.inertial import InertialSamples, measure
 from sequences_synth.noise import expose
 from sequences_synth.options import SynthOptions, check_scene
 from sequences_synth.scene import SCENES, World, build_world
@@ -22,6 +23,8 @@ from sequences_synth.shutter import Shutter
 _FOCAL_BY_WIDTH = 525.0 / 640.0
 # Lamps flicker at twice the frequency of the mains, 50 or 60 Hz.
 _LAMPS_HZ = (100.0, 120.0)
+# Rate of an inertial sensor, and the time that it is on before the first and after the last frame.
+_INERTIAL_HZ, _MARGIN_S = 200.0, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +162,22 @@ class SynthSequence:
         """
         sensor, frame = self._sensor(index)
         return sensor.pixel_poses(frame, pixels)
+
+    def inertial(self) -> InertialSamples | None:
+        """Measure with the inertial sensor, from 0.1 s before the first frame to 0.1 s after the last one.
+
+        Returns
+        -------
+        InertialSamples or None
+            None without the option ``imu``.
+        """
+        if not self.options.imu:
+            return None
+        path, fps = self.sensors[0].path, self.options.fps
+        last_s = float(self.timestamps_s[-1]) + _MARGIN_S
+        times_s = np.arange(-_MARGIN_S, last_s, 1 / _INERTIAL_HZ)
+        rng = stream(self.seed, b"inertial sensor ", self.name)
+        return measure(lambda time_s: path.world_from_cam(time_s * fps), times_s, rng)
 
     def _sensor(self, index: int) -> tuple[Sensor, int]:
         """The sensor of a frame, and the frame number on its path."""

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from slam_init.config import Config
-from slam_init.datasets.gyroscope import StepRotations, gyroscope_of
+from slam_init.datasets.gyroscope import Gyroscope, StepRotations, gyroscope_of
+from slam_init.datasets.inertial import InertialSensor, inertial_of
 from slam_init.datasets.live.address import without_password
 from slam_init.datasets.track_source import KnowsTracks
 from slam_init.evaluation.metrics import compare_with_groundtruth, scale_error
@@ -30,10 +31,11 @@ from slam_init.output.summary import Summary, summary_of
 from slam_init.recording.recorder import Recorder
 from slam_init.scale.find import find_scale
 from slam_init.scale.metric_map import in_metres, scaled_keyframes
-from slam_init.scale.requests import KnownBoard, KnownMarkers, ScaleRequest
+from slam_init.scale.requests import KnownBoard, KnownMarkers, MeasuredMotion, ScaleRequest
 from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations, Source, length_of, notes_of
+from slam_init.types.inertial import InertialRecord
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 from slam_init.types.place import Appearance, Place
@@ -105,13 +107,15 @@ class Job:
     scale: ScaleRequest | None
     restart: bool
     described: bool
-    imu: bool
+    imu: bool | InertialSensor
     placed: bool
 
     def run(self, recorder: Recorder) -> Finished:
         """Process the frames, and summarize the run."""
         hashed = InputHash(self.camera)
         memory = FrameMemory(_IMAGE_BYTES if isinstance(self.scale, KnownMarkers | KnownBoard) else _FEW_IMAGE_BYTES)
+        if self._record is not None:
+            hashed.inertial(self._record)
         reduction = reduction_of(self.source, self.camera)
         initializer = make_initializer(self.config.method, reduction.camera, self.config, recorder)
         front = _Front(initializer, self, hashed, recorder, reduction)
@@ -159,7 +163,9 @@ class Job:
         images = {k.frame: memory[k.frame] for k in result.map.keyframes if k.frame in memory}
         orb = describe_landmarks(result.map, images) if self.described else None
         count = self.continue_frames if left is None else left - (frames.count - before)
-        result, continued = _continue(result, front.tracker, frames, count, front.recorder, self.restart)
+        result, continued = _continue(
+            result, front.tracker, frames, count, front.recorder, self.restart, self._by_motion
+        )
         if self.scale is not None:
             result, continued = self._in_metres(self.scale, result, continued, images, front.recorder)
         assert result.map is not None
@@ -170,6 +176,22 @@ class Job:
             appearance = Appearance(*orb, place)
         result = front.reduction.enlarged(result)
         return _Part(result, first_frame, continued, appearance, self._errors(result, continued))
+
+    @property
+    def _by_motion(self) -> bool:
+        return isinstance(self.scale, MeasuredMotion)
+
+    @property
+    def _record(self) -> InertialRecord | None:
+        """What the scale is found from."""
+        if not self._by_motion:
+            return None
+        return self.imu.record if isinstance(self.imu, InertialSensor) else inertial_of(self.source)
+
+    @property
+    def gyroscope(self) -> Gyroscope | None:
+        """What measures the rotations between frames."""
+        return self.imu.gyroscope if isinstance(self.imu, InertialSensor) else gyroscope_of(self.source)
 
     def _available(self, first_frame: int) -> int | None:
         """Number of frames from a frame on; None where nobody knows it."""
@@ -190,7 +212,10 @@ class Job:
             return result, continued
         located = () if continued is None else continued.keyframes
         truth = self.source.groundtruth
-        scale = find_scale(result.map, request, images=images, located=located, groundtruth=truth)
+        grown = None if continued is None else continued.grown
+        scale = find_scale(
+            result.map, request, images=images, located=located, groundtruth=truth, imu=self._record, grown=grown
+        )
         if scale.metres_per_unit is None:
             return replace(result, scale=scale), continued
         map_ = in_metres(result.map, scale)
@@ -213,7 +238,8 @@ class Job:
         """Summarize the run, with its errors against the ground truth and its provenance."""
         options: dict[str, Json] = {
             "start": self.start, "max_frames": self.max_frames, "continue_frames": self.continue_frames,
-            "restart": self.restart, "imu": self.imu, "scale": None if self.scale is None else plain_fields(self.scale),
+            "restart": self.restart, "imu": bool(self.imu),
+            "scale": None if self.scale is None else plain_fields(self.scale),
         }  # fmt: skip
         continued = parts[0].continued
         command = [without_password(word) for word in sys.argv]
@@ -261,8 +287,8 @@ class _Front:
         self.tracker: FrameTracker = initializer.tracker
         self.process: Callable[[Frame], Status] = initializer.process
         # Other methods take no rotations.
-        used = job.imu and isinstance(initializer, Initializer)
-        self.turns = StepRotations(gyroscope_of(job.source) if used else None)
+        used = bool(job.imu) and isinstance(initializer, Initializer)
+        self.turns = StepRotations(job.gyroscope if used else None)
         if isinstance(initializer, Initializer):
             self.process = partial(_process_turned, initializer, self.turns, hashed)
         if isinstance(job.source, KnowsTracks):
@@ -383,12 +409,18 @@ def live_text(status: Status) -> str:
 
 
 def _continue(
-    result: Result, tracker: FrameTracker, frames: Iterator[Frame], count: int | None, recorder: Recorder, restart: bool
+    result: Result,
+    tracker: FrameTracker,
+    frames: Iterator[Frame],
+    count: int | None,
+    recorder: Recorder,
+    restart: bool,
+    keep_grown: bool,
 ) -> tuple[Result, Continuation | None]:
     """Locate further frames in the map, if there is a map and frames are asked for; note an early end."""
     if result.map is None or not (restart or count):
         return result, None
-    continued = follow(result.map, tracker, frames, count, recorder, until_lost=restart)
+    continued = follow(result.map, tracker, frames, count, recorder, until_lost=restart, keep_grown=keep_grown)
     if continued.ended_by is not None:
         result = replace(result, notes=(*result.notes, f"the continuation ended early: {continued.ended_by}"))
     return result, continued

@@ -8,6 +8,7 @@ from collections.abc import Collection
 
 from slam_init.calibration.choosing import GivenCamera, camera_of_source
 from slam_init.config import Config, config_toml
+from slam_init.datasets.inertial import InertialSensor
 from slam_init.errors import OutputError, SlamInitError, SourceError
 from slam_init.exports import check_formats, stage
 from slam_init.job import Finished, Job, reduction_of
@@ -42,7 +43,7 @@ def run(
     viewer: str | None = None,
     scale: ScaleRequest | None = None,
     restart: bool = False,
-    imu: bool = False,
+    imu: bool | InertialSensor = False,
     export: Collection[str] = (),
     place: bool = False,
 ) -> tuple[Result, Summary]:
@@ -81,8 +82,9 @@ def run(
         What is known of the size of the scene (:mod:`slam_init.scale.requests`): the maps are then in metres.
     restart : bool
         Whether to start anew where a map is lost (:mod:`slam_init.mapping.follower`). The result lists all maps.
-    imu : bool
-        Whether to use the gyroscope of the source, if it has one (:mod:`slam_init.datasets.gyroscope`).
+    imu : bool or InertialSensor
+        Whether to use the gyroscope of the source, if it has one (:mod:`slam_init.datasets.gyroscope`); or the sensor
+        of a file (:func:`slam_init.datasets.inertial_file.read_inertial_file`), whose record is that of the scale too.
     export : collection of str
         Formats of other tools that the maps are written in as well, as of :func:`slam_init.export`. It needs ``out``.
     place : bool

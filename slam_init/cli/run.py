@@ -53,7 +53,13 @@ def add_run(commands: Commands) -> None:
         "your own as module:attribute or file.py:attribute",
     )
     decision.add_argument("--refine-focal", action="store_true", help="adjust the focal length with the map")
-    decision.add_argument("--imu", action="store_true", help="use the gyroscope of the source (EuRoC, ROS bags)")
+    run.bare_values["--imu"] = ""
+    decision.add_argument(
+        "--imu",
+        metavar="FILE",
+        help="use the gyroscope of the source (EuRoC, ROS bags): --imu; or that of a file with t,gx,gy,gz,ax,ay,az and "
+        "its T_cam_imu in a YAML file of the same name: --imu=FILE.csv",
+    )
     decision.add_argument(
         "--max-depth-sigma",
         type=float,
@@ -91,7 +97,8 @@ def add_run(commands: Commands) -> None:
         "--scale",
         metavar="HOW",
         help="metres by a known length: marker:tag36h11:0.14, board:9x6:0.025, height:1.65[,nadir], "
-        "distance:0.25[,I,J] or groundtruth; a length may have a deviation, as in 1.65+-0.02",
+        "distance:0.25[,I,J] or groundtruth; a length may have a deviation, as in 1.65+-0.02; or imu: accelerations of "
+        "the source or of --imu=FILE",
     )
     after.add_argument(
         "--export",
@@ -143,7 +150,7 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.scale is not None:
         arguments.scale = parse_scale(arguments.scale)
 
-    named = (arguments.images, arguments.camera, arguments.mask, arguments.depth, config_path)
+    named = (arguments.images, arguments.camera, arguments.mask, arguments.depth, arguments.imu or None, config_path)
     inputs = [arguments.source, *(file for file in named if file is not None)]
     out = chosen_folder(arguments.out, "run", run_files(restart=arguments.restart), inputs)
 
@@ -219,10 +226,19 @@ def _run_on(
 ) -> Summary:
     camera = chosen_camera(arguments, source, arguments.start)
     from slam_init.datasets.gyroscope import gyroscope_of
+    from slam_init.datasets.inertial import inertial_of
+    from slam_init.scale.requests import MeasuredMotion
 
-    if arguments.imu and gyroscope_of(source) is None:
-        told = "a EuRoC sequence with imu0, its T_BS, or a ROS bag with sensor_msgs/Imu has one"
-        raise UsageError(f"--imu: {source.name} has no gyroscope ({told}): leave --imu out")
+    sensor = None
+    if arguments.imu:
+        from slam_init.datasets.inertial_file import read_inertial_file
+
+        sensor = read_inertial_file(arguments.imu)
+    told = "a EuRoC sequence with imu0, its T_BS, or a ROS bag with sensor_msgs/Imu has one"
+    if arguments.imu == "" and gyroscope_of(source) is None:
+        raise UsageError(f"--imu: {source.name} has no gyroscope ({told}): leave --imu out, or give --imu=FILE.csv")
+    if isinstance(arguments.scale, MeasuredMotion) and (sensor.record if sensor else inertial_of(source)) is None:
+        raise UsageError(f"--scale imu: {source.name} has no accelerations ({told}): give --imu=FILE.csv")
 
     from slam_init.datasets.track_source import KnowsTracks
 
@@ -248,7 +264,7 @@ def _run_on(
             viewer=arguments.live,
             scale=arguments.scale,
             restart=arguments.restart,
-            imu=arguments.imu,
+            imu=sensor or arguments.imu is not None,
             export=arguments.export,
             place=arguments.place,
         )

@@ -24,11 +24,8 @@ from quest.geometry.quaternion import rotation_from_vector
 from slam_init.errors import SourceError
 from slam_init.types.arrays import Floats
 from slam_init.types.frame import Frame, Source
+from slam_init.types.inertial import check_deviations, check_samples, knots_between
 
-#: Longest step between two samples. A hand turns by 1 rad/s at up to 2 Hz, so that the second derivative of the rate is
-#: at most 160 rad/s^3. The integral of the interpolated rate is then off by 160 dt^3 / 12, which is 1 mrad for 0.04 s,
-#: as much as the noise of other measurements.
-_LONGEST_STEP_S = 0.04
 #: The initializer adds the variances of the steps of a chain, but the errors of bias and scale are the same in all
 #: steps. A step therefore gets the variance that makes the sum right for a chain of this length: a window of a video
 #: has one or two seconds. A shorter chain is then more certain than stated, never less.
@@ -73,19 +70,11 @@ class Gyroscope:
     name: str = "the gyroscope"
 
     def __post_init__(self) -> None:
-        times, rates, R = (np.asarray(a, float) for a in (self.timestamps_s, self.rates_rad_s, self.R_cam_from_imu))
-        if times.ndim != 1 or len(times) < 2 or rates.shape != (len(times), 3):
-            raise SourceError(f"{self.name}: {times.shape} times and {rates.shape} rates: give (N,) and (N, 3), N >= 2")
-        if not (np.isfinite(times).all() and np.isfinite(rates).all()):
-            raise SourceError(f"{self.name}: a time stamp or a rate is not a finite number")
-        late = np.flatnonzero(np.diff(times) <= 0)
-        if len(late):
-            raise SourceError(f"{self.name}: sample {late[0] + 2} does not come after the one before: sort them")
+        R = np.asarray(self.R_cam_from_imu, float)
+        check_samples(self.name, self.timestamps_s, self.rates_rad_s)
         if R.shape != (3, 3) or not (np.allclose(R @ R.T, np.eye(3), atol=1e-3) and np.linalg.det(R) > 0):
             raise SourceError(f"{self.name}: the matrix from the gyroscope to the camera is no rotation")
-        sigmas = (self.noise_density, self.bias_sigma_rad_s, self.clock_sigma_s)
-        if not all(math.isfinite(sigma) and sigma >= 0 for sigma in sigmas):
-            raise SourceError(f"{self.name}: a standard deviation or noise density is negative or not finite")
+        check_deviations(self.name, self.noise_density, self.bias_sigma_rad_s, self.clock_sigma_s)
 
     def between(self, t0_s: float, t1_s: float) -> tuple[Floats, float] | None:
         """Integrate the rotation of the camera between two times.
@@ -95,15 +84,10 @@ class Gyroscope:
         * Returns: Instead of both, where a time lies outside of the record, two samples are more than 0.04 s apart, or
           the rotation would be uncertain by more than 1 rad.
         """
-        times = self.timestamps_s
-        if not times[0] <= t0_s < t1_s <= times[-1]:
+        knots = knots_between(self.timestamps_s, t0_s, t1_s)
+        if knots is None:
             return None
-        first, last = np.searchsorted(times, t0_s, "right") - 1, np.searchsorted(times, t1_s, "left")
-        if np.diff(times[first : last + 1]).max() > _LONGEST_STEP_S:
-            return None
-        knots = np.concatenate([[t0_s], times[first + 1 : last], [t1_s]])
-        near = slice(first, last + 1)
-        rates = np.stack([np.interp(knots, times[near], rate) for rate in self.rates_rad_s[near].T], axis=1)
+        rates = np.stack([np.interp(knots, self.timestamps_s, rate) for rate in self.rates_rad_s.T], axis=1)
         angles = 0.5 * (rates[1:] + rates[:-1]) * np.diff(knots)[:, None]
         imu1_from_imu0 = reduce(lambda before, step: step @ before, rotation_from_vector(-angles), np.eye(3))
         duration_s = t1_s - t0_s

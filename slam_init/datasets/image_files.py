@@ -15,12 +15,14 @@ from typing import cast
 import numpy as np
 
 from slam_init.datasets.gyroscope import Gyroscope
+from slam_init.datasets.inertial import InertialSensor
 from slam_init.datasets.stamps import image_times
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
+from slam_init.types.inertial import InertialRecord
 from slam_init.types.pose import Trajectory
 from slam_init.types.time_stamps import TimeUnit
 
@@ -208,16 +210,25 @@ class ImageFileSource:
     notes: tuple[str, ...] = ()
     #: The folder that no image may lie outside of; None for any.
     root: Path | None = None
-    #: Reads the gyroscope; None for a sequence without one.
-    imu: Callable[[], Gyroscope] | None = None
+    #: Reads the inertial sensor that is fixed to the camera; None for a sequence without one.
+    imu: Callable[[], InertialSensor] | None = None
 
     def __len__(self) -> int:
         return len(self.paths)
 
     @cached_property
+    def _sensor(self) -> InertialSensor | None:
+        return None if self.imu is None else self.imu()
+
+    @property
     def gyroscope(self) -> Gyroscope | None:
         """The gyroscope that is fixed to the camera; None without one. Its file is read when it is asked for."""
-        return None if self.imu is None else self.imu()
+        return None if self._sensor is None else self._sensor.gyroscope
+
+    @property
+    def inertial(self) -> InertialRecord | None:
+        """The record of rates and accelerations; None without one."""
+        return None if self._sensor is None else self._sensor.record
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Read frames in order; each file is read when its frame is requested."""

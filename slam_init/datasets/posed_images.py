@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from slam_init.datasets.gyroscope import Gyroscope
 from slam_init.datasets.image_files import MAX_FRAMES, ImageFileSource, natural_key
+from slam_init.datasets.inertial import InertialSensor
 from slam_init.datasets.stamps import image_times, truth_on_clock
 from slam_init.datasets.text import trajectory
 from slam_init.errors import CalibrationError, SourceError
@@ -95,7 +95,7 @@ def image_sequence(
     truth: Trajectory | None = None,
     truth_unit: TimeUnit = TimeUnit.SECONDS,
     notes: tuple[str, ...] = (),
-    imu: Callable[[], Gyroscope] | None = None,
+    imu: Callable[[], InertialSensor] | None = None,
 ) -> ImageFileSource:
     """Make a source of images in the order of their times.
 

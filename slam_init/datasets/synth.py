@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qsl
 
+import numpy as np
+
+from slam_init.datasets.gyroscope import Gyroscope
 from slam_init.datasets.image_files import frame_range
+from slam_init.datasets.inertial import InertialSensor
 from slam_init.datasets.text import pose_from_matrix
 from slam_init.errors import SourceError
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
+from slam_init.types.inertial import InertialRecord
 from slam_init.types.pose import Trajectory
 
 if TYPE_CHECKING:
@@ -71,6 +77,29 @@ class SynthSource(SimulatedSource):
     def kind(self) -> str:
         """``synth``."""
         return "synth"
+
+    @cached_property
+    def _sensor(self) -> InertialSensor | None:
+        measured = self.sequence.inertial()
+        if measured is None:
+            return None
+        samples = np.concatenate([measured.rates_rad_s, measured.accelerations_m_s2], axis=1)
+        densities = {
+            "gyroscope_noise_density": measured.noise.gyroscope_density,
+            "accelerometer_noise_density": measured.noise.accelerometer_density,
+        }
+        pose = pose_from_matrix(self.name, measured.cam_from_imu)
+        return InertialSensor.made(measured.timestamps_s, samples, pose, densities, name="the simulated sensor")
+
+    @property
+    def gyroscope(self) -> Gyroscope | None:
+        """That of the option ``imu``."""
+        return None if self._sensor is None else self._sensor.gyroscope
+
+    @property
+    def inertial(self) -> InertialRecord | None:
+        """That of the option ``imu``."""
+        return None if self._sensor is None else self._sensor.record
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Render frames in order, each when it is requested."""

@@ -17,12 +17,14 @@ import numpy as np
 
 from slam_init.datasets.gyroscope import Gyroscope, gyroscope_of
 from slam_init.datasets.image_files import ImageFileSource, check_size, frame_range, read_image
+from slam_init.datasets.inertial import inertial_of
 from slam_init.datasets.synth import SynthSource
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import user_path
 from slam_init.types.arrays import Floats, Image, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, TimedSource, notes_of
+from slam_init.types.inertial import InertialRecord
 from slam_init.types.pose import Trajectory
 
 
@@ -56,6 +58,11 @@ class DerivedSource:
     def gyroscope(self) -> Gyroscope | None:
         """That of the source."""
         return gyroscope_of(self.source)
+
+    @property
+    def inertial(self) -> InertialRecord | None:
+        """That of the source."""
+        return inertial_of(self.source)
 
     @property
     def timestamps_s(self) -> Floats:

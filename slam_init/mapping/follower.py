@@ -20,6 +20,10 @@ from slam_init.recording.recorder import Recorder
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap, Keyframe
 
+#: A growing map holds the last 24 keyframes, and the accepted ones have to be among them.
+#: Class: geometry.
+_GROWN_KEYFRAMES = 20
+
 
 @dataclass(frozen=True, eq=False)
 class Continuation:
@@ -35,6 +39,8 @@ class Continuation:
     ended_by: str | None = None
     #: Absolute index of the first frame in which the map was lost, if this ended the continuation.
     lost_at: int | None = None
+    #: The map with the keyframes that were added, where it was asked for.
+    grown: InitialMap | None = None
 
     def record(self) -> ContinuationRecord:
         """Make the record for ``summary.json``."""
@@ -69,7 +75,7 @@ class Follower:
     def __init__(self, map_: InitialMap, tracker: FrameTracker, recorder: Recorder | None = None) -> None:
         self.located: list[Keyframe] = []
         self.survival: list[float] = []
-        self._growing = GrowingMap(map_)
+        self._growing, self._count = GrowingMap(map_), len(map_.keyframes)
         self._tracker = tracker
         self._recorder = recorder or Recorder()
 
@@ -77,6 +83,11 @@ class Follower:
     def lost_at(self) -> int | None:
         """Absolute index of the first frame in which the map was lost; None while it is not."""
         return self._growing.lost_at
+
+    @property
+    def keyframes(self) -> int:
+        """Number of keyframes of the map as it has grown."""
+        return self._count + self._growing.keyframes_added
 
     @property
     def map(self) -> InitialMap:
@@ -105,14 +116,17 @@ def follow(
     recorder: Recorder,
     *,
     until_lost: bool = False,
+    keep_grown: bool = False,
 ) -> Continuation:
     """Locate further frames by resection with the landmarks of the map. The map is not changed; a copy grows.
 
     * ``tracker``: That of the initializer, in its state when the map was accepted.
     * ``until_lost``: Whether to end where the map is lost. The frames from there on are then not located.
+    * ``keep_grown``: Whether to return the grown map, as it is with 20 keyframes or at the end.
     """
     follower = Follower(map_, tracker, recorder)
     ended_by: str | None = None
+    grown: InitialMap | None = None
     while count is None or len(follower.survival) < count:
         try:
             frame = next(frames, None)
@@ -122,8 +136,12 @@ def follow(
         if frame is None:
             break
         follower.locate(frame)
+        if keep_grown and grown is None and follower.keyframes >= _GROWN_KEYFRAMES:
+            grown = follower.map
         if until_lost and follower.lost_at is not None:
             break
     lost_at = follower.lost_at if until_lost else None
     located = [keyframe for keyframe in follower.located if lost_at is None or keyframe.frame < lost_at]
-    return Continuation(tuple(located), len(follower.survival), tuple(follower.survival), ended_by, lost_at)
+    if keep_grown and grown is None and follower.lost_at is None:
+        grown = follower.map
+    return Continuation(tuple(located), len(follower.survival), tuple(follower.survival), ended_by, lost_at, grown)

@@ -12,6 +12,8 @@ array                          shape, type   content
 ``unit``                       str           ``metre``, or ``median depth`` of the points in the first view
 ``metres_per_unit``            float         of the map before it was brought to metres; NaN without a scale
 ``scale_sigma``                float         relative standard deviation of the scale; NaN without one
+``gravity``                    (3,) float    unit vector down in the world; NaN where it was not measured
+``gravity_sigma_deg``          float         standard deviation of each of its two angles
 ``camera_model``               str           ``pinhole``, ``radtan`` (k1, k2, p1, p2[, k3]) or ``fisheye`` (k1..k4)
 ``camera_size``                (2,) int      width, height
 ``camera_parameters``          (P,) float    fx, fy, cx, cy, then the distortion
@@ -84,6 +86,8 @@ def handover_arrays(
         "unit": np.array("median depth" if scale is None else "metre"),
         "metres_per_unit": np.array(math.nan if scale is None else scale.metres_per_unit, float),
         "scale_sigma": np.array(math.nan if scale is None else scale.sigma, float),
+        "gravity": np.full(3, math.nan) if map_.gravity is None else map_.gravity.down,
+        "gravity_sigma_deg": np.array(math.nan if map_.gravity is None else map_.gravity.sigma_deg, float),
         "camera_model": np.array(camera.model),
         "camera_size": np.array([camera.width, camera.height]),
         "camera_parameters": np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion], float),

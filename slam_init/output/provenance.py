@@ -16,6 +16,7 @@ from slam_init.output.plain_json import Json
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
+from slam_init.types.inertial import InertialRecord
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,11 @@ class InputHash:
         """Add a measured rotation to the hash: ``rotation`` (3, 3)."""
         self._hash.update(np.ascontiguousarray(rotation).data)
         self._hash.update(repr(sigma_rad).encode())
+
+    def inertial(self, record: InertialRecord) -> None:
+        """Add the record of an inertial sensor to the hash."""
+        for one in (record.timestamps_s, record.rates_rad_s, record.accelerations_m_s2, record.cam_from_imu.matrix()):
+            self._hash.update(np.ascontiguousarray(one, float).data)
 
     def hexdigest(self) -> str:
         """Return the hash of the frames that were read up to now."""

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import MapEvidence, PreviewEvidence, RotationOnlyEvidence, TwoViewEvidence, WindowEvidence
 from slam_init.types.gates import Direction, Gate, GateName, Stage
+from slam_init.types.inertial import Gravity
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, GroundTruthErrors, Segment
@@ -213,7 +214,7 @@ class ContinuationRecord:
 class ScaleRecord:
     """Where the scale of a map comes from, or why there is none."""
 
-    #: What was known: ``marker``, ``board``, ``height``, ``distance`` or ``groundtruth``.
+    #: What was known: ``marker``, ``board``, ``height``, ``distance``, ``groundtruth`` or ``imu``.
     origin: ScaleOrigin
     #: What the scale was found from, in words; empty where none was found.
     evidence: str
@@ -224,6 +225,24 @@ class ScaleRecord:
     def describe(scale: Scale | None) -> ScaleRecord | None:
         """Make the record of a scale."""
         return None if scale is None else _record(ScaleRecord, scale)
+
+
+@dataclass(frozen=True)
+class GravityRecord:
+    """The direction of gravity."""
+
+    #: Unit vector to the centre of the earth.
+    down: tuple[float, float, float]
+    #: Standard deviation of each of its two angles.
+    sigma_deg: float
+
+    @staticmethod
+    def describe(gravity: Gravity | None) -> GravityRecord | None:
+        """Make the record of a direction."""
+        if gravity is None:
+            return None
+        x, y, z = gravity.down.tolist()
+        return GravityRecord((x, y, z), gravity.sigma_deg)
 
 
 @dataclass(frozen=True)
@@ -252,6 +271,8 @@ class SegmentRecord:
     scale_sigma: float | None
     #: Where the scale comes from; None if none was looked for.
     scale_origin: ScaleRecord | None
+    #: In the world of this map; None where it was not measured.
+    gravity: GravityRecord | None
     #: Errors of the keyframes, if there is ground truth.
     ground_truth: GroundTruthErrors | None
     #: The frames after the initialization.
@@ -275,6 +296,7 @@ class SegmentRecord:
             scale=None if scale is None else scale.metres_per_unit,
             scale_sigma=None if scale is None else scale.sigma,
             scale_origin=ScaleRecord.describe(scale),
+            gravity=GravityRecord.describe(map_.gravity),
             ground_truth=ground_truth,
             continued=continued,
         )

@@ -92,7 +92,11 @@ def _scale_facts(summary: Summary) -> list[tuple[str, str]]:
     # The scale is that of the baselines. A landmark is as uncertain as its own depth.
     points = f"; the depth of a landmark to +- {depth_sigma:.0%}" if depth_sigma > sigma else ""
     known = f"1 unit = {scale:.4g} m +- {sigma:.1%} ({origin.origin}: {origin.evidence})"
-    return [("scale", f"{known}{points}; all results in metres")]
+    facts = [("scale", f"{known}{points}; all results in metres")]
+    if summary.gravity is not None:
+        x, y, z = summary.gravity.down
+        facts.append(("gravity", f"({x:.3f}, {y:.3f}, {z:.3f}) in the world, +- {summary.gravity.sigma_deg:.1g} deg"))
+    return facts
 
 
 def _segment_fact(segment: SegmentRecord) -> tuple[str, str]:

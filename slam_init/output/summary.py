@@ -20,6 +20,7 @@ from slam_init.output.records import (
     CameraRecord,
     ContinuationRecord,
     FocalLengthRecord,
+    GravityRecord,
     HypothesisRecord,
     KeyframeRecord,
     ScaleRecord,
@@ -85,6 +86,8 @@ class Summary:
     scale_sigma: float | None
     #: Where the scale comes from, or why none was found; None if none was looked for.
     scale_origin: ScaleRecord | None
+    #: In the world of the map; None where it was not measured.
+    gravity: GravityRecord | None
     #: The two maps that the views could not decide between, the better one first; else empty.
     hypotheses: tuple[HypothesisRecord, ...]
     #: The last vote between two maps.
@@ -153,6 +156,7 @@ def summary_of(
         scale=None if result.scale is None else result.scale.metres_per_unit,
         scale_sigma=None if result.scale is None else result.scale.sigma,
         scale_origin=ScaleRecord.describe(result.scale),
+        gravity=None if map_ is None else GravityRecord.describe(map_.gravity),
         # The hypotheses of an initialized run are the map itself, which the keys above describe.
         hypotheses=() if map_ is not None else tuple(HypothesisRecord.describe(kept) for kept in result.hypotheses),
         margin=result.margin,

@@ -10,12 +10,14 @@ import numpy as np
 from slam_init.bundle.metric_graph import joint_pose_covariance
 from slam_init.evaluation.metrics import align_positions
 from slam_init.scale.ground import Ground, find_ground
+from slam_init.scale.measured_motion import scale_of_motion
 from slam_init.scale.planar_target import TargetSize, fit_target
 from slam_init.scale.requests import (
     CameraHeight,
     KnownBoard,
     KnownDistance,
     KnownMarkers,
+    MeasuredMotion,
     ScaleRequest,
     TrueTrajectory,
     origin_of,
@@ -23,6 +25,7 @@ from slam_init.scale.requests import (
 from slam_init.scale.sensitivity import inverse_depths
 from slam_init.scale.sightings import Sighting, find_board, find_markers
 from slam_init.types.arrays import Floats, Image
+from slam_init.types.inertial import InertialRecord
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Trajectory
 from slam_init.types.scale import Scale
@@ -45,6 +48,8 @@ def find_scale(
     images: Mapping[int, Image] | None = None,
     located: Sequence[Keyframe] = (),
     groundtruth: Trajectory | None = None,
+    imu: InertialRecord | None = None,
+    grown: InitialMap | None = None,
 ) -> Scale:
     """Find how many metres a unit of a map is.
 
@@ -53,6 +58,8 @@ def find_scale(
     * ``request``: What is known, as from :func:`slam_init.scale.requests.parse_scale`.
     * ``images``: Grey images by the absolute index of their frame, for markers and boards. Only keyframes count.
     * ``located``: Frames that were located in the map, for distances and for the true trajectory.
+    * ``imu``: The record of an inertial sensor.
+    * ``grown``: The same map with the keyframes that were added since, for the inertial sensor.
     * Returns: Falsy with a reason where the map or the images do not tell it.
     """
     match request:
@@ -66,6 +73,8 @@ def find_scale(
             return _from_distance(map_, request, located)
         case TrueTrajectory():
             return _from_truth(map_, request, located, groundtruth)
+        case MeasuredMotion():
+            return scale_of_motion(map_, imu, grown)
 
 
 def _found(request: ScaleRequest, metres_per_unit: float, sigma: float, evidence: str) -> Scale:

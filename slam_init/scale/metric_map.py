@@ -44,6 +44,7 @@ def in_metres(map_: InitialMap, scale: Scale) -> InitialMap:
         depth_sigmas=np.sqrt(np.maximum(map_.depth_sigmas**2 + scale.sigma**2 - _HELD_SIGMA**2, 0.0)),
         gauge=f"first pose fixed; distance from the first camera to the farthest one known to {scale.sigma:.2g} of it",
         scale=scale,
+        gravity=scale.gravity or map_.gravity,
     )
 
 

@@ -6,6 +6,7 @@
 ``height:1.65``, ``height:40,nadir``       the camera above the ground; ``nadir`` for a camera that looks down
 ``distance:0.25``, ``distance:0.25,10,40``   between the first and the last keyframe, or between two frames
 ``groundtruth``                            the true trajectory of the source, by a similarity
+``imu``                                    the accelerations and rates of an inertial sensor, between the keyframes
 =========================================  ============================================================
 
 A length may state its standard deviation, as in ``height:1.65+-0.02``. All lengths are metres.
@@ -22,8 +23,8 @@ from slam_init.errors import ConfigError
 from slam_init.types.scale import ScaleOrigin
 
 _FORMS = (
-    "marker:tag36h11:0.14, board:9x6:0.025, height:1.65, height:40,nadir, distance:0.25, distance:0.25,10,40 "
-    "or groundtruth"
+    "marker:tag36h11:0.14, board:9x6:0.025, height:1.65, height:40,nadir, distance:0.25, distance:0.25,10,40, "
+    "groundtruth or imu"
 )
 #: Lengths outside are in a wrong unit: a marker of 0.1 mm cannot be printed, and no camera is 1000 km above a ground
 #: whose landmarks do not look like a plane.
@@ -112,8 +113,13 @@ class TrueTrajectory:
     """The true trajectory of the source, in metres."""
 
 
+@dataclass(frozen=True)
+class MeasuredMotion:
+    """The record of an inertial sensor that is fixed to the camera."""
+
+
 #: Everything that may be known.
-ScaleRequest: TypeAlias = KnownMarkers | KnownBoard | CameraHeight | KnownDistance | TrueTrajectory
+ScaleRequest: TypeAlias = KnownMarkers | KnownBoard | CameraHeight | KnownDistance | TrueTrajectory | MeasuredMotion
 
 
 def origin_of(request: ScaleRequest) -> ScaleOrigin:
@@ -129,6 +135,8 @@ def origin_of(request: ScaleRequest) -> ScaleOrigin:
             return ScaleOrigin.DISTANCE
         case TrueTrajectory():
             return ScaleOrigin.GROUNDTRUTH
+        case MeasuredMotion():
+            return ScaleOrigin.IMU
 
 
 def parse_scale(text: str) -> ScaleRequest:
@@ -151,6 +159,8 @@ def _parsed(kind: str, rest: str) -> ScaleRequest | None:
     match kind, others:
         case "groundtruth", [] if not rest:
             return TrueTrajectory()
+        case "imu", [] if not rest:
+            return MeasuredMotion()
         case "marker", [side] if first:
             return KnownMarkers(first, _length(side))
         case "board", [square] if size := re.fullmatch(rf"(\d{{1,{_DIGITS}}})[xX](\d{{1,{_DIGITS}}})", first):

@@ -12,6 +12,7 @@ from quest.display import Described
 from slam_init.types.arrays import Floats, Image, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
+from slam_init.types.inertial import Gravity
 from slam_init.types.pose import Pose
 from slam_init.types.savable import Savable
 from slam_init.types.scale import Scale
@@ -109,6 +110,8 @@ class InitialMap(Described, Savable):
     risk : float or None
         Probability that the map is wrong: a rotation off by 5 degrees, or a baseline by 15 degrees. None for the
         maps of an undecided plane, and for a method that states none.
+    gravity : Gravity or None
+        The direction of gravity in the world frame, where it was measured.
     """
 
     keyframes: tuple[Keyframe, ...]
@@ -137,6 +140,7 @@ class InitialMap(Described, Savable):
     focal_factor_sigma: float | None = None
     scale: Scale | None = None
     risk: float | None = None
+    gravity: Gravity | None = None
 
     @property
     def depth_sigma(self) -> float:
@@ -184,4 +188,5 @@ class InitialMap(Described, Savable):
             *([] if math.isnan(self.depth_sigma) else [("depths", f"+- {self.depth_sigma:.2%} (median)")]),
             ("reprojection", f"{self.reprojection_rmse_px:.2f} px (rms), noise {self.noise_px:.2f} px"),
             *([] if self.scale is None else [("scale", str(self.scale).split("\n")[0])]),
+            *([] if self.gravity is None else [("gravity", str(self.gravity))]),
         ]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from quest.display import Described
+from slam_init.types.inertial import Gravity
 
 
 class ScaleOrigin(StrEnum):
@@ -16,6 +17,7 @@ class ScaleOrigin(StrEnum):
     HEIGHT = "height"
     DISTANCE = "distance"
     GROUNDTRUTH = "groundtruth"
+    IMU = "imu"
 
 
 @dataclass(frozen=True, repr=False)
@@ -38,6 +40,8 @@ class Scale(Described):
     evidence: str = ""
     #: Why no scale was found; empty where one was.
     reason: str = ""
+    #: In the world of the map, where an inertial sensor tells it.
+    gravity: Gravity | None = None
 
     def __bool__(self) -> bool:
         return self.metres_per_unit is not None
@@ -46,5 +50,6 @@ class Scale(Described):
         if self.metres_per_unit is None or self.sigma is None:
             return f"no scale from {self.origin}", [("reason", self.reason)]
         return f"{self.metres_per_unit:.4g} m for a unit, +- {self.sigma:.1%}, from {self.origin}", [
-            ("evidence", self.evidence)
+            ("evidence", self.evidence),
+            *([] if self.gravity is None else [("gravity", str(self.gravity))]),
         ]

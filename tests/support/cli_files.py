@@ -36,6 +36,7 @@ INITIALIZED = Summary(
     scale=None,
     scale_sigma=None,
     scale_origin=None,
+    gravity=None,
     hypotheses=(),
     margin=None,
     attempts=attempts("low_parallax", "accepted"),

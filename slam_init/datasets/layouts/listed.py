@@ -18,8 +18,8 @@ column of its files is a frame number, which is converted to seconds at the publ
 
 * ``mav0/cam0/data.csv`` lists ``timestamp [ns],filename``.
 * ``mav0/cam0/sensor.yaml`` holds the calibration and ``T_BS`` (body_from_cam).
-* ``mav0/imu0`` holds the rates of the gyroscope in ``data.csv`` (``timestamp [ns],w_x,w_y,w_z [rad/s],...``), its own
-  ``T_BS`` (body_from_imu) and its noise density in ``sensor.yaml``. The folder is optional.
+* ``mav0/imu0`` holds rates and accelerations in ``data.csv`` (``timestamp [ns],w_x,w_y,w_z [rad/s],a_x,a_y,a_z
+  [m/s^2]``), its own ``T_BS`` (body_from_imu) and its noise densities in ``sensor.yaml``. The folder is optional.
 * ``mav0/state_groundtruth_estimate0/data.csv`` holds the poses world_from_body.
 
 **UZH-FPV**, the Snapdragon camera:
@@ -33,7 +33,6 @@ column of its files is a frame number, which is converted to seconds at the publ
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable
 from functools import partial
@@ -42,8 +41,8 @@ from pathlib import Path
 import numpy as np
 
 from slam_init.calibration.files import load_camera, load_yaml
-from slam_init.datasets.gyroscope import Gyroscope, made_gyroscope
 from slam_init.datasets.image_files import MAX_FRAMES, ImageFileSource, image_size, stored_camera
+from slam_init.datasets.inertial import InertialSensor, read_densities, read_samples
 from slam_init.datasets.posed_images import Layout, file_of, image_sequence
 from slam_init.datasets.stamps import stamp_of
 from slam_init.datasets.text import fields_of, numbers, pinhole, pose_from_matrix, read_rows, read_trajectory
@@ -71,9 +70,6 @@ _FREIBURG = {
 }
 _ICL_NUIM = Camera("pinhole", 640, 480, 481.2, 480.0, 319.5, 239.5)
 _ICL_NUIM_RATE_HZ = 30.0
-
-# Noise densities of gyroscopes: from a fibre-optic one to the worst that is sold, in rad/s/sqrt(Hz).
-_NOISE_DENSITIES = (1e-8, 0.1)
 
 
 def _read_list(
@@ -233,7 +229,7 @@ def open_euroc(folder: Path, found: Path) -> ImageFileSource:
     if (mav / "imu0" / "data.csv").exists():
         if body_from_cam is not None and (mav / "imu0" / "sensor.yaml").exists():
             unit = time_unit(np.array([stamp for _, stamp in stamps]), TimeUnit.NANOSECONDS)
-            imu = partial(_read_gyroscope, mav / "imu0", root, body_from_cam, unit)
+            imu = partial(_read_imu0, mav / "imu0", root, body_from_cam, unit)
         else:
             notes = ("imu0 is not used: no sensor.yaml tells its rotation against the camera (T_BS)",)
     return image_sequence(
@@ -262,49 +258,18 @@ def _body_from_sensor(sensor: Path) -> Pose | None:
     return _matrix(sensor, "T_BS", entry.get("data") if isinstance(entry, dict) else entry)
 
 
-def _read_gyroscope(folder: Path, root: Path, body_from_cam: Pose, unit: TimeUnit) -> Gyroscope:
-    """The gyroscope in the axes of the camera; its stamps have the unit of those of the images."""
+def _read_imu0(folder: Path, root: Path, body_from_cam: Pose, unit: TimeUnit) -> InertialSensor:
+    """The inertial sensor; its stamps have the unit of those of the images."""
     sensor, table = folder / "sensor.yaml", folder / "data.csv"
     check_inside(sensor, root)
     body_from_imu = _body_from_sensor(sensor)
     if body_from_imu is None:
-        raise SourceError(f"{sensor}: no T_BS, the pose of the gyroscope: add it, or leave --imu out")
-    stamps: list[float] = []
-    rates: list[list[float]] = []
-    columns = 0
-    for row in read_rows(table, root):
-        fields = _comma(row[1])
-        stamp = stamp_of(row, fields, "a timestamp in nanoseconds")
-        if stamps and stamp <= stamps[-1]:
-            raise SourceError(f"{row[0]}: time stamp {fields[0][:40]} does not come after the one before")
-        columns = columns or len(fields)
-        if len(fields) != columns:  # a line that is cut off may end in the middle of a number
-            raise SourceError(f"{row[0]}: has {len(fields)} fields, the first line {columns}: copy it again")
-        stamps.append(stamp)
-        rates.append(numbers(row, fields[1:], 3, "timestamp,w_x,w_y,w_z (rad/s)"))
-    if len(stamps) < 2:
-        raise SourceError(f"{table}: holds less than two samples of the gyroscope: copy it again, or leave --imu out")
-    return made_gyroscope(
-        in_seconds(np.array(stamps), unit),
-        np.array(rates),
-        body_from_cam.R.T @ body_from_imu.R,
-        noise_density=_read_noise_density(sensor),
-        name="imu0",
+        raise SourceError(f"{sensor}: no T_BS, the pose of the sensor: add it, or leave --imu out")
+    stamps, samples = read_samples(table, root, "timestamp,w_x,w_y,w_z (rad/s),a_x,a_y,a_z (m/s^2)")
+    densities = read_densities(sensor, load_yaml(sensor))
+    return InertialSensor.made(
+        in_seconds(stamps, unit), samples, body_from_cam.inverse() @ body_from_imu, densities, name="imu0"
     )
-
-
-def _read_noise_density(sensor: Path) -> float | None:
-    content = load_yaml(sensor)
-    stated = content.get("gyroscope_noise_density") if isinstance(content, dict) else None
-    if stated is None:
-        return None
-    try:
-        density = float(stated)
-    except (TypeError, ValueError):
-        density = math.nan
-    if not _NOISE_DENSITIES[0] <= density <= _NOISE_DENSITIES[1]:
-        raise SourceError(f"{sensor}: gyroscope_noise_density is {stated!r}: give rad/s/sqrt(Hz), as 1.7e-4")
-    return density
 
 
 LAYOUTS = (

@@ -1,10 +1,10 @@
-"""What a bag tells of the motion of its camera: the true poses, and the rates of a gyroscope.
+"""What a bag tells of the motion of its camera: the true poses, and the record of an inertial sensor.
 
 A topic of poses tells where a body is in the world: the child frame of ``Odometry`` and ``TransformStamped``; for
 ``PoseStamped``, which names no body, the highest frame that does not move against the camera. The transform from the
 body to the camera comes from ``tf_static`` and from the edges of ``tf`` that do not move. Without it the poses of the
 body stand for those of the camera, and a note says so. A topic of transforms tells where the camera is in the root of
-its tree. The gyroscope is the only topic of ``sensor_msgs/Imu``, brought to the camera by the transforms.
+its tree. The sensor is the only topic of ``sensor_msgs/Imu``, brought to the camera by the transforms.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from slam_init.datasets.gyroscope import Gyroscope, made_gyroscope
+from slam_init.datasets.inertial import InertialSensor
 from slam_init.datasets.ros.bag import Bag, Message, Topic
 from slam_init.datasets.ros.topics import TRANSFORMS
 from slam_init.datasets.ros.transforms import StampedTransform, TransformTree
@@ -143,15 +143,15 @@ _CLOCK_SIGMA_S = 0.005
 
 @dataclass(frozen=True, eq=False)
 class BagGyroscope:
-    """The gyroscope of a bag, or why there is none."""
+    """The inertial sensor of a bag, or why there is none."""
 
-    gyroscope: Gyroscope | None
+    sensor: InertialSensor | None
     #: For the user.
     notes: tuple[str, ...] = ()
 
 
 def read_gyroscope(bag: Bag, camera_frame: str, *, by_header: bool) -> BagGyroscope:
-    """Read the rates of a gyroscope. The whole topic is read.
+    """Read the rates and accelerations of an inertial sensor. The whole topic is read.
 
     * ``by_header``: Whether the times are those of the headers; else those of the recorder, as for the images.
     """
@@ -173,17 +173,22 @@ def read_gyroscope(bag: Bag, camera_frame: str, *, by_header: bool) -> BagGyrosc
         return BagGyroscope(None, (f"the gyroscope {topic.name} is not used: {what}",))
     if topic.count > _MAX_SAMPLES:
         return BagGyroscope(None, (f"the gyroscope {topic.name} is not used: more than {_MAX_SAMPLES} samples",))
-    samples: dict[float, tuple[float, float, float]] = {}
+    samples: dict[float, tuple[float, ...]] = {}
     for number, message in enumerate(bag.messages(topic.name)):
-        rate = bag.decoded(message, topic).angular_velocity
+        decoded = bag.decoded(message, topic)
+        rate, force = decoded.angular_velocity, decoded.linear_acceleration
         time_s = bag.header_of(message, topic).stamp_s if by_header else message.received_s
         if not all(map(math.isfinite, (time_s, rate.x, rate.y, rate.z))):
             raise SourceError(f"{bag.path}: {topic.name}, message {number}: a rate is not finite: leave --imu out")
-        samples.setdefault(time_s, (rate.x, rate.y, rate.z))
+        # ROS writes -1 to the covariance of what a sensor does not measure.
+        measured = decoded.linear_acceleration_covariance[0] >= 0 and np.isfinite([force.x, force.y, force.z]).all()
+        forces = (force.x, force.y, force.z) if measured else (math.nan,) * 3
+        samples.setdefault(time_s, (rate.x, rate.y, rate.z, *forces))
     if len(samples) < 2:
         return BagGyroscope(None, (f"the gyroscope {topic.name} is not used: its messages have no time stamps",))
     times_s = sorted(samples)
-    rates = np.array([samples[time_s] for time_s in times_s])
+    table = np.array([samples[time_s] for time_s in times_s])
+    table = table if np.isfinite(table).all() else table[:, :3]
     return BagGyroscope(
-        made_gyroscope(np.array(times_s), rates, cam_from_imu.R, clock_sigma_s=_CLOCK_SIGMA_S, name=topic.name)
+        InertialSensor.made(np.array(times_s), table, cam_from_imu, {}, clock_sigma_s=_CLOCK_SIGMA_S, name=topic.name)
     )

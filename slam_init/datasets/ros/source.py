@@ -11,6 +11,7 @@ import numpy as np
 
 from slam_init.datasets.gyroscope import Gyroscope
 from slam_init.datasets.image_files import MAX_FRAMES, check_size, frame_range
+from slam_init.datasets.inertial import InertialSensor
 from slam_init.datasets.ros.bag import Bag, Message
 from slam_init.datasets.ros.messages import camera_of_info, decode
 from slam_init.datasets.ros.motion import BagGyroscope, Truth, read_gyroscope, read_truth
@@ -19,6 +20,7 @@ from slam_init.errors import SourceError
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
+from slam_init.types.inertial import InertialRecord
 from slam_init.types.pose import Trajectory
 from slam_init.types.time_stamps import problem_of
 
@@ -95,10 +97,19 @@ class RosSource:
     @property
     def gyroscope(self) -> Gyroscope | None:
         """The gyroscope of the only topic of ``Imu``; None if nothing tells its rotation against the camera."""
+        return None if self._sensor is None else self._sensor.gyroscope
+
+    @property
+    def inertial(self) -> InertialRecord | None:
+        """The rates and accelerations of this topic; None where its messages have no accelerations."""
+        return None if self._sensor is None else self._sensor.record
+
+    @property
+    def _sensor(self) -> InertialSensor | None:
         if self._imu is None:
             with Bag(self.path, self._version) as bag:
                 self._imu = read_gyroscope(bag, self._frame_id, by_header=self._by_header)
-        return self._imu.gyroscope
+        return self._imu.sensor
 
     @cached_property
     def timestamps_s(self) -> Floats:

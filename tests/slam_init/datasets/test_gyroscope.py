@@ -12,6 +12,7 @@ from quest.geometry.quaternion import rotation_angle, rotation_from_vector
 from slam_init.config import Config
 from slam_init.datasets import open_source
 from slam_init.datasets.gyroscope import Gyroscope, gyroscope_of, made_gyroscope
+from slam_init.datasets.inertial import inertial_of
 from slam_init.datasets.views import SourceView
 from slam_init.errors import SourceError
 from slam_init.initializer import Initializer
@@ -197,3 +198,17 @@ def test_an_attribute_of_the_user_that_is_no_gyroscope_is_refused():
 
     with pytest.raises(SourceError, match="gyroscope"):
         gyroscope_of(Wrong(None, ()))
+
+
+def test_the_accelerations_of_euroc_have_the_pose_of_the_sensor_in_the_camera(euroc):
+    record = inertial_of(SourceView(every=2).apply(open_source(euroc)))
+    np.testing.assert_allclose(record.cam_from_imu.R, CAM_FROM_IMU, atol=1e-9)
+    durations_s, rates, accelerations = record.steps(record.timestamps_s[3] + 0.001, record.timestamps_s[5])
+    np.testing.assert_allclose(durations_s, [0.004, 0.005], atol=1e-6)
+    np.testing.assert_allclose(rates, [RATE, RATE])
+    np.testing.assert_allclose(accelerations, [[0, 0, 9.8]] * 2)
+    assert record.gyroscope_density == 2e-4
+    table = euroc / "imu0" / "data.csv"
+    write(table, "".join(",".join(line.split(",")[:4]) + "\n" for line in table.read_text().splitlines()[1:]))
+    assert inertial_of(open_source(euroc)) is None
+    assert gyroscope_of(open_source(euroc)) is not None

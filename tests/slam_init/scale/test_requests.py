@@ -9,6 +9,7 @@ from slam_init.scale.requests import (
     KnownDistance,
     KnownLength,
     KnownMarkers,
+    MeasuredMotion,
     TrueTrajectory,
     origin_of,
     parse_scale,
@@ -26,6 +27,7 @@ from slam_init.scale.requests import (
         ("distance:0.25", KnownDistance(KnownLength(0.25))),
         ("distance:0.25,10,40", KnownDistance(KnownLength(0.25), (10, 40))),
         ("groundtruth", TrueTrajectory()),
+        ("imu", MeasuredMotion()),
     ],
 )
 def test_a_text_says_what_is_known(text, request_):

@@ -1,0 +1,122 @@
+"""The tables of inertial sensors: rates and accelerations over time, and what a YAML file states of the sensor."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from slam_init.datasets.gyroscope import Gyroscope, made_gyroscope
+from slam_init.datasets.stamps import stamp_of
+from slam_init.datasets.text import fields_of, numbers, read_rows
+from slam_init.errors import SourceError
+from slam_init.types.arrays import Floats
+from slam_init.types.frame import Source
+from slam_init.types.inertial import InertialRecord
+from slam_init.types.pose import Pose
+
+# Noise densities that are sold: of gyroscopes from a fibre-optic one on in rad/s/sqrt(Hz), of accelerometers from a
+# seismic one on in m/s^2/sqrt(Hz).
+_DENSITIES = {
+    "gyroscope_noise_density": (1e-8, 0.1, "rad/s/sqrt(Hz), as 1.7e-4"),
+    "accelerometer_noise_density": (1e-7, 1.0, "m/s^2/sqrt(Hz), as 2e-3"),
+}
+
+
+class InertialSensor(NamedTuple):
+    """What a table of an inertial sensor holds."""
+
+    gyroscope: Gyroscope
+    #: None where the table has no accelerations.
+    record: InertialRecord | None
+
+    @staticmethod
+    def made(
+        timestamps_s: Floats,
+        samples: Floats,
+        cam_from_imu: Pose,
+        stated: Mapping[str, float],
+        *,
+        clock_sigma_s: float | None = None,
+        name: str,
+    ) -> InertialSensor:
+        """Make the sensor of its samples.
+
+        Shapes: ``timestamps_s`` (N,), ``samples`` (N, 3) or (N, 6).
+
+        * ``stated``: Noise densities, by their names in :func:`read_densities`.
+        * ``clock_sigma_s``: None where one clock has taken images and samples.
+        """
+        gyroscope = made_gyroscope(
+            timestamps_s,
+            samples[:, :3],
+            cam_from_imu.R,
+            noise_density=stated.get("gyroscope_noise_density"),
+            clock_sigma_s=clock_sigma_s or 0.0,
+            name=name,
+        )
+        if samples.shape[1] < 6:
+            return InertialSensor(gyroscope, None)
+        more = {name.replace("_noise", ""): value for name, value in stated.items()}
+        if clock_sigma_s is not None:
+            more["clock_sigma_s"] = clock_sigma_s
+        record = InertialRecord(timestamps_s, samples[:, :3], samples[:, 3:], cam_from_imu, name=name, **more)
+        return InertialSensor(gyroscope, record)
+
+
+def inertial_of(source: Source) -> InertialRecord | None:
+    """Return the inertial record of a source.
+
+    * ``source``: The attribute ``inertial`` is optional. It may be read from a file when it is asked for.
+    """
+    found = getattr(source, "inertial", None)
+    if found is not None and not isinstance(found, InertialRecord):
+        raise SourceError(f"{source.name}: its attribute inertial is no slam_init.types.inertial.InertialRecord")
+    return found
+
+
+def read_samples(table: Path, root: Path | None, what: str) -> tuple[Floats, Floats]:
+    """Read a table of time stamps, rates and accelerations.
+
+    Shapes: returns ``stamps`` (N,), returns ``samples`` (N, 6), or (N, 3) where the table has rates alone.
+
+    * ``what``: The columns, for messages. A line of their names is skipped.
+    """
+    stamps: list[float] = []
+    samples: list[list[float]] = []
+    columns = 0
+    for row in read_rows(table, root):
+        fields = fields_of(row)
+        if not stamps and fields[0][:1].isalpha():
+            continue
+        stamp = stamp_of(row, fields, what)
+        if stamps and stamp <= stamps[-1]:
+            raise SourceError(f"{row[0]}: time stamp {fields[0][:40]} does not come after the one before")
+        columns = columns or len(fields)
+        if len(fields) != columns:  # a line that is cut off may end in the middle of a number
+            raise SourceError(f"{row[0]}: has {len(fields)} fields, the first line {columns}: copy it again")
+        stamps.append(stamp)
+        samples.append(numbers(row, fields[1:], 6 if columns >= 7 else 3, what))
+    if len(stamps) < 2:
+        raise SourceError(f"{table}: holds less than two samples of the sensor: copy it again, or leave --imu out")
+    return np.array(stamps), np.array(samples)
+
+
+def read_densities(place: Path, content: object) -> dict[str, float]:
+    """Read the noise densities that a YAML file states, by their names in EuRoC and Kalibr."""
+    found = {}
+    for name, (least, most, example) in _DENSITIES.items():
+        stated: Any = content.get(name) if isinstance(content, dict) else None
+        if stated is None:
+            continue
+        try:
+            density = float(stated)
+        except (TypeError, ValueError):
+            density = math.nan
+        if not least <= density <= most:
+            raise SourceError(f"{place}: {name} is {stated!r}: give {example}")
+        found[name] = density
+    return found

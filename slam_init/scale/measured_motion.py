@@ -1,0 +1,104 @@
+"""The scale of a map from the record of an inertial sensor, or why the record does not tell it.
+
+Accelerations that change tell the scale: a constant one looks like a tilt of gravity. Whether the motion has enough of
+them is the standard deviation of the scale in the joint estimate (:mod:`slam_init.bundle.inertial`). Whether the record
+belongs to the camera is asked before, by the chi-square test: first of the rotations, then of the whole motion.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slam_init.bundle.inertial import VisualMotion, align, turning_misfit
+from slam_init.bundle.metric_graph import joint_pose_covariance
+from slam_init.types.inertial import Gravity, InertialRecord
+from slam_init.types.initial_map import InitialMap
+from slam_init.types.scale import Scale, ScaleOrigin
+
+#: The positions of three frames give two velocities, and their difference is fitted by gravity and the scale: a wrong
+#: record would not be told from a right one.
+#: Class: geometry.
+_LEAST_KEYFRAMES = 4
+#: A scale that is known worse than this is none. The deviation is that of linearized equations: a scale of half of the
+#: true value fits poses with so much noise as well, since noise is motion for the map and none for the sensor.
+#: Class: level.
+_WORST_SIGMA = 0.1
+#: A record whose residuals are larger by chance only once in a thousand maps is not that of the camera.
+#: Class: level.
+_LEAST_PROBABILITY = 1e-3
+
+
+def scale_of_motion(map_: InitialMap, record: InertialRecord | None, grown: InitialMap | None = None) -> Scale:
+    """Find the scale of a map.
+
+    * ``grown``: The same map with more keyframes. It is used where it still has those of the map.
+    * Returns: With the direction of gravity in the world of the map. Falsy with a reason where there is no scale.
+    """
+    ends = _ends(map_)
+    source = grown if grown is not None and ends <= {keyframe.frame for keyframe in grown.keyframes} else map_
+    count = len(source.keyframes)
+    if record is None:
+        return _none("the source has no record of an inertial sensor")
+    if count < _LEAST_KEYFRAMES:
+        return _none(
+            f"the map has {count} keyframes, and {_LEAST_KEYFRAMES} are needed: add --refine 30 or --continue 30"
+        )
+    if source.graph is None:
+        return _none("the map has no covariance of its poses")
+    frames = tuple(keyframe.frame for keyframe in source.keyframes)
+    poses = tuple(keyframe.world_from_cam for keyframe in source.keyframes)
+    times_s = np.array([keyframe.timestamp_s for keyframe in source.keyframes])
+    motion = VisualMotion.of_poses(times_s, poses, joint_pose_covariance(source.graph, source.values, frames))
+    turning = turning_misfit(motion, record)
+    if turning is None:
+        return _none(
+            f"{record.name} does not cover the keyframes from {times_s[0]:.3f} to {times_s[-1]:.3f} s without gaps"
+        )
+    if _probability(*turning) < _LEAST_PROBABILITY:
+        return _none(
+            f"{record.name} does not belong to the camera: it turned otherwise (chi-square {turning[0]:.0f} of "
+            f"{turning[1]} rotations): check the pose of the sensor in the camera and the clocks"
+        )
+    far = frames.index(max(ends - {frames[0]}, default=frames[-1]))
+    found = align(motion, record, far)
+    if found is None:
+        return _none("no scale fits the accelerations: move the camera to and fro, or add --refine 30")
+    if _probability(found.chi_square, found.freedom) < _LEAST_PROBABILITY:
+        return _none(
+            f"{record.name} does not belong to the camera: it moved otherwise (chi-square {found.chi_square:.0f} with "
+            f"{found.freedom} degrees of freedom): check the pose of the sensor in the camera and the clocks"
+        )
+    if not found.sigma <= _WORST_SIGMA:
+        return _none(
+            f"the accelerations tell the scale to +- {found.sigma:.0%} only: move the camera to and fro, or add "
+            "--refine 30"
+        )
+    known = {keyframe.frame: keyframe.world_from_cam.t for keyframe in map_.keyframes}
+    units = float(np.linalg.norm(known[frames[far]] - known[frames[0]]))
+    gravity = Gravity(poses[0].R @ found.gravity.down, found.gravity.sigma_deg)
+    return Scale(
+        ScaleOrigin.IMU,
+        found.distance_m / units,
+        found.sigma,
+        f"{record.name} between {count} keyframes in {times_s[-1] - times_s[0]:.2g} s, "
+        f"gravity to {gravity.sigma_deg:.1g} deg",
+        gravity=gravity,
+    )
+
+
+def _ends(map_: InitialMap) -> set[int]:
+    """The frames of the first camera and of the one farthest from it."""
+    first = map_.keyframes[0]
+    far = max(map_.keyframes, key=lambda keyframe: np.linalg.norm(keyframe.world_from_cam.t - first.world_from_cam.t))
+    return {first.frame, far.frame}
+
+
+def _probability(chi_square: float, freedom: int) -> float:
+    """That a sum of squares is larger by chance."""
+    from scipy.special import gammaincc
+
+    return float(gammaincc(0.5 * freedom, 0.5 * chi_square))
+
+
+def _none(reason: str) -> Scale:
+    return Scale(ScaleOrigin.IMU, reason=reason)

@@ -1,0 +1,161 @@
+"""The record of an inertial sensor that is fixed to the camera, and the direction of gravity."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from quest.display import Described
+from slam_init.errors import SlamInitError, SourceError
+from slam_init.types.arrays import Floats
+from slam_init.types.pose import Pose
+
+#: Standard gravity in m/s^2. On the earth it differs by 0.27 % at most at sea level.
+STANDARD_GRAVITY = 9.80665
+#: Longest step between two samples. A hand turns by 1 rad/s at up to 2 Hz, so that the second derivative of the rate is
+#: at most 160 rad/s^3. The integral of the interpolated rate is then off by 160 dt^3 / 12, which is 1 mrad for 0.04 s,
+#: as much as the noise of other measurements.
+LONGEST_STEP_S = 0.04
+#: Where the lever arm would be longer, it is not in metres: no phone, drone or car has its sensor so far away.
+_FARTHEST_M = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class InertialRecord:
+    """Angular rates and accelerations over time, as the sensor measured them.
+
+    Attributes
+    ----------
+    timestamps_s : (N,) float
+        Strictly increasing, on the clock of the frames.
+    rates_rad_s : (N, 3) float
+        Angular velocity of the sensor in its own axes.
+    accelerations_m_s2 : (N, 3) float
+        Specific force in its own axes: at rest it points up, and its norm is that of gravity.
+    cam_from_imu : Pose
+        The pose of the sensor in the camera, in metres.
+    gyroscope_density : float
+        White noise of the rates in rad/s/sqrt(Hz). By default that of the sensors in phones, 0.01 deg/s/sqrt(Hz).
+    accelerometer_density : float
+        White noise of the accelerations in m/s^2/sqrt(Hz). By default that of the sensors in phones, 200 ug/sqrt(Hz).
+    clock_sigma_s : float
+        Standard deviation of the delay between the clocks of sensor and camera.
+    name : str
+        For messages.
+
+    Raises
+    ------
+    SourceError
+        If the arrays are no such record.
+    """
+
+    timestamps_s: Floats
+    rates_rad_s: Floats
+    accelerations_m_s2: Floats
+    cam_from_imu: Pose
+    gyroscope_density: float = 2e-4
+    accelerometer_density: float = 2e-3
+    clock_sigma_s: float = 0.001
+    name: str = "the inertial record"
+
+    def __post_init__(self) -> None:
+        for values in (self.rates_rad_s, self.accelerations_m_s2):
+            check_samples(self.name, self.timestamps_s, values)
+        wrong = self.cam_from_imu.problem()
+        if wrong is not None or np.abs(self.cam_from_imu.t).max() > _FARTHEST_M:
+            wrong = wrong or f"is {np.abs(self.cam_from_imu.t).max():.3g} m away: give metres"
+            raise SourceError(f"{self.name}: the pose of the sensor in the camera {wrong}")
+        check_deviations(self.name, self.gyroscope_density, self.accelerometer_density, self.clock_sigma_s)
+
+    def steps(self, t0_s: float, t1_s: float) -> tuple[Floats, Floats, Floats] | None:
+        """The measurements between two times.
+
+        Returns
+        -------
+        durations_s : (S,) float
+        rates_rad_s, accelerations_m_s2 : (S, 3) float
+            The mean of each step, where the samples are interpolated linearly. None in place of all three where a time
+            lies outside of the record, or two samples are more than 0.04 s apart.
+        """
+        knots = knots_between(self.timestamps_s, t0_s, t1_s)
+        if knots is None:
+            return None
+        rates, accelerations = (
+            np.stack([np.interp(knots, self.timestamps_s, axis) for axis in values.T], axis=1)
+            for values in (self.rates_rad_s, self.accelerations_m_s2)
+        )
+        return np.diff(knots), 0.5 * (rates[1:] + rates[:-1]), 0.5 * (accelerations[1:] + accelerations[:-1])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Gravity(Described):
+    """The direction of gravity.
+
+    Attributes
+    ----------
+    down : (3,) float
+        Unit vector to the centre of the earth: in the camera for a frame, in the world for a map.
+    sigma_deg : float
+        Standard deviation of each of its two angles.
+
+    Raises
+    ------
+    SlamInitError
+        If the vector is zero or not finite, or the deviation not from 0.001 to 45 degrees.
+    """
+
+    down: Floats
+    sigma_deg: float
+
+    def __post_init__(self) -> None:
+        try:
+            down = np.asarray(self.down, float)
+        except (TypeError, ValueError):
+            down = np.zeros(0)
+        length = float(np.linalg.norm(down)) if down.shape == (3,) else math.nan
+        if not (math.isfinite(length) and length > 0):
+            raise SlamInitError("gravity: give a vector of three finite numbers that points down, as (0, 1, 0)")
+        if not 1e-3 <= self.sigma_deg <= 45:
+            raise SlamInitError(f"the deviation of gravity is {self.sigma_deg!r}: give degrees from 0.001 to 45")
+        object.__setattr__(self, "down", down / length)
+
+    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
+        x, y, z = self.down.tolist()
+        return f"gravity along ({x:.3f}, {y:.3f}, {z:.3f}), +- {self.sigma_deg:.2g} deg", []
+
+
+def knots_between(timestamps_s: Floats, t0_s: float, t1_s: float) -> Floats | None:
+    """Two times and those of the samples between them; None outside of the record or across a gap.
+
+    Shapes: ``timestamps_s`` (N,), returns (S + 1,).
+    """
+    times = timestamps_s
+    if not times[0] <= t0_s < t1_s <= times[-1]:
+        return None
+    first, last = np.searchsorted(times, t0_s, "right") - 1, np.searchsorted(times, t1_s, "left")
+    if np.diff(times[first : last + 1]).max() > LONGEST_STEP_S:
+        return None
+    return np.concatenate([[t0_s], times[first + 1 : last], [t1_s]])
+
+
+def check_samples(name: str, timestamps_s: Floats, values: Floats) -> None:
+    """Refuse what is no record of three numbers over time.
+
+    Shapes: ``timestamps_s`` (N,), ``values`` (N, 3).
+    """
+    times, values = np.asarray(timestamps_s, float), np.asarray(values, float)
+    if times.ndim != 1 or len(times) < 2 or values.shape != (len(times), 3):
+        raise SourceError(f"{name}: {times.shape} times and {values.shape} samples: give (N,) and (N, 3), N >= 2")
+    if not (np.isfinite(times).all() and np.isfinite(values).all()):
+        raise SourceError(f"{name}: a time stamp or a sample is not a finite number")
+    late = np.flatnonzero(np.diff(times) <= 0)
+    if len(late):
+        raise SourceError(f"{name}: sample {late[0] + 2} does not come after the one before: sort them")
+
+
+def check_deviations(name: str, *sigmas: float) -> None:
+    """Refuse standard deviations and noise densities that are none."""
+    if not all(math.isfinite(sigma) and sigma >= 0 for sigma in sigmas):
+        raise SourceError(f"{name}: a standard deviation or noise density is negative or not finite")

@@ -1,0 +1,123 @@
+"""Laws of the scale by an inertial sensor, and the records and motions that tell none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from make_motion import EXACT, LEVEL, map_of, metres_per_unit, recorded, straight, swayed
+
+from quest.geometry.quaternion import rotation_from_vector
+from slam_init.output.handover import handover_arrays
+from slam_init.scale.find import find_scale
+from slam_init.scale.metric_map import in_metres
+from slam_init.scale.requests import parse_scale
+from slam_init.types.pose import Pose
+
+IMU = parse_scale("imu")
+MAP = map_of()
+DOWN = LEVEL.T @ [0.0, 0.0, -1.0]
+
+
+def scale_of(map_=MAP, record=None, **more):
+    return find_scale(map_, IMU, imu=recorded() if record is None else record, **more)
+
+
+def test_without_errors_scale_and_gravity_are_exact():
+    map_ = map_of(noise_px=1e-3)
+    scale = scale_of(map_, recorded(noise=EXACT))
+    assert scale.metres_per_unit == pytest.approx(metres_per_unit(map_), rel=2e-3)
+    down = swayed(0.0)[:3, :3].T @ [0.0, 0.0, -1.0]
+    assert np.degrees(np.arccos(scale.gravity.down @ down)) < 0.2
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_with_the_noise_of_a_phone_the_truth_is_within_the_stated_deviation(seed):
+    map_ = map_of(seed=seed)
+    scale = scale_of(map_, recorded(seed=seed))
+    assert abs(np.log(scale.metres_per_unit / metres_per_unit(map_))) < 3 * scale.sigma < 0.2
+    down = swayed(0.0)[:3, :3].T @ [0.0, 0.0, -1.0]
+    assert np.degrees(np.arccos(scale.gravity.down @ down)) < 3.5 * scale.gravity.sigma_deg < 4
+
+
+def test_another_mount_of_the_same_sensor_changes_nothing():
+    turned = Pose(rotation_from_vector(np.array([0.5, -1.2, 2.0])), np.zeros(3))
+    record = recorded()
+    other = replace(
+        record,
+        rates_rad_s=record.rates_rad_s @ turned.R,
+        accelerations_m_s2=record.accelerations_m_s2 @ turned.R,
+        cam_from_imu=record.cam_from_imu @ turned,
+    )
+    one, two = scale_of(record=record), scale_of(record=other)
+    assert two.metres_per_unit == pytest.approx(one.metres_per_unit, rel=1e-3)
+    np.testing.assert_allclose(two.gravity.down, one.gravity.down, atol=1e-3)
+
+
+def test_a_lever_arm_counts():
+    record = recorded()
+    assert scale_of(record=record)
+    assert not scale_of(record=replace(record, cam_from_imu=Pose(record.cam_from_imu.R, np.array([0.8, 0.0, -0.8]))))
+
+
+def test_more_noise_of_the_tracks_makes_it_less_certain():
+    quiet, loud = (scale_of(map_of(noise_px=noise_px)) for noise_px in (0.1, 1.0))
+    assert loud.sigma > 1.2 * quiet.sigma
+
+
+def test_a_constant_speed_tells_no_scale():
+    scale = scale_of(map_of(straight), recorded(straight))
+    assert not scale
+    assert "move the camera to and fro" in scale.reason
+
+
+@pytest.mark.parametrize("kind", ["late", "swapped", "another", "still"])
+def test_a_record_that_is_not_of_the_camera_is_refused(kind):
+    record = recorded()
+    wrong = {
+        "late": replace(record, timestamps_s=record.timestamps_s + 0.05),
+        "swapped": replace(
+            record,
+            rates_rad_s=record.rates_rad_s[:, [1, 0, 2]],
+            accelerations_m_s2=record.accelerations_m_s2[:, [1, 0, 2]],
+        ),
+        "another": recorded(lambda time_s: swayed(1.3 * time_s + 0.7)),
+        "still": recorded(lambda _: swayed(0.0)),
+    }[kind]
+    scale = scale_of(record=wrong)
+    assert not scale
+    assert "does not belong to the camera" in scale.reason
+
+
+def test_three_keyframes_a_gap_a_short_record_and_none_have_reasons():
+    record, gap = recorded(), np.r_[0:100, 120:420]
+    parts = {"timestamps_s", "rates_rad_s", "accelerations_m_s2"}
+    assert "4 are needed" in scale_of(map_of(count=3)).reason
+    for kept in (gap, np.arange(200)):
+        cut = replace(record, **{name: getattr(record, name)[kept] for name in parts})
+        assert "does not cover the keyframes" in scale_of(record=cut).reason
+    assert "no record" in find_scale(MAP, IMU).reason
+
+
+def test_the_grown_map_is_used_and_the_scale_is_that_of_the_accepted_one():
+    grown = map_of(count=12)
+    half = 0.5
+    few = replace(
+        MAP,
+        keyframes=tuple(
+            replace(one, world_from_cam=Pose(one.world_from_cam.R, half * one.world_from_cam.t))
+            for one in grown.keyframes[:3]
+        ),
+    )
+    scale = scale_of(few, grown=grown)
+    assert scale.metres_per_unit == pytest.approx(metres_per_unit(grown) / half, rel=0.1)
+    assert "12 keyframes" in scale.evidence
+
+
+def test_the_metric_map_hands_gravity_over():
+    scale = scale_of()
+    metric = in_metres(MAP, scale)
+    arrays = handover_arrays(metric)
+    np.testing.assert_array_equal(arrays["gravity"], scale.gravity.down)
+    assert arrays["gravity_sigma_deg"] == scale.gravity.sigma_deg
+    assert np.isnan(handover_arrays(MAP)["gravity"]).all()
+    assert "gravity along" in str(metric)
