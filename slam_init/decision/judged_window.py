@@ -32,6 +32,11 @@ from slam_init.window.levels import (
 from slam_init.window.motion import FittedMotion
 from slam_init.window.risk import WindowRisk
 
+_LENS_MAY_CHANGE = (
+    "the tracks do not tell this motion from a lens that focuses, or from images that are stabilized: translate "
+    "further, best sideways, or set acceptance.lens_changes to 0 if focus and image are fixed"
+)
+
 
 @dataclass(frozen=True, eq=False)
 class JudgedWindow:
@@ -174,5 +179,7 @@ class JudgedWindow:
             if planar:
                 return Verdict.AMBIGUOUS_PLANE, None
             return Verdict.LOW_PARALLAX, "two motions explain the tracks: translate further, best sideways"
+        if risk.direction_if_lens_fixed <= max_risk:
+            return Verdict.LOW_PARALLAX, _LENS_MAY_CHANGE
         # A rigid scene with these tracks would be known well enough.
         return (Verdict.LOW_PARALLAX if risk.direction_if_rigid > max_risk else Verdict.MOVING_BODIES), None

@@ -189,7 +189,8 @@ class WindowRule:
             return None
         depths = [history.depths.get(frame) for frame in hypotheses.tracks.frames]
         hypotheses = replace(hypotheses, depths=GivenDepths.of(hypotheses.tracks, depths))
-        again, risk = confirmed(hypotheses, risk_of(hypotheses), self._config.acceptance.max_risk)
+        max_risk = self._config.acceptance.max_risk
+        again, risk = confirmed(hypotheses, risk_of(hypotheses, max_risk), max_risk)
         if again is not hypotheses:
             self._live.keep(again)
         return again, risk

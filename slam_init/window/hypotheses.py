@@ -205,8 +205,7 @@ def fit_hypotheses(
         if abs(math.log(noise_px / tracks.noise_px)) <= _NOISE_TOLERANCE:
             break
         tracks = tracks.with_noise(noise_px)
-        again = [replace(one.motion, points=None) if one.is_new else one.motion for one in fits]
-        planar, fits = _fitted(tracks, again, bearings, priors)
+        planar, fits = _fitted(tracks, [one.motion for one in fits], bearings, priors)
     starts = tuple(_in_window(tracks, one, rotations) for one in living)
     turning = _fit_rotation(tracks, rotations, priors, fits[0], starts)
     return WindowHypotheses(

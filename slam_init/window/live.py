@@ -109,7 +109,7 @@ class LiveHypotheses:
             m for m in hypotheses.motions
             if len(m.rows) < len(best.rows) or hypotheses.votes(best, m).sum() < _HOPELESS
         ]  # fmt: skip
-        self._motions = [fitted.motion for fitted in kept[:_MAX_MOTIONS]]
+        self._motions = [replace(fitted.motion, is_new=False) for fitted in kept[:_MAX_MOTIONS]]
         if self._proposed:
             self._barren = 0 if any(fitted.is_new for fitted in kept) else self._barren + 1
             self._rest = min(self._barren, _LONGEST_REST)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -67,14 +68,11 @@ def locate_views(tracks: WindowTracks, motion: Motion, bearings: Floats, rotatio
         return None
     to_reference = known[0].inverse()
     plane = None if motion.plane is None else _moved_plane(motion.plane, known[0])
-    return Motion(
-        {tracks.frames[row]: known[row] @ to_reference for row in sorted(known)},
-        plane,
-        motion.log_scale,
-        motion.readout_s,
-        motion.k1,
-        motion.principal_px,
-        None if motion.points is None else motion.points.moved(to_reference.inverse()),
+    return replace(
+        motion,
+        cam_from_world={tracks.frames[row]: known[row] @ to_reference for row in sorted(known)},
+        plane=plane,
+        points=None if motion.points is None else motion.points.moved(to_reference.inverse()),
     )
 
 

@@ -43,6 +43,8 @@ class Motion:
     principal_px: Floats = dataclasses.field(default_factory=lambda: np.zeros(2))
     #: Where the last fit of the motion ended; None before its first fit.
     points: CarriedPoints | None = None
+    #: Whether the motion has not been carried from one window to the next.
+    is_new: bool = True
 
     def is_near(self, other: Motion) -> bool:
         """Whether another motion moves the first two frames alike, so that a fit ends in the same optimum."""
@@ -65,7 +67,7 @@ class FittedMotion:
     rows: tuple[int, ...]
     #: Absolute indices of these views.
     frames: tuple[int, ...]
-    #: Whether it was fitted for the first time.
+    #: Whether it has not been carried from one window to the next.
     is_new: bool = False
 
     @property
@@ -87,7 +89,9 @@ class FittedMotion:
         R = 0.5 * state.R @ (3 * np.eye(3) - np.swapaxes(state.R, 1, 2) @ state.R)
         poses = {frame: Pose(R[k], state.t[k]) for k, frame in enumerate(self.frames)}
         points = CarriedPoints.of(self.tracks, state, self.fit.explains)
-        return Motion(poses, state.plane, state.log_scale, state.readout_s, state.k1, state.principal_px, points)
+        return Motion(
+            poses, state.plane, state.log_scale, state.readout_s, state.k1, state.principal_px, points, self.is_new
+        )
 
     def same_as(self, other: FittedMotion) -> bool:
         """Whether two fits ended in the same optimum."""
@@ -123,7 +127,7 @@ def fit_motion(
     part = with_translation(part, start)
     known = None if motion.points is None else motion.points.start(part, start)
     fit = fit_window(part, start, priors, known=known, hopeless=hopeless, give_up=give_up, max_steps=max_steps)
-    return FittedMotion(fit, part, rows, frames, motion.points is None)
+    return FittedMotion(fit, part, rows, frames, motion.is_new)
 
 
 def noise_factor_at(tracks: WindowTracks, motion: Motion, priors: Priors) -> float:

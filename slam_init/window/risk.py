@@ -108,6 +108,8 @@ class WindowRisk:
     direction_with_known_lens: float
     #: The term of the direction if no track lies on a moving body, and neighbouring tracks share no errors.
     direction_if_rigid: float
+    #: The term of the direction if the lens does not change from view to view.
+    direction_if_lens_fixed: float
     #: Median of the relative standard deviations of the distances from the reference, in units of the pair's
     #: baseline, over the tracks that the best motion explains. The landmarks of a map have figures of their own.
     depth_sigma: float
@@ -179,13 +181,13 @@ def _wrong_by_sigmas(rotation_deg: float, direction_deg: float) -> float:
     return aside + three_directions(WRONG_ROTATION_DEG, rotation_deg)
 
 
-def risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
-    """Compose the risk of the best hypothesis."""
+def risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
+    """Compose the risk of the best hypothesis; above ``max_risk`` the term of the rivals is a lower bound."""
     with single_threaded():
-        return _risk_of(hypotheses)
+        return _risk_of(hypotheses, max_risk)
 
 
-def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
+def _risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
     best = hypotheses.motions[0]
     expanded = expand(hypotheses, best)
     calibrated = hypotheses.priors.focal_sigma <= CALIBRATED_SIGMA
@@ -214,15 +216,17 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
     known_lens = (1.0 if calibrated else sigma_with_known_lens(expanded)) * by_tracks_deg[0]
     with_known_lens = float(weights @ two_directions(WRONG_DIRECTION_DEG, known_lens))
     rigid_deg = np.hypot(optimism.if_rigid(lens_held=calibrated) * by_tracks_deg[0], moved.directions_deg[0])
-    if_rigid = float(weights @ two_directions(WRONG_DIRECTION_DEG, rigid_deg))
+    if_rigid = float(weights @ _with_varying_lens(rigid_deg, varying, 0))
+    if_lens_fixed = float(weights @ two_directions(WRONG_DIRECTION_DEG, of_views[0])) + rotated
     gain, rotation, camera = _rotation_probability(hypotheses, expanded)
     if rotation <= MERE_ROTATION:
         camera = camera_estimate(expanded, optimism.factor(lens_held=False))
     # Points at infinity lie on no plane, so that a plane needs no such test.
     rotation = max(rotation, 0.0 if hypotheses.planar else _bodies_probability(hypotheses, ON_BODIES))
-    refused = rotation > UNDECIDED or direction > _UNKNOWN
-    rival, nearest = rival_term(hypotheses, expanded, direction_deg, fit=not refused)
     other = other_motion(hypotheses) if rotation <= MERE_ROTATION else OtherMotion()
+    left = max_risk - _total(direction, 0.0, rotation, other.probability)
+    refused = rotation > UNDECIDED or direction > _UNKNOWN
+    rival, nearest = rival_term(hypotheses, expanded, direction_deg, most=-1.0 if refused else min(left, UNDECIDED))
     total = _total(direction, rival, rotation, other.probability)
     distances = inverse_distances(expanded)
     explained = replace(distances, known=distances.known & explained_tracks(hypotheses))
@@ -233,6 +237,7 @@ def _risk_of(hypotheses: WindowHypotheses) -> WindowRisk:
         direction=direction,
         direction_with_known_lens=with_known_lens,
         direction_if_rigid=if_rigid,
+        direction_if_lens_fixed=if_lens_fixed,
         direction_of_views=direction_risks,
         sigmas_of_views_deg=sigmas_of_views,
         moved=moved,

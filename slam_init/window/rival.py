@@ -41,9 +41,12 @@ _FAR_BEHIND_NATS = 300.0
 
 
 def rival_term(
-    hypotheses: WindowHypotheses, expanded: ExpandedFit, spread_deg: float, *, fit: bool
+    hypotheses: WindowHypotheses, expanded: ExpandedFit, spread_deg: float, *, most: float
 ) -> tuple[float, Margin | None]:
-    """The probability that a rival is right, and the vote against the nearest one."""
+    """The probability that a rival is right, and the vote against the nearest one.
+
+    * ``most``: A larger probability is a lower bound: fits with fields, which only raise it, are left out.
+    """
     best, *rivals = hypotheses.motions
     margins = [_margin(hypotheses, best, rival) for rival in rivals]
     costs = _CostsWithFields(hypotheses)
@@ -63,9 +66,9 @@ def rival_term(
         ]
         return min(1.0, sum(odds))
 
-    # Fits with fields raise the probability only, and cost as much as those of the motions.
+    # Fits with fields cost as much as those of the motions.
     by_expansions = probability(fit=False)
-    total = probability(fit=True) if fit and by_expansions <= UNDECIDED else by_expansions
+    total = probability(fit=True) if by_expansions <= most else by_expansions
     return total, min(margins, key=Margin.decision_ratio, default=None)
 
 

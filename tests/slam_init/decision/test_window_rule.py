@@ -253,9 +253,9 @@ def test_the_initializer_judges_frames_between_those_that_quest_is_asked_for():
 def test_the_keyframes_are_the_pair_and_the_views_whose_own_baseline_is_certain(monkeypatch, scene, seed, baseline):
     judged = []
 
-    def noting_risk_of(hypotheses):
+    def noting_risk_of(hypotheses, max_risk):
         judged.append((hypotheses.motions[0].frames, risk_of(hypotheses).direction_of_views))
-        return risk_of(hypotheses)
+        return risk_of(hypotheses, max_risk)
 
     risk_of = window_rule.risk_of
     monkeypatch.setattr(window_rule, "risk_of", noting_risk_of)
@@ -390,7 +390,7 @@ def test_without_a_third_view_the_window_holds_the_pair_alone():
 
 
 def test_a_window_whose_equations_have_no_solution_is_refused(monkeypatch):
-    def singular(_):
+    def singular(*_):
         raise np.linalg.LinAlgError("Singular matrix")
 
     frames = Frames(point_source("room", 0, baseline=0.03))

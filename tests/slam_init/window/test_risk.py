@@ -304,3 +304,14 @@ def test_a_motion_is_fitted_once_with_the_fields_of_a_scale(monkeypatch):
     again = risk_of(twice)
     assert len(steps) == count > 0
     assert again.rival == pytest.approx(min(2 * once.rival, 1.0))
+
+
+def test_above_a_bound_the_term_of_the_rivals_is_a_lower_one():
+    """Fits with error fields only raise it, so that the decision is the same."""
+    for seed in range(3):
+        found = hypotheses("nadir", seed, 6, baseline=0.06)
+        whole, bounded = risk_of(found), risk_of(found, 0.005)
+        assert bounded.rival <= whole.rival
+        assert (bounded.total <= 0.005) == (whole.total <= 0.005)
+        if bounded.total <= 0.005:
+            assert bounded.total == whole.total

@@ -76,7 +76,17 @@ def test_a_lens_that_is_said_to_be_fixed_has_no_other_modes():
     lens = lens_of(fixed)
     assert lens.probabilities.tolist() == [1.0]
     assert lens.shifted == 0
-    assert risk_of(fixed).direction < risk_of(found).direction
+    risk, of_fixed = risk_of(found), risk_of(fixed)
+    assert of_fixed.direction < risk.direction
+    # What would be stated of a fixed lens is known without the option too.
+    assert risk.direction_if_lens_fixed == pytest.approx(of_fixed.direction)
+    assert of_fixed.direction_if_lens_fixed == pytest.approx(of_fixed.direction)
+
+
+def test_the_direction_of_a_rigid_scene_knows_that_the_lens_may_change():
+    """Otherwise a lens that changes would be taken for moving bodies."""
+    risk = risk_of(hypotheses("wall", zoom=0.02, baseline=0.05))
+    assert risk.direction_if_lens_fixed < 0.2 * risk.direction_if_rigid
 
 
 @pytest.mark.parametrize(("scene", "seed"), [("rotation", 1), ("rotation", 2), ("static", 1), ("static", 2)])
