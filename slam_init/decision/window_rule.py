@@ -45,9 +45,16 @@ from slam_init.types.result import Attempt, ProvisionalMap
 from slam_init.types.stopwatch import Stopwatch
 from slam_init.window.depth_evidence import GivenDepths
 from slam_init.window.hypotheses import WindowHypotheses
+from slam_init.window.levels import WRONG_DIRECTION_DEG
 from slam_init.window.live import LiveHypotheses
 from slam_init.window.risk import WindowRisk, confirmed, risk_of
 from slam_init.window.tracks import MAX_VIEWS
+
+#: Frames that are not judged where the last window, of so many views or more, left this standard deviation of the
+#: direction (degrees): twice what is wrong. In a steady motion it falls with the power 3/2 of the views, so that ten
+#: views in place of six leave half of it, which is no map. A sudden motion shows in the score of the pairs.
+#: Class: geometry, in frames, views and degrees.
+_LONGEST_REST, _MANY_VIEWS, _FAR_DEG = 3, 6, 2 * WRONG_DIRECTION_DEG
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +99,8 @@ class WindowRule:
         self._reference: int | None = None
         self._rotates = False
         self._last: JudgedWindow | None = None
+        # The best score of the pairs of the last judged window, and the frames since then that were not judged.
+        self._score, self._rested = 0.0, 0
 
     def renewed(self) -> WindowRule:
         """A rule with the same options that has judged nothing."""
@@ -109,8 +118,14 @@ class WindowRule:
         """Judge a frame.
 
         * ``chosen``: The pair that quest proposes new motions from; None where no pair is worth it.
-        * Returns: None where no pair was chosen, and no motion is known or the window holds the pair alone.
+        * Returns: None where no pair was chosen, and no motion is known or the window holds the pair alone; or where
+          the last window was so far from a known direction that this frame cannot be enough.
         """
+        score = max((pair.direction_score for pair in pairs), default=0.0)
+        if self._is_far(score):
+            self._rested += 1
+            return None
+        self._score, self._rested = score, 0
         preview = chosen or next((pair for pair in pairs if pair.reference == self._reference), None)
         # Without further views, an earlier motion has only the reference in common with the window.
         lives_on = bool(self._live) and self._third_view
@@ -142,6 +157,13 @@ class WindowRule:
         return self._maps(last).provisional()
 
     # -- parts of the judgement -------------------------------------------------------------------
+
+    def _is_far(self, score: float) -> bool:
+        """Whether a frame is left out: the direction of the last window was unknown, and the pairs show no more now."""
+        last = self._last
+        if last is None or self._rested >= _LONGEST_REST or len(last.best.rows) < _MANY_VIEWS:
+            return False
+        return last.risk.direction_sigma_deg * self._score > _FAR_DEG * score
 
     def _propose_and_fit(
         self, chosen: PairPreview | None, views: _Views, attempt: Attempt, stopwatch: Stopwatch

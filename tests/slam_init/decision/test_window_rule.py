@@ -189,11 +189,11 @@ class Frames:
         self.rule = WindowRule(
             WINDOW_CONFIG, history_of(self.observations, source.camera), RollingShutter(source.camera)
         )
-        self._camera = source.camera
+        self.camera = source.camera
 
     def judge(self, k, *, chosen, reference=0):
         """The outcome of frame k, whose pair is chosen or not."""
-        pair = preview_of([self.observations[reference], self.observations[k]], self._camera)
+        pair = preview_of([self.observations[reference], self.observations[k]], self.camera)
         return self.rule.judge(pair if chosen else None, [pair], self.observations[k], Stopwatch())
 
 
@@ -217,6 +217,33 @@ def test_motions_live_on_in_frames_without_a_chosen_pair_and_can_be_accepted_the
     accepted = [outcome for outcome in outcomes if outcome.accepted is not None]
     assert accepted
     assert accepted[-1] is outcomes[-1]
+
+
+def test_after_a_window_that_tells_no_direction_at_most_three_frames_are_left_out(monkeypatch):
+    monkeypatch.setattr(window_rule, "_FAR_DEG", 1e-9)
+    frames = Frames(point_source("wall", 0, baseline=0.3))
+    outcomes = [frames.judge(1, chosen=True), *(frames.judge(k, chosen=False) for k in range(2, 12))]
+    assert [k for k, outcome in enumerate(outcomes, 1) if outcome is None] == [6, 7, 8, 10, 11]
+
+
+def test_a_pair_that_shows_more_parallax_is_judged_at_once(monkeypatch):
+    """The direction is known in proportion to the parallax."""
+    judged = []
+    for more in (1.0, 2.0):
+        frames = Frames(point_source("wall", 0, baseline=0.3))
+        for k in range(1, 6):
+            last = frames.judge(k, chosen=k == 1)
+        monkeypatch.setattr(window_rule, "_FAR_DEG", 0.7 * last.motion.direction_sigma_deg)
+        score = preview(frames, 5).direction_score / preview(frames, 6).direction_score
+        pair = preview(frames, 6)
+        seen = replace(pair, parallax_px=more * score * pair.parallax_px)
+        judged.append(frames.rule.judge(None, [seen], frames.observations[6], Stopwatch()) is not None)
+        monkeypatch.undo()
+    assert judged == [False, True]
+
+
+def preview(frames, k):
+    return preview_of([frames.observations[0], frames.observations[k]], frames.camera)
 
 
 def test_after_a_mere_rotation_no_window_is_fitted_until_a_pair_shows_parallax():
