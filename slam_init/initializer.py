@@ -48,12 +48,13 @@ from slam_init.frontend.keyframes import KeyframeManager, PairPreview
 from slam_init.frontend.matchers import Matcher
 from slam_init.frontend.rolling_shutter import corrected_pixels
 from slam_init.frontend.tracks import History, Tracker
-from slam_init.intake import Intake, Turn
+from slam_init.intake import Intake, Turn, check_gravity
 from slam_init.recording.recorder import Recorder
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera
 from slam_init.types.depth import Depth, TrackDepths
 from slam_init.types.frame import Frame, Observations
+from slam_init.types.inertial import Gravity
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.result import ProvisionalMap, Result
 from slam_init.types.status import Status
@@ -127,6 +128,7 @@ class Initializer:
         *,
         mask: Image | None = None,
         depth: Depth | None = None,
+        gravity: Gravity | None = None,
         rotation: Floats | None = None,
         rotation_sigma_rad: float = 1e-3,
     ) -> Status:
@@ -147,6 +149,10 @@ class Initializer:
             Depths of the image from elsewhere, of an RGB-D camera or of a network. They change the probabilities of
             rival motions by a bounded factor (``docs/depth.md``). By default a frame's own depth; without one nothing
             changes.
+        gravity : Gravity, optional
+            Direction of gravity in the camera, as of an accelerometer at rest or a robot. It proposes motions and is a
+            measurement of two of the three angles of a rotation, but no map is accepted because of it: a wrong one
+            only costs time. By default a frame's own gravity; without one nothing changes.
         rotation : (3, 3) array_like, optional
             How the camera turned since the last frame, by a gyroscope or a robot: it maps directions in the last camera
             to this one. The joint fit takes it as a measurement; without it nothing changes.
@@ -164,21 +170,21 @@ class Initializer:
         Raises
         ------
         SlamInitError
-            If the array is not such an image, the depth is not one of an image, the matrix is no rotation, or the frame
-            is not later than the last one.
+            If the array is not such an image, the depth is not one of an image, the gravity is none, the matrix is no
+            rotation, or the frame is not later than the last one.
             The initializer has not changed then, so that the frame can be left out.
         """
         if self._maps.handed_over:
             return self.status
         with self.intake.alone():
             turn = Turn.checked(rotation, rotation_sigma_rad)
-            frame = self.intake.frame(image, timestamp_s, mask, depth)
+            frame = self.intake.frame(image, timestamp_s, mask, depth, gravity)
             with self.stopwatch("frame"):
                 with self.stopwatch("track"):
                     current = self.intake.track(frame)
                     depths = self.intake.depths(frame.depth, current)
                 self.recorder.frame(frame, current)
-                status = self._step(current, (), turn, depths)
+                status = self._step(current, (), turn, depths, frame.gravity)
             self.recorder.frame_time(self.stopwatch.last_ms("frame"))
         return status
 
@@ -188,6 +194,7 @@ class Initializer:
         revised: Sequence[Observations] = (),
         *,
         depth: Depth | None = None,
+        gravity: Gravity | None = None,
         rotation: Floats | None = None,
         rotation_sigma_rad: float = 1e-3,
     ) -> Status:
@@ -205,6 +212,8 @@ class Initializer:
             that are not in the history are ignored.
         depth : Depth, optional
             Depths of the frame, or one for each track (N,).
+        gravity : Gravity, optional
+            As for :meth:`process`.
         rotation, rotation_sigma_rad : (3, 3) array_like and float, optional
             As for :meth:`process`.
 
@@ -224,15 +233,21 @@ class Initializer:
             return self.status
         with self.intake.alone():
             turn = Turn.checked(rotation, rotation_sigma_rad)
+            check_gravity(gravity)
             depths = self.intake.depths(depth, current)
             current, revised = self.intake.check_tracks(current, revised)
-            return self._step(current, revised, turn, depths)
+            return self._step(current, revised, turn, depths, gravity)
 
     def _step(
-        self, current: Observations, revised: Sequence[Observations], turn: Turn | None, depths: TrackDepths | None
+        self,
+        current: Observations,
+        revised: Sequence[Observations],
+        turn: Turn | None,
+        depths: TrackDepths | None,
+        gravity: Gravity | None,
     ) -> Status:
         """The way of a frame from its tracks to the status."""
-        self.intake.add(current, revised, turn, depths)
+        self.intake.add(current, revised, turn, depths, gravity)
         self._maps.count(current.frame)
         if self._maps.accepted is not None:
             return self._grow(self._maps.accepted, current)
@@ -269,6 +284,8 @@ class Initializer:
             self.intake.change_lens(outcome.lens)
         if self.intake.shutter.readout_s:
             self.recorder.row_times(self.history[frame], corrected_pixels(self.camera, self.history[frame]))
+        if outcome.accepted is not None:
+            self.intake.judge_gravity(outcome.accepted.map)
         self._maps.keep(outcome)
 
     def _status_after(self, outcome: Outcome | None, current: Observations) -> Status:

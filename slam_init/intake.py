@@ -25,6 +25,8 @@ from slam_init.types.attitude import checked_rotation
 from slam_init.types.camera import Camera
 from slam_init.types.depth import Depth, TrackDepths
 from slam_init.types.frame import Frame, Observations
+from slam_init.types.inertial import Gravity
+from slam_init.types.initial_map import InitialMap
 from slam_init.types.lens_in_use import LensInUse
 from slam_init.types.status import frame_of
 
@@ -39,6 +41,12 @@ class Turn(NamedTuple):
     def checked(rotation: Floats | None, sigma_rad: float) -> Turn | None:
         """A measurement; None without one. Raises SlamInitError if the matrix is no rotation."""
         return None if rotation is None else Turn(checked_rotation(rotation, sigma_rad), sigma_rad)
+
+
+def check_gravity(gravity: object) -> None:
+    """Refuse what is no direction of gravity."""
+    if not isinstance(gravity, Gravity | None):
+        raise SlamInitError(f"gravity is {gravity!r:.60}: give Gravity(down, sigma_deg) in the axes of the camera")
 
 
 class Intake:
@@ -63,6 +71,7 @@ class Intake:
         self.masked = 0.0
         self._clock, self._overlay = FrameClock(self.history), StaticOverlay()
         self._thread: int | None = None
+        self._gravity_contradicts = False
 
     @contextmanager
     def alone(self) -> Iterator[None]:
@@ -77,14 +86,22 @@ class Intake:
             self._thread = inside
 
     def frame(
-        self, image: Image | Frame, timestamp_s: float | None, mask: Image | None, depth: Depth | None = None
+        self,
+        image: Image | Frame,
+        timestamp_s: float | None,
+        mask: Image | None,
+        depth: Depth | None = None,
+        gravity: Gravity | None = None,
     ) -> Frame:
-        """Check an image, its time, its mask and its depth, and make a frame of them."""
+        """Check an image, its time, its mask, its depth and its gravity, and make a frame of them."""
         if self._waits_for_size:
             self._complete_camera(image)
         frame = frame_of(image, timestamp_s, self.history.newest + 1, self.history.camera, mask)
         if depth is not None:
             frame = replace(frame, depth=depth)
+        if gravity is not None:
+            frame = replace(frame, gravity=gravity)
+        check_gravity(frame.gravity)
         if frame.depth is not None and (not isinstance(frame.depth, Depth) or np.ndim(frame.depth.values) != 2):
             raise SlamInitError("depth of an image: give a Depth whose values have the shape (H, W)")
         own_seconds = timestamp_s is None or isinstance(image, Frame)
@@ -121,14 +138,22 @@ class Intake:
         revised: Sequence[Observations],
         turn: Turn | None,
         depths: TrackDepths | None = None,
+        gravity: Gravity | None = None,
     ) -> None:
         """Add the tracks of the next frame to the history."""
         self.history.add(current, revised)
         if depths is not None:
             self.history.depths[current.frame] = depths
+        if gravity is not None:
+            self.history.gravities[current.frame] = gravity
         self._clock.took(current)
         if turn is not None:
             self.history.turned(current.frame, *turn)
+
+    def judge_gravity(self, map_: InitialMap) -> None:
+        """Note whether the gravity of the frames fits the rotations of a map."""
+        given = any(keyframe.frame in self.history.gravities for keyframe in map_.keyframes)
+        self._gravity_contradicts = given and map_.gravity is None
 
     def restart(self, since: int | None) -> list[int]:
         """Forget the frames before one, by default before the newest; return those that stay."""
@@ -145,7 +170,9 @@ class Intake:
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes about the time stamps, an estimated readout, and what is in the image and not in the scene."""
-        return (*self._clock.notes, *self._shutter_notes(), *self._overlay.notes)
+        told = "gravity is left out: its directions in the frames contradict the rotations of the map"
+        gravity = (told,) if self._gravity_contradicts else ()
+        return (*self._clock.notes, *self._shutter_notes(), *self._overlay.notes, *gravity)
 
     def _complete_camera(self, image: Image | Frame) -> None:
         """Complete the given camera with the size of the first image."""

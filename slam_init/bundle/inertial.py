@@ -29,7 +29,7 @@ import numpy as np
 
 from quest.geometry.quaternion import vector_from_rotation
 from slam_init.types.arrays import Floats
-from slam_init.types.inertial import STANDARD_GRAVITY, Gravity, InertialRecord
+from slam_init.types.inertial import ACCELEROMETER_BIAS_M_S2, STANDARD_GRAVITY, Gravity, InertialRecord
 from slam_init.types.pose import Pose
 
 if TYPE_CHECKING:
@@ -41,13 +41,9 @@ _GYROSCOPE_BIAS_RAD_S = 0.1
 #: Relative error of the rates: data sheets state 0.5 to 3 % of scale and cross-axis sensitivity.
 #: Class: assumption.
 _GYROSCOPE_SCALE = 0.01
-#: Offset of an accelerometer: data sheets of phones state 20 to 40 mg before, and their makers 5 to 10 mg after
-#: calibration. In it are the scale of its axes, 0.5 % of gravity, and the norm of gravity, 0.3 %.
+#: Scale of a calibrated accelerometer, which is one of the map as well: 0.5 % of each axis, two of which move mostly.
 #: Class: assumption.
-_ACCELEROMETER_BIAS_M_S2 = 0.12
-#: Scale of the axes of a calibrated accelerometer, which is one of the map as well.
-#: Class: assumption.
-_ACCELEROMETER_SCALE = 0.005
+_ACCELEROMETER_SCALE = 0.0035
 #: The prior of the first pose makes its heading and its place definite, which nothing measures. Its tilt is free.
 _FREE_RAD, _HELD_RAD, _HELD_M = 10.0, 1e-3, 1e-3
 _ITERATIONS, _STARTS = 60, 5
@@ -215,9 +211,9 @@ def _linear_start(
                 right.append(value / sigma)
         if gravity.any():
             row = np.zeros((1, 4 + 3 * count))
-            row[0, 1:4] = gravity / np.linalg.norm(gravity) / _ACCELEROMETER_BIAS_M_S2
+            row[0, 1:4] = gravity / np.linalg.norm(gravity) / ACCELEROMETER_BIAS_M_S2
             rows.append(row)
-            right.append(np.array([STANDARD_GRAVITY / _ACCELEROMETER_BIAS_M_S2]))
+            right.append(np.array([STANDARD_GRAVITY / ACCELEROMETER_BIAS_M_S2]))
         solution = np.linalg.lstsq(np.concatenate(rows), np.concatenate(right))[0]
         scale, gravity = abs(float(solution[0])) or 1.0, solution[1:4]
         if not gravity.any():
@@ -258,7 +254,7 @@ def _refined(
         graph.add(gtsam.ImuFactor(x0, v0, x1, v1, B, interval.measured))
     diagonal = gtsam.noiseModel.Diagonal.Sigmas
     graph.add(_held(gtsam.symbol("x", 0), values.atPose3(gtsam.symbol("x", 0))))
-    offsets = diagonal(np.repeat([_ACCELEROMETER_BIAS_M_S2, _GYROSCOPE_BIAS_RAD_S], 3))
+    offsets = diagonal(np.repeat([ACCELEROMETER_BIAS_M_S2, _GYROSCOPE_BIAS_RAD_S], 3))
     graph.add(gtsam.PriorFactorConstantBias(B, gtsam.imuBias.ConstantBias(), offsets))
     graph.add(gtsam.PriorFactorVector(D, np.zeros(1), diagonal(np.array([max(record.clock_sigma_s, 1e-6)]))))
     graph.add(_map_factor(motion, record, B, S, D))

@@ -9,7 +9,15 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from slam_init.cli.parser import DONE, NOT_INITIALIZED, ListMethods, UsageError, at_least
-from slam_init.cli.source_options import add_depth, add_source, chosen_camera, opened_source, with_depth
+from slam_init.cli.source_options import (
+    SENSORS,
+    add_depth,
+    add_source,
+    chosen_camera,
+    opened_source,
+    with_depth,
+    with_gravity,
+)
 from slam_init.system.process_io import tell
 from slam_init.system.regular_file import user_path
 
@@ -19,6 +27,7 @@ if TYPE_CHECKING:
 
     from slam_init.cli.parser import Commands
     from slam_init.config import Config
+    from slam_init.datasets import TimedSource
     from slam_init.output.summary import Summary
     from slam_init.types.frame import Source
 
@@ -59,6 +68,12 @@ def add_run(commands: Commands) -> None:
         metavar="FILE",
         help="use the gyroscope of the source (EuRoC, ROS bags): --imu; or that of a file with t,gx,gy,gz,ax,ay,az and "
         "its T_cam_imu in a YAML file of the same name: --imu=FILE.csv",
+    )
+    decision.add_argument(
+        "--gravity",
+        metavar="FILE",
+        help="direction of gravity in the frames: a table of TIME x y z or NAME x y z; or imu: by the accelerations of "
+        "the source or of --imu=FILE, where they rest",
     )
     decision.add_argument(
         "--max-depth-sigma",
@@ -151,6 +166,7 @@ def _run(arguments: argparse.Namespace) -> int:
         arguments.scale = parse_scale(arguments.scale)
 
     named = (arguments.images, arguments.camera, arguments.mask, arguments.depth, arguments.imu or None, config_path)
+    named = (*named, None if arguments.gravity == "imu" else arguments.gravity)
     inputs = [arguments.source, *(file for file in named if file is not None)]
     out = chosen_folder(arguments.out, "run", run_files(restart=arguments.restart), inputs)
 
@@ -165,6 +181,11 @@ def _run(arguments: argparse.Namespace) -> int:
     if is_external(config.method) and arguments.continue_frames:
         raise UsageError("--continue needs landmarks, which an external program does not give: leave --continue out")
     live = is_live(arguments.source)
+    arguments.sensor = None
+    if arguments.imu:
+        from slam_init.datasets.inertial_file import read_inertial_file
+
+        arguments.sensor = read_inertial_file(arguments.imu)
     targets = {"max_depth_sigma": arguments.max_depth_sigma, "min_parallax_deg": arguments.min_parallax}
     targets = {name: value for name, value in targets.items() if value is not None}
     config = replace(config, acceptance=replace(config.acceptance, **targets))
@@ -182,7 +203,7 @@ def _run(arguments: argparse.Namespace) -> int:
         if live:
             summary = _run_live(arguments, config, out)
         else:
-            summary = _run_on(with_depth(arguments, opened_source(arguments, config.seed)), arguments, config, out)
+            summary = _run_on(_source(arguments, config.seed), arguments, config, out)
     finally:
         if arguments.live is not None:
             leave_open()
@@ -197,6 +218,11 @@ def _run(arguments: argparse.Namespace) -> int:
     return DONE if summary.reason is None else NOT_INITIALIZED
 
 
+def _source(arguments: argparse.Namespace, seed: int) -> TimedSource:
+    """The source, with the depths and the gravity that are asked for."""
+    return with_gravity(arguments, with_depth(arguments, opened_source(arguments, seed)))
+
+
 def _run_live(arguments: argparse.Namespace, config: Config, out: Path) -> Summary:
     """Run on a stream. An interrupt ends it as if its data had ended, and the next one ends the program."""
     from slam_init.datasets.live import open_live
@@ -206,8 +232,9 @@ def _run_live(arguments: argparse.Namespace, config: Config, out: Path) -> Summa
 
     if arguments.every != 1 or arguments.fps is not None or arguments.mask is not None:
         raise UsageError("--every, --fps and --mask are for sources that are read from files")
-    if arguments.depth is not None:
-        raise UsageError("--depth is for sources that are read from files: leave it out")
+    for option in ("depth", "gravity"):
+        if getattr(arguments, option) is not None:
+            raise UsageError(f"--{option} is for sources that are read from files: leave it out")
     if arguments.images is not None:
         raise UsageError("--images is for a source of matches, and a live source has images: leave it out")
     source = open_live(arguments.source, keep_all=arguments.no_drop, reconnects=arguments.reconnect)
@@ -229,16 +256,11 @@ def _run_on(
     from slam_init.datasets.inertial import inertial_of
     from slam_init.scale.requests import MeasuredMotion
 
-    sensor = None
-    if arguments.imu:
-        from slam_init.datasets.inertial_file import read_inertial_file
-
-        sensor = read_inertial_file(arguments.imu)
-    told = "a EuRoC sequence with imu0, its T_BS, or a ROS bag with sensor_msgs/Imu has one"
+    sensor = arguments.sensor
     if arguments.imu == "" and gyroscope_of(source) is None:
-        raise UsageError(f"--imu: {source.name} has no gyroscope ({told}): leave --imu out, or give --imu=FILE.csv")
+        raise UsageError(f"--imu: {source.name} has no gyroscope ({SENSORS}): leave --imu out, or give --imu=FILE.csv")
     if isinstance(arguments.scale, MeasuredMotion) and (sensor.record if sensor else inertial_of(source)) is None:
-        raise UsageError(f"--scale imu: {source.name} has no accelerations ({told}): give --imu=FILE.csv")
+        raise UsageError(f"--scale imu: {source.name} has no accelerations ({SENSORS}): give --imu=FILE.csv")
 
     from slam_init.datasets.track_source import KnowsTracks
 

@@ -16,6 +16,11 @@ if TYPE_CHECKING:
     from slam_init.types.camera import Camera
     from slam_init.types.frame import Source
 
+#: Gravity by the accelerations, and not by a table.
+_BY_IMU = "imu"
+#: For messages.
+SENSORS = "a EuRoC sequence with imu0, its T_BS, or a ROS bag with sensor_msgs/Imu has one"
+
 
 def add_source(parser: argparse.ArgumentParser, default: str | None) -> None:
     """Add the source and the options of its camera."""
@@ -121,6 +126,26 @@ def with_depth(arguments: argparse.Namespace, source: TimedSource) -> TimedSourc
         raise UsageError(f"--depth-sigma is {arguments.depth_sigma:g}: give a positive number")
     folder = DepthFolder(arguments.depth, arguments.depth_kind, arguments.depth_factor, arguments.depth_sigma)
     return DepthSource(source, folder, folder.note)
+
+
+def with_gravity(arguments: argparse.Namespace, source: TimedSource) -> TimedSource:
+    """Give the frames of a source the gravity that is asked for."""
+    if arguments.gravity is None:
+        return source
+    from slam_init.datasets.gravity import GravitySource, at_rest, read_gravity
+    from slam_init.datasets.inertial import inertial_of
+    from slam_init.datasets.track_source import KnowsTracks
+
+    if isinstance(source, KnowsTracks):
+        raise UsageError(f"{arguments.source} has tracks of its own: --gravity is for sources of images")
+    if arguments.gravity != _BY_IMU:
+        known = read_gravity(arguments.gravity)
+    else:
+        record = arguments.sensor.record if arguments.sensor else inertial_of(source)
+        if record is None:
+            raise UsageError(f"--gravity imu: {source.name} has no accelerations ({SENSORS}): give --imu=FILE.csv")
+        known = at_rest(record)
+    return GravitySource(source, known, f"the frames have gravity from {arguments.gravity}")
 
 
 def view_of(arguments: argparse.Namespace, every: int) -> SourceView:

@@ -48,11 +48,6 @@ class DepthSource(DerivedSource):
         """Those of the source, and where the depths are from."""
         return (*notes_of(self.source), self.note)
 
-    def left(self, start: int) -> int:
-        """Count the frames from a frame on."""
-        left: Callable[[int], int] | None = getattr(self.source, "left", None)
-        return len(self.source) - start if left is None else left(start)
-
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Read frames in order, with their depths."""
         for frame in self.source.frames(start, max_frames):

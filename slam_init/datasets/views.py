@@ -7,7 +7,7 @@ folder; ``NAME.png`` is found as well. Frames of a video are named ``frame-00001
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -71,6 +71,11 @@ class DerivedSource:
 
     def __len__(self) -> int:
         return len(self.source)
+
+    def left(self, start: int) -> int:
+        """Count the frames from a frame on."""
+        left: Callable[[int], int] | None = getattr(self.source, "left", None)
+        return len(self.source) - start if left is None else left(start)
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Give the frames of the source."""
@@ -255,10 +260,6 @@ class MaskedSource(DerivedSource):
         if self.of_all is None:
             return (*notes, f"the masks in {self.path.name} are ignored pixels of the frames")
         return (*notes, f"the mask {self.path.name} ignores {np.mean(self.of_all == 0):.1%} of each image")
-
-    def left(self, start: int) -> int:
-        """Count the frames from a frame on."""
-        return self.source.left(start) if isinstance(self.source, SubsampledSource) else len(self.source) - start
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Read frames in order, with their masks."""

@@ -30,6 +30,7 @@ from slam_init.decision.two_views import (
     match_pair,
     pose_at_fitting_threshold,
     pose_evidence,
+    upright_or,
 )
 from slam_init.decision.window_map import WindowMaps
 from slam_init.frontend.keyframes import PairPreview
@@ -174,6 +175,8 @@ class WindowRule:
         if chosen is not None and (self._live.wants_proposals() or not self._third_view):
             with stopwatch("two_view"):
                 pose, self._threshold_rad = self._estimate(self._history.camera, self._config, views.pair)
+                gravities = self._history.gravities
+                pose = upright_or(pose, views.pair, gravities, self._threshold_rad, self._config.seed)
             attempt = self._proposed(views.pair, pose, attempt)
             if not self._live:
                 self._last = None
@@ -206,13 +209,19 @@ class WindowRule:
         """The hypotheses of a window and the risk of the best one, confirmed where it is small; None without one."""
         lens, history = self._history.lens, self._history
         attitudes = [history.attitude(view.frame) for view in views.all]
-        hypotheses = self._live.fitted(lens.camera, priors_of(lens, self._config), views.all, attitudes)
+        gravities = [history.gravities.get(view.frame) for view in views.all]
+        hypotheses = self._live.fitted(lens.camera, priors_of(lens, self._config), views.all, attitudes, gravities)
         if hypotheses is None:
             return None
         depths = [history.depths.get(frame) for frame in hypotheses.tracks.frames]
         hypotheses = replace(hypotheses, depths=GivenDepths.of(hypotheses.tracks, depths))
         max_risk = self._config.acceptance.max_risk
         again, risk = confirmed(hypotheses, risk_of(hypotheses, max_risk), max_risk)
+        if risk.total <= max_risk and again.tracks.down_weights.any():
+            alone = self._live.without_gravity(again)
+            if alone is None:
+                return None
+            again, risk = confirmed(alone, risk_of(alone, max_risk), max_risk)
         if again is not hypotheses:
             self._live.keep(again)
         return again, risk

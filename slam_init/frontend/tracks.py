@@ -32,6 +32,7 @@ from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
 from slam_init.types.depth import TrackDepths
 from slam_init.types.frame import Frame, Observations
+from slam_init.types.inertial import Gravity
 from slam_init.types.lens_in_use import LensInUse
 
 #: The flow of a track agrees with descriptors where it lies among those of so many neighbours, which span the depths
@@ -65,6 +66,8 @@ class History:
         self._attitudes: dict[int, Attitude] = {}
         #: Depths of the tracks of the frames that have some, from elsewhere.
         self.depths: dict[int, TrackDepths] = {}
+        #: Gravity in the frames that have it, from elsewhere.
+        self.gravities: dict[int, Gravity] = {}
 
     @property
     def camera(self) -> Camera:
@@ -136,12 +139,14 @@ class History:
                 del self._frames[frame]
                 self._attitudes.pop(frame, None)
                 self.depths.pop(frame, None)
+                self.gravities.pop(frame, None)
 
     def start_at(self, frame: int) -> None:
         """Drop the frames before a frame."""
         for earlier in [f for f in self._frames if f < frame]:
             del self._frames[earlier]
             self.depths.pop(earlier, None)
+            self.gravities.pop(earlier, None)
 
     def between(self, first: int, last: int) -> list[Observations]:
         """List the frames strictly between two frames."""

@@ -129,6 +129,7 @@ class GrowingMap:
             focal_factor=accepted.focal_factor,
             focal_factor_sigma=accepted.focal_factor_sigma,
             risk=accepted.risk,
+            gravity=accepted.gravity,
         )
 
     # -- parts of the step of a frame -------------------------------------------------------------

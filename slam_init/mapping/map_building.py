@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from slam_init.bundle.problem import BundleSolution
 from slam_init.frontend.tracks import History
 from slam_init.types.frame import Observations
+from slam_init.types.inertial import Gravity
 from slam_init.types.initial_map import InitialMap, Keyframe
+
+#: Directions of gravity contradict each other where they do so by chance only once in so many maps.
+#: Class: level.
+_CONTRADICTION = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +30,37 @@ class MapWithViews:
 def map_with_views(history: History, bundle: BundleSolution, scene: str) -> MapWithViews:
     """Build the map of an adjusted bundle, with the observations of its keyframes."""
     views = tuple(history[frame] for frame in bundle.problem.frames)
-    return MapWithViews(initial_map(bundle, views, scene), views)
+    map_ = initial_map(bundle, views, scene)
+    return MapWithViews(replace(map_, gravity=mean_gravity(map_.keyframes, history.gravities)), views)
+
+
+def mean_gravity(keyframes: Sequence[Keyframe], gravities: Mapping[int, Gravity]) -> Gravity | None:
+    """The direction of gravity in the world, by those of keyframes.
+
+    * Returns: None without any, and where they contradict each other. The offset of an accelerometer is the same in
+      all of them, so that the mean is no more certain than one.
+    """
+    known = [
+        (keyframe.world_from_cam.R, gravities[keyframe.frame]) for keyframe in keyframes if keyframe.frame in gravities
+    ]
+    if not known:
+        return None
+    down, sigmas_deg = np.array([R @ one.down for R, one in known]), np.array([one.sigma_deg for _, one in known])
+    mean = np.average(down, axis=0, weights=1 / sigmas_deg**2)
+    if not mean.any():
+        return None
+    mean /= np.linalg.norm(mean)
+    off_deg = np.degrees(np.arccos(np.clip(down @ mean, -1, 1)))
+    if float(np.sum((off_deg / sigmas_deg) ** 2)) > _largest_chi_square(2 * len(known) - 2):
+        return None
+    return Gravity(mean, float(np.sqrt(np.mean(sigmas_deg**2))))
+
+
+def _largest_chi_square(freedom: int) -> float:
+    """What a sum of squares exceeds by chance once in a thousand."""
+    from scipy.special import gammainccinv
+
+    return 2 * float(gammainccinv(0.5 * freedom, _CONTRADICTION)) if freedom else np.inf
 
 
 def initial_map(bundle: BundleSolution, views: Sequence[Observations], scene: str) -> InitialMap:

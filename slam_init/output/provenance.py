@@ -60,6 +60,8 @@ class InputHash:
                 self._hash.update(f"{frame.depth.kind}".encode())
                 for one in (frame.depth.values, frame.depth.sigma):
                     self._hash.update(np.ascontiguousarray(one, float).data)
+            if frame.gravity is not None:
+                self._hash.update(np.append(frame.gravity.down, frame.gravity.sigma_deg).data)
             yield frame
 
     def observed(self, observations: Observations) -> None:

@@ -55,7 +55,7 @@ def _map_facts(summary: Summary) -> list[tuple[str, str]]:
         *_landmark_facts(summary),
         *_risk_facts(summary),
     ]
-    facts += _scale_facts(summary)
+    facts += [*_scale_facts(summary), *_gravity_facts(summary)]
     if focal := summary.focal_length:
         if summary.camera.source == "estimated":
             sigma_px = summary.camera.focal_sigma_px or 0.0
@@ -92,11 +92,15 @@ def _scale_facts(summary: Summary) -> list[tuple[str, str]]:
     # The scale is that of the baselines. A landmark is as uncertain as its own depth.
     points = f"; the depth of a landmark to +- {depth_sigma:.0%}" if depth_sigma > sigma else ""
     known = f"1 unit = {scale:.4g} m +- {sigma:.1%} ({origin.origin}: {origin.evidence})"
-    facts = [("scale", f"{known}{points}; all results in metres")]
-    if summary.gravity is not None:
-        x, y, z = summary.gravity.down
-        facts.append(("gravity", f"({x:.3f}, {y:.3f}, {z:.3f}) in the world, +- {summary.gravity.sigma_deg:.1g} deg"))
-    return facts
+    return [("scale", f"{known}{points}; all results in metres")]
+
+
+def _gravity_facts(summary: Summary) -> list[tuple[str, str]]:
+    """Return the line about gravity, where it was measured."""
+    if summary.gravity is None:
+        return []
+    x, y, z = summary.gravity.down
+    return [("gravity", f"down is ({x:.3f}, {y:.3f}, {z:.3f}) in the world, +- {summary.gravity.sigma_deg:.1g} deg")]
 
 
 def _segment_fact(segment: SegmentRecord) -> tuple[str, str]:

@@ -16,6 +16,7 @@ from slam_init.types.pose import Trajectory
 if TYPE_CHECKING:
     from slam_init.types.camera import Camera
     from slam_init.types.depth import Depth
+    from slam_init.types.inertial import Gravity
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +37,8 @@ class Frame:
         Pixels that are 0 are ignored: no track begins in them or enters them.
     depth : Depth, optional
         Depths from elsewhere: evidence about the motion of the camera.
+    gravity : Gravity, optional
+        Direction of gravity in the camera, by an accelerometer at rest or a robot.
     """
 
     index: int
@@ -44,6 +47,7 @@ class Frame:
     image: Image
     mask: Image | None = None
     depth: Depth | None = None
+    gravity: Gravity | None = None
 
     def __post_init__(self) -> None:
         # numpy's integers as well; a number that is none has no index.

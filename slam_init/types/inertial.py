@@ -18,6 +18,14 @@ STANDARD_GRAVITY = 9.80665
 #: at most 160 rad/s^3. The integral of the interpolated rate is then off by 160 dt^3 / 12, which is 1 mrad for 0.04 s,
 #: as much as the noise of other measurements.
 LONGEST_STEP_S = 0.04
+#: Offset of an accelerometer: data sheets of phones state 20 to 40 mg before, and their makers 5 to 10 mg after
+#: calibration. In it are the scale of its axes, 0.5 % of gravity, and the norm of gravity, 0.3 %.
+#: Class: assumption.
+ACCELEROMETER_BIAS_M_S2 = 0.12
+#: An accelerometer rests where its norm is that of gravity up to three offsets, and its scatter within this time less
+#: than the offset: a hand that holds still scatters by as much.
+#: Class: level.
+_REST_S, _REST_BIASES = 0.2, 3.0
 #: Where the lever arm would be longer, it is not in metres: no phone, drone or car has its sensor so far away.
 _FARTHEST_M = 10.0
 
@@ -87,6 +95,29 @@ class InertialRecord:
             for values in (self.rates_rad_s, self.accelerations_m_s2)
         )
         return np.diff(knots), 0.5 * (rates[1:] + rates[:-1]), 0.5 * (accelerations[1:] + accelerations[:-1])
+
+    def gravity_at(self, time_s: float) -> Gravity | None:
+        """The direction of gravity in the camera.
+
+        Parameters
+        ----------
+        time_s : float
+
+        Returns
+        -------
+        Gravity or None
+            None where the sensor does not rest for 0.2 s around this time, or the record does not cover it.
+        """
+        steps = self.steps(time_s - 0.5 * _REST_S, time_s + 0.5 * _REST_S)
+        if steps is None:
+            return None
+        force = steps[2].mean(axis=0)
+        scatter = float(np.linalg.norm(steps[2].std(axis=0)))
+        off = abs(float(np.linalg.norm(force)) - STANDARD_GRAVITY)
+        if scatter > ACCELEROMETER_BIAS_M_S2 or off > _REST_BIASES * ACCELEROMETER_BIAS_M_S2:
+            return None
+        sigma_deg = math.degrees(math.hypot(ACCELEROMETER_BIAS_M_S2, scatter) / STANDARD_GRAVITY)
+        return Gravity(-self.cam_from_imu.R @ force, sigma_deg)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -18,6 +18,10 @@ from slam_init.window.tracks import WindowTracks
 OFF_PLANE_COST = 6.0
 #: Stiffness of the held baseline over that of its view.
 _GAUGE = 1e4
+#: Degrees of freedom of Student's distribution of measured gravity: an accelerometer that is not at rest, or a mount
+#: that is not known, is off by many deviations.
+#: Class: assumption.
+_GRAVITY_TAIL = 3.0
 _NO_PLANE: Floats = np.zeros(3)
 
 
@@ -88,7 +92,7 @@ class WindowEquations:
         self.free, self.costs, self.residuals, self.across = self._fitted
         self._pose_columns = np.arange(layout.field, layout.focal, layout.block)[:, None] + np.arange(6)
         self.held_view = int(np.argmax(np.linalg.norm(start.t, axis=1)))
-        self._turned = bool(tracks.turned_weights.any())
+        self._turned, self._levelled = bool(tracks.turned_weights.any()), bool(tracks.down_weights.any())
         self._used = tracks.anchor >= 0
         self._prior_weights = self._weights_of_priors()
 
@@ -133,7 +137,7 @@ class WindowEquations:
         return np.array([vector_from_rotation(R) for R in off])
 
     def turned_gradient(self, state: WindowState) -> Floats:
-        """The part of the gradient that measured rotations make.
+        """The part of the gradient that measured rotations and gravity make.
 
         Shapes: returns (G,).
         """
@@ -141,6 +145,8 @@ class WindowEquations:
         if self._turned:
             pulls = self.tracks.turned_weights[1:, None] * self.turned_pulls(state)[1:]
             gradient[self._pose_columns[:, :3]] = pulls
+        if self._levelled:
+            self._add_gravity(state, gradient, None)
         return gradient
 
     def columns_of_fields(self) -> Bools:
@@ -211,7 +217,28 @@ class WindowEquations:
             eliminate(self.normal, self.gradient, self._halves)
             self.gradient += weighted
             self.normal.flat[:: len(weighted) + 1] += self._prior_weights
+        if self._levelled:
+            cost += (
+                self._add_gravity(state, self.gradient, self.normal) if fill else self._add_gravity(state, None, None)
+            )
         return cost
+
+    def _add_gravity(self, state: WindowState, gradient: Floats | None, normal: Floats | None) -> float:
+        """Add measured gravity to the equations; return its cost.
+
+        A view that is turned about gravity sees it as before: two of three angles are measured. A measurement may be
+        wrong, so that its weight falls with the angle that it is off by (Student's distribution).
+        """
+        seen = state.R[1:] @ self.tracks.down[0]
+        pulls = np.cross(self.tracks.down[1:], seen)
+        squares = self.tracks.down_weights[1:] * np.sum(pulls**2, axis=1)
+        weights = self.tracks.down_weights[1:] * (_GRAVITY_TAIL + 2) / (_GRAVITY_TAIL + squares)
+        for columns, weight, pull, down in zip(self._pose_columns[:, :3], weights, pulls, seen, strict=True):
+            if gradient is not None:
+                gradient[columns] += weight * pull
+            if normal is not None:
+                normal[np.ix_(columns, columns)] += weight * (np.eye(3) - np.outer(down, down))
+        return float((_GRAVITY_TAIL + 2) * np.log1p(squares / _GRAVITY_TAIL).sum())
 
     def _weights_of_priors(self) -> Floats:
         """One over the variance of each common unknown before the tracks are seen."""

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from quest.estimate import RelativePose
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Floats
 from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
+from slam_init.types.inertial import Gravity
 from slam_init.types.lens_in_use import LensInUse
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
 from slam_init.window.motion import Motion
@@ -95,11 +98,22 @@ class LiveHypotheses:
         priors: Priors,
         views: Sequence[Observations],
         attitudes: Sequence[Attitude | None] = (),
+        gravities: Sequence[Gravity | None] = (),
     ) -> WindowHypotheses | None:
         """Fit all motions to the views of a window, and keep those that are not hopeless."""
         with single_threaded():
-            tracks = gather_tracks(camera, views, self._noise_px, self._least_noise_px, attitudes=attitudes)
+            tracks = gather_tracks(
+                camera, views, self._noise_px, self._least_noise_px, attitudes=attitudes, gravities=gravities
+            )
             return self._fitted(tracks, priors)
+
+    def without_gravity(self, hypotheses: WindowHypotheses) -> WindowHypotheses | None:
+        """The same hypotheses by the tracks alone: a wrong gravity would make a wrong motion certain."""
+        with single_threaded():
+            tracks = replace(hypotheses.tracks, down_weights=np.zeros(len(hypotheses.tracks.frames)))
+            motions = [fitted.motion for fitted in hypotheses.motions]
+            alone = fit_hypotheses(tracks, motions, hypotheses.priors, hypotheses.rotations)
+            return None if alone is None else replace(alone, depths=hypotheses.depths)
 
     def keep(self, hypotheses: WindowHypotheses) -> None:
         """Go on with the motions of hypotheses, but for those that the tracks vote against."""
