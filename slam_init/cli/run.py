@@ -166,8 +166,8 @@ def _run(arguments: argparse.Namespace) -> int:
         arguments.scale = parse_scale(arguments.scale)
 
     named = (arguments.images, arguments.camera, arguments.mask, arguments.depth, arguments.imu or None, config_path)
-    named = (*named, None if arguments.gravity == "imu" else arguments.gravity)
-    inputs = [arguments.source, *(file for file in named if file is not None)]
+    table = None if arguments.gravity == "imu" else arguments.gravity
+    inputs = [arguments.source, *(file for file in (*named, table) if file is not None)]
     out = chosen_folder(arguments.out, "run", run_files(restart=arguments.restart), inputs)
 
     from slam_init.config import load_config
