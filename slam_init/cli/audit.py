@@ -7,7 +7,7 @@ import json
 from typing import TYPE_CHECKING
 
 from slam_init.cli.parser import DONE, DOUBTFUL, WRONG
-from slam_init.errors import CalibrationError, SourceError
+from slam_init.errors import CalibrationError, SlamInitError, SourceError
 from slam_init.output.names import AUDIT_FILES
 from slam_init.system.process_io import tell
 from slam_init.system.regular_file import user_path
@@ -82,7 +82,10 @@ def _audit(arguments: argparse.Namespace) -> int:
     if camera is None:
         raise CalibrationError(f"{arguments.map}: has no calibration: give --camera FILE")
     poses, views = (map_.poses, map_.tracks(camera)) if source is None else tracked_by(map_, source, camera, config)
-    found = audit(poses, views, camera, config)
+    try:
+        found = audit(poses, views, camera, config)
+    except SlamInitError as error:
+        raise SourceError(f"{arguments.map}: {error}") from None
     # The matches are those of the picture.
     record = {name: value for name, value in plain_fields(found).items() if name != "matches"}
     text = json.dumps(record, indent=2, allow_nan=False) + "\n"

@@ -18,8 +18,8 @@ def add_locate(commands: Commands) -> None:
     """Add the command."""
     locate = commands.add_parser("locate", help="find the frames of another video in a saved map", allow_abbrev=False)
     locate.description = (
-        "Find the frames of another video in a saved map; print their poses in the format of TUM RGB-D, in the frame "
-        "and the unit of the map. Exit codes: 0 done, 3 no frame was found, 2 bad input."
+        "Find the frames of another video in a saved map; print each pose at once in the format of TUM RGB-D, in "
+        "the frame and the unit of the map. Exit codes: 0 done, 3 no frame was found, 2 bad input."
     )
     locate.set_defaults(command=_locate)
     locate.add_argument("map", metavar="MAP", help="handover.npz, or the folder of a run or of a segment")
@@ -35,11 +35,18 @@ def _locate(arguments: argparse.Namespace) -> int:
     at_least("--max-frames", arguments.max_frames, 1)
     from slam_init.datasets.place_file import load_place
     from slam_init.mapping.finding import Finder
-    from slam_init.output.results import tum_text
+    from slam_init.output.results import tum_line, tum_text
 
     place, source = load_place(user_path(arguments.map)), opened_source(arguments, 0)
     finder = Finder(place, chosen_camera(arguments, source, arguments.start), grow=not arguments.no_grow)
-    found = [finder.locate(frame) for frame in source.frames(arguments.start, arguments.max_frames)]
-    keyframes = [one.keyframe for one in found if one.keyframe is not None]
-    tell(f"# {len(keyframes)} of {len(found)} frames found, {len(finder.place.points)} points\n{tum_text(keyframes)}")
-    return DONE if keyframes else NOT_INITIALIZED
+    read = found = 0
+    reader = tell(tum_text(()))
+    for frame in source.frames(arguments.start, arguments.max_frames):
+        keyframe, read = finder.locate(frame).keyframe, read + 1
+        if keyframe is not None:
+            # At once: an interrupt, or a frame that cannot be read, leaves the poses so far.
+            found, reader = found + 1, tell(tum_line(keyframe))
+        if not reader:
+            break
+    tell(f"# {found} of {read} frames found, {len(finder.place.points)} points\n")
+    return DONE if found else NOT_INITIALIZED

@@ -75,6 +75,14 @@ class Parser(argparse.ArgumentParser):
             parser.error(f"unrecognized arguments: {' '.join(unknown)}{_hint(unknown[0], parser)}")
         return namespace
 
+    # Called for each value. All words of a command are a value as well, that of the action of the commands.
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        bare = any(self.bare_values.get(option) == "" for option in action.option_strings)
+        if not arg_string and not bare and action.nargs != argparse.PARSER:
+            # As a path, the value of a variable that the shell does not know would be the current folder.
+            raise UsageError(f"{'/'.join(action.option_strings) or action.metavar} is empty: give a value")
+        return super()._get_value(action, arg_string)
+
     def print_help(self, file: SupportsWrite[str] | None = None) -> None:
         """Print the help; a closed pipe is no error."""
         tell(self.format_help())
@@ -83,7 +91,7 @@ class Parser(argparse.ArgumentParser):
         """Raise what is wrong with the arguments."""
         if wrong := re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message):
             meant = _meant(wrong[1], re.findall(r"[\w-]+", wrong[2]))
-            if "COMMAND" in message and (Path(wrong[1]).exists() or ":" in wrong[1]):
+            if "COMMAND" in message and wrong[1] and (Path(wrong[1]).exists() or ":" in wrong[1]):
                 meant = [f"{self.prog} run {wrong[1]}"]
             message += f": did you mean {meant[0]}?" if meant else ""
         if len(message) > _LONGEST:  # a number of 5,000 digits

@@ -127,7 +127,7 @@ def add_run(commands: Commands) -> None:
     live = run.add_argument_group("live sources, and a viewer")
     live.add_argument("--no-drop", action="store_true", help="of a live source: let the sender wait, drop no frame")
     live.add_argument(
-        "--reconnect", type=int, default=3, metavar="N", help="of a live source: attempts to connect again (default: 3)"
+        "--reconnect", type=int, metavar="N", help="of a live source: attempts to connect again (default: 3)"
     )
     run.bare_values["--live"] = "spawn"
     live.add_argument(
@@ -176,11 +176,20 @@ def _run(arguments: argparse.Namespace) -> int:
     from slam_init.methods.registry import method_info
 
     config = load_config(config_path, {"method": arguments.method, "seed": arguments.seed})
-    if method_info(config.method).home and arguments.refine_frames:
+    has_window = not method_info(config.method).home and not is_external(config.method)
+    if arguments.refine_frames and not has_window:
         raise UsageError(f"--refine goes on with the window, which {config.method} has not: use --continue")
     if is_external(config.method) and arguments.continue_frames:
         raise UsageError("--continue needs landmarks, which an external program does not give: leave --continue out")
+    if is_external(config.method) and arguments.matcher is not None:
+        raise UsageError("--matcher gives tracks, which an external program does not take: leave --matcher out")
+    if arguments.depth is not None and not has_window:
+        raise UsageError(
+            f"--depth tells between motions of the window, which {config.method} has not: leave --depth out"
+        )
     live = is_live(arguments.source)
+    if not live and (arguments.no_drop or arguments.reconnect is not None):
+        raise UsageError("--no-drop and --reconnect are for live sources: leave them out")
     arguments.sensor = None
     if arguments.imu:
         from slam_init.datasets.inertial_file import read_inertial_file
@@ -237,7 +246,8 @@ def _run_live(arguments: argparse.Namespace, config: Config, out: Path) -> Summa
             raise UsageError(f"--{option} is for sources that are read from files: leave it out")
     if arguments.images is not None:
         raise UsageError("--images is for a source of matches, and a live source has images: leave it out")
-    source = open_live(arguments.source, keep_all=arguments.no_drop, reconnects=arguments.reconnect)
+    reconnects = {} if arguments.reconnect is None else {"reconnects": arguments.reconnect}
+    source = open_live(arguments.source, keep_all=arguments.no_drop, **reconnects)
     load_rerun()  # before the stream is opened, so that no frame waits for it
     load_all()
     with source:
@@ -264,8 +274,9 @@ def _run_on(
 
     from slam_init.datasets.track_source import KnowsTracks
 
-    if arguments.matcher is not None and isinstance(source, KnowsTracks):
-        raise UsageError(f"--matcher matches images, and {source.name} has tracks of its own: leave it out")
+    if isinstance(source, KnowsTracks) and (arguments.matcher is not None or arguments.place):
+        option = "--place describes" if arguments.place else "--matcher matches"
+        raise UsageError(f"{option} images, and {source.name} has tracks of its own: leave it out")
 
     from slam_init.cli.loading import load_libraries
 

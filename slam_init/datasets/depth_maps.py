@@ -58,13 +58,17 @@ class DepthFolder:
     """Gives the depths of frames from a folder. A frame without a file has none, but for the first one.
 
     * ``path``: The folder.
-    * ``kind``: Of all files.
+    * ``kind``: That of all files.
     * ``factor``: The value of one unit of an integer image: 5000 for TUM's, 1000 for millimetres.
     * ``sigma``: Relative standard deviation.
     """
 
     def __init__(
-        self, path: str | os.PathLike[str], kind: DepthKind | str, factor: float = 1000.0, sigma: float = 0.1
+        self,
+        path: str | os.PathLike[str],
+        kind: DepthKind | str = DepthKind.METRIC,
+        factor: float = 1000.0,
+        sigma: float = 0.1,
     ) -> None:
         self._path, self._kind, self._factor, self._sigma = user_path(path), kind, factor, sigma
         self._found = False

@@ -85,6 +85,10 @@ class MapFile:
         for frame in self.frames:
             rows = np.flatnonzero(table.frames == frame)
             ids, pixels = table.track_ids[rows], table.pixels[rows]
+            # A graph of gtsam has a guess of the size. What lies a whole image beside the image is no observation.
+            size = np.array([camera.width, camera.height])
+            near = ((pixels > -size) & (pixels < 2 * size)).all(axis=1)
+            ids, pixels = ids[near], pixels[near]
             bearings = camera.bearings(pixels)
             seen = np.isfinite(bearings).all(axis=1)
             views.append(Observations(frame, float(frame), str(frame), ids[seen], pixels[seen], bearings[seen]))
@@ -137,7 +141,8 @@ def _check_size(source: TimedSource, frame: Frame, camera: Camera) -> None:
     height, width = frame.image.shape[:2]
     if (width, height) != (camera.width, camera.height):
         raise CalibrationError(
-            f"{source.name}: images of {width}x{height}, calibration of {camera.width}x{camera.height}: give their own"
+            f"{source.name}: images of {width}x{height}, the calibration is of {camera.width}x{camera.height}: give "
+            "the images of the map, or their calibration by --camera"
         )
 
 
@@ -207,6 +212,8 @@ def _colmap(folder: Path, model: Path) -> MapFile:
     cameras_file, images_file = model_files(model) or (model / "cameras.txt", model / "images.txt")
     cameras = read_cameras(cameras_file, folder)
     images = sorted(read_images(images_file, folder, observations=True), key=lambda image: natural_key(image.name))
+    if not images:
+        raise SourceError(f"{images_file}: holds no image: give the folder of a model with images")
     missing = next((image for image in images if image.camera_id not in cameras), None)
     if missing is not None:
         raise SourceError(f"{images_file}: {missing.name[:100]} has camera {missing.camera_id}, which is not stated")
@@ -252,6 +259,8 @@ def _handover(path: Path) -> MapFile:
     except CalibrationError as error:
         raise CalibrationError(f"{path}: {error}") from None
     frames = np.asarray(arrays["keyframe_frames"], np.int64)
+    if len(np.unique(frames)) < len(frames) or (frames < 0).any():
+        raise SourceError(f"{path}: keyframe_frames has a frame twice, or a negative one: run again")
     matrices = np.asarray(arrays["keyframe_poses"], float)
     keyframes, points = (np.asarray(arrays[f"observation_{one}"], np.int64) for one in ("keyframes", "points"))
     pixels, ids = np.asarray(arrays["observation_pixels"], float), np.asarray(arrays["point_ids"], np.int64)

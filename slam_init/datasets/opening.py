@@ -26,9 +26,9 @@ from slam_init.datasets.synth import PREFIX, open_synth
 from slam_init.datasets.tracks_file import is_tracks_file, open_tracks_file
 from slam_init.datasets.video import open_video
 from slam_init.datasets.views import RestatedSource
-from slam_init.errors import SourceError
+from slam_init.errors import SlamInitError, SourceError
 from slam_init.system.regular_file import kind_problem, user_path
-from slam_init.system.user_code import attribute_of
+from slam_init.system.user_code import attribute_of, described_error
 from slam_init.types.frame import TimedSource
 
 #: Prefix of the name of such a source.
@@ -46,8 +46,10 @@ def open_python(text: str) -> TimedSource:
     """
     try:
         source: TimedSource = attribute_of(text.removeprefix(PYTHON))()
-    except (ImportError, AttributeError, TypeError, ValueError) as error:
-        raise SourceError(f"{text}: cannot be opened ({error}): {_FORM}") from error
+    except SlamInitError:
+        raise
+    except (Exception, SystemExit) as error:  # the module of somebody else may raise anything
+        raise SourceError(f"{text}: cannot be opened ({described_error(error)}): {_FORM}") from error
     if missing := [name for name in _REQUIRED_ATTRIBUTES if not hasattr(source, name)]:
         raise SourceError(f"{text}: the returned object is not a source: it has no {missing[0]}")
     return _with_checked_times(text, source)

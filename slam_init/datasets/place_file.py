@@ -13,6 +13,7 @@ from slam_init.errors import SourceError
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.place import Place
 
+_HANDOVER = "handover.npz"
 #: Shapes of the arrays that are read; -1 is any number.
 _ARRAYS: dict[str, tuple[int, ...]] = {
     "place_frames": (-1,), "place_poses": (-1, 4, 4), "place_points": (-1, 3), "place_descriptors": (-1, 128),
@@ -21,6 +22,8 @@ _ARRAYS: dict[str, tuple[int, ...]] = {
 }  # fmt: skip
 #: A hundred thousand points that ten views see have 60 MB.
 _MAX_BYTES = 100_000_000
+#: A unit is the median depth, or a metre.
+_MAX_UNITS, _MAX_NOISE_RAD = 1e9, 1.0
 
 
 def load_place(path: str | os.PathLike[str]) -> Place:
@@ -41,7 +44,12 @@ def load_place(path: str | os.PathLike[str]) -> Place:
         If the file cannot be read, or holds no place.
     """
     path = Path(path)
-    path = path / "handover.npz" if path.is_dir() else path
+    if path.is_dir():
+        folder, path = path, path / _HANDOVER
+        if not path.exists():
+            raise SourceError(
+                f"{folder}: holds no {_HANDOVER}: give the folder of a run, or a segment of run --restart"
+            )
     arrays = read_npz(path, _ARRAYS, _MAX_BYTES, "the handover of a map")
     for name, shape in _ARRAYS.items():
         found = arrays.get(name)
@@ -63,8 +71,13 @@ def load_place(path: str | os.PathLike[str]) -> Place:
         raise SourceError(f"{path}: the arrays of its place do not fit together: run again")
     if len(where) == 0:
         raise SourceError(f"{path}: its map has no place to be found again by: run again from images with --place")
+    if len(np.unique(points)) < len(where):
+        raise SourceError(f"{path}: its place has points that no view sees: run again")
+    noise, farthest = float(arrays["place_noise"]), max(np.abs(where).max(), *(np.abs(pose.t).max() for pose in poses))
+    if not 0 <= noise < _MAX_NOISE_RAD or farthest > _MAX_UNITS:
+        raise SourceError(f"{path}: place_noise is {noise:g} rad, and its place reaches to {farthest:g}: run again")
     described /= np.maximum(np.linalg.norm(described, axis=1, keepdims=True), 1e-12)
     rays = rays / np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-12)
     keyframes = tuple(Keyframe(f, 0.0, str(f), pose) for f, pose in zip(frames, poses, strict=True))
-    noise, depth = max(float(arrays["place_noise"]), 1e-6), float(arrays["depth_sigma"])
-    return Place(keyframes, where, described, views, points, rays, noise, depth if depth >= 0 else 0.0)
+    depth = float(arrays["depth_sigma"])
+    return Place(keyframes, where, described, views, points, rays, max(noise, 1e-6), depth if depth >= 0 else 0.0)

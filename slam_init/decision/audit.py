@@ -158,7 +158,7 @@ def _chosen(known: Mapping[int, Pose], history: History, config: Config) -> tupl
     """The pair that tells most about its direction, and the further views of its window."""
     frames = sorted(frame for frame in known if frame in history)
     if len(frames) < 2:
-        raise SlamInitError(f"{len(frames)} frames have a pose and tracks: give two or more of the same camera")
+        raise SlamInitError(f"{len(frames)} of the poses belong to a frame with tracks: give two or more of one camera")
     frames = [frames[k] for k in evenly_spaced(len(frames), _MOST_FRAMES).tolist()]
     centres = np.array([known[frame].t for frame in frames])
     baselines = np.linalg.norm(centres[:, None] - centres[None], axis=2)

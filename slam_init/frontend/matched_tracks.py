@@ -106,14 +106,18 @@ class MatchTracker(Tracker):
         name = f"the matcher ({old.name}, {new.name})"
         try:
             found: Any = self._matcher(old.image, new.image)
-            points_old, points_new, scores = (np.asarray(one, float) for one in found)
         except SlamInitError:
             raise
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             raise SlamInitError(f"{name} failed: {type(error).__name__}: {error}") from error
+        form = "give points (N, 2), (N, 2), scores (N,)"
+        try:
+            points_old, points_new, scores = (np.asarray(one, float) for one in found)
+        except (TypeError, ValueError) as error:
+            raise SlamInitError(f"{name} returned {type(found).__name__} ({error}): {form}") from error
         shapes, count = (points_old.shape, points_new.shape, scores.shape), len(scores) if scores.ndim else 0
         if shapes != ((count, 2), (count, 2), (count,)):
-            raise SlamInitError(f"{name} returned arrays of shapes {shapes}: give points (N, 2), (N, 2), scores (N,)")
+            raise SlamInitError(f"{name} returned arrays of shapes {shapes}: {form}")
         return points_old, points_new, scores
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from slam_init.errors import ConfigError
 from slam_init.frontend.sift import detect_sift, first_per_cell, match_descriptors
-from slam_init.system.user_code import attribute_of
+from slam_init.system.user_code import attribute_of, described_error
 from slam_init.types.arrays import Floats, Image
 
 #: Images whose features are kept: those that :mod:`slam_init.frontend.matched_tracks` matches a new image with, and it.
@@ -236,13 +236,15 @@ def make_matcher(name: str) -> Matcher:
             return HlocMatcher(names) if colon else make()
         if not colon:
             known = ", ".join(_MATCHERS)
-            raise ConfigError(f"unknown matcher {name!r:.60}: use {known}, hloc:FEATURES,MATCHER or module:attribute")
+            own = "module:attribute or file.py:attribute"
+            raise ConfigError(f"unknown matcher {name!r:.60}: use {known}, hloc:FEATURES,MATCHER, {own}")
         found = attribute_of(name)
         matcher = found() if isinstance(found, type) else found
-    except ImportError as error:
-        raise ConfigError(f"the matcher {name} cannot be loaded ({error}){remedy and f': {remedy}'}") from None
-    except AttributeError as error:
-        raise ConfigError(f"the matcher {name} cannot be loaded ({error})") from None
+    except ConfigError:
+        raise
+    except (Exception, SystemExit) as error:  # the module of somebody else may raise anything
+        hint = f": {remedy}" if remedy and isinstance(error, ImportError) else ""
+        raise ConfigError(f"the matcher {name} cannot be loaded ({described_error(error)}){hint}") from error
     if not isinstance(matcher, Matcher):
         raise ConfigError(f"the matcher {name} is of the type {type(matcher).__name__}: give a callable of two images")
     return matcher

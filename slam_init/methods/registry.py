@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from slam_init.errors import ConfigError
 from slam_init.methods.external_command import is_external, parse_external
-from slam_init.system.user_code import attribute_of
+from slam_init.system.user_code import attribute_of, described_error
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -240,8 +240,7 @@ def make_two_view(name: str) -> Any:
     except ConfigError:
         raise
     except (Exception, SystemExit) as error:  # the module of somebody else may raise anything
-        cause = " ".join(str(error).split()) or type(error).__name__
-        raise ConfigError(f"the method {name!r} cannot be made: {cause}") from error
+        raise ConfigError(f"the method {name!r} cannot be made: {described_error(error)}") from error
     if not hasattr(method, "bootstrap") or not hasattr(method, "pair_rule"):
         raise ConfigError(f"{name!r} is not a two-view method: it has no bootstrap, or no pair_rule")
     return method

@@ -233,12 +233,14 @@ def tum_text(keyframes: Sequence[Keyframe]) -> str:
 
     * Returns: One line ``timestamp tx ty tz qx qy qz qw`` for each keyframe: ``world_from_cam``, with w last.
     """
-    lines = ["# timestamp tx ty tz qx qy qz qw (world_from_cam)"]
-    for keyframe in keyframes:
-        w, x, y, z = keyframe.world_from_cam.q_wxyz
-        numbers = numbers_text([*keyframe.world_from_cam.t, x, y, z, w])
-        lines.append(f"{keyframe.timestamp_s:.9f} {numbers}")
-    return "\n".join(lines) + "\n"
+    return "".join(["# timestamp tx ty tz qx qy qz qw (world_from_cam)\n", *map(tum_line, keyframes)])
+
+
+def tum_line(keyframe: Keyframe) -> str:
+    """Write a line of a trajectory in TUM format."""
+    w, x, y, z = keyframe.world_from_cam.q_wxyz
+    numbers = numbers_text([*keyframe.world_from_cam.t, x, y, z, w])
+    return f"{keyframe.timestamp_s:.9f} {numbers}\n"
 
 
 def ply_bytes(map_: InitialMap) -> bytes:

@@ -29,10 +29,11 @@ def fill_closed_streams() -> None:
         sys.stderr = os.fdopen(2, "w", closefd=False)
 
 
-def tell(text: str) -> None:
+def tell(text: str) -> bool:
     """Write to the standard output. If the reader of a pipe has closed it, the text is dropped without an error.
 
     * ``text``: With line ends. Characters that the encoding of the stream lacks are escaped.
+    * Returns: Whether somebody may read it.
     """
     try:
         # File names may hold characters that the encoding of the stream lacks.
@@ -41,11 +42,13 @@ def tell(text: str) -> None:
         sys.stdout.flush()
     except BrokenPipeError:
         _drop_stdout()
+        return False
     except OSError as error:
         _drop_stdout()
         raise OutputError(
             f"cannot write to standard output ({error.strerror}): redirect it to a place with free space"
         ) from None
+    return True
 
 
 def _drop_stdout() -> None:

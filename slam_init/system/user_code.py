@@ -14,11 +14,20 @@ from typing import Any
 def attribute_of(text: str) -> Any:
     """Import ``package.module:attribute`` or ``folder/file.py:attribute``.
 
-    Whatever the code raises while it is imported is raised here: ImportError and AttributeError for names that do not
-    exist.
+    Whatever the code raises while it is imported is raised here, also a SystemExit: ImportError and AttributeError for
+    names that do not exist.
     """
     place, _, attribute = text.rpartition(":")
-    return getattr(_module_of(Path(place)) if place.endswith(".py") else import_module(place), attribute)
+    module = _module_of(Path(place)) if place.endswith(".py") else import_module(place)
+    try:
+        return getattr(module, attribute)
+    except AttributeError:
+        raise AttributeError(f"{place} has no attribute {attribute!r}") from None
+
+
+def described_error(error: BaseException) -> str:
+    """What an error of the user's code says, in one line. An error without a text is told by its type."""
+    return " ".join(str(error).split()) or type(error).__name__
 
 
 def _module_of(file: Path) -> ModuleType:

@@ -132,6 +132,22 @@ def broken_points(folder):
     return "model"
 
 
+def no_image(folder):
+    write_colmap(make_map(points=POINTS), folder / "model")
+    (folder / "model" / "images.txt").write_text("")
+    return "model"
+
+
+def changed(**arrays):
+    def make(folder):
+        (folder / "handover.npz").write_bytes(handover_bytes(make_map(points=POINTS)))
+        known = dict(np.load(folder / "handover.npz"))
+        np.savez(folder / "handover.npz", **(known | {name: change(known[name]) for name, change in arrays.items()}))
+        return "handover.npz"
+
+    return make
+
+
 def too_few_points(folder):
     write_colmap(make_map(points=8), folder / "few")
     return "few"
@@ -147,7 +163,10 @@ def too_few_points(folder):
         (no_listed_image, "--images"),
         (junk, "junk.txt:1"),
         (broken_points, "POINT3D_ID"),
-        (too_few_points, "share"),
+        (no_image, "images.txt: holds no image"),
+        (too_few_points, "few: no two frames with a pose share"),
+        (changed(keyframe_frames=np.zeros_like), "keyframe_frames has a frame twice"),
+        (changed(observation_pixels=lambda pixels: pixels * 1e30), "handover.npz: no two frames"),
     ],
 )
 def test_what_is_no_map_is_told_in_one_line(make, said, tmp_path, monkeypatch, capsys):

@@ -7,11 +7,17 @@ import pytest
 from make_map import make_map
 from make_place import make_place, moved
 
+import slam_init.cli.locate
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init import Similarity, SourceError, load_place
+from slam_init import Finder, Similarity, SourceError, load_place
 from slam_init.cli import main
+from slam_init.mapping.finding import Found
 from slam_init.output.handover import handover_bytes
+from slam_init.types.initial_map import Keyframe
 from slam_init.types.place import Appearance
+from slam_init.types.pose import Pose
+
+ROOM = "synth:room?frames=4&width=160&height=120"
 
 MOTION = Similarity(0.4, rotation_from_vector(np.array([0.0, 0.5, 0.0])), np.array([1.0, 0.0, 0.0]))
 
@@ -54,9 +60,58 @@ def test_a_map_without_a_place_is_bad_input(tmp_path, capsys):
     np.savez(path, **(arrays | {"place_observation_points": arrays["place_observation_points"] + 1}))
     with pytest.raises(SourceError, match="do not fit together"):
         load_place(path)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(SourceError, match=r"empty: holds no handover\.npz"):
+        load_place(tmp_path / "empty")
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        (
+            lambda a: {name: a[name][:0] for name in a if "place_observation" in name or "bearings" in name},
+            "no view sees",
+        ),
+        (lambda a: {"place_noise": np.array(1e300)}, "place_noise is 1e"),
+        (lambda a: {"place_noise": np.array(-1.0)}, "place_noise is -1"),
+        (lambda a: {"place_points": a["place_points"] * 1e200}, "reaches to"),
+    ],
+)
+def test_a_place_without_a_meaning_is_bad_input(changed, said, tmp_path):
+    path = tmp_path / "handover.npz"
+    arrays = dict(np.load(written(path, make_place())))
+    np.savez(path, **(arrays | changed(arrays)))
+    with pytest.raises(SourceError, match=said):
+        load_place(path)
 
 
 def test_the_frames_of_another_world_are_not_located(tmp_path, capsys):
     saved = written(tmp_path / "a.npz", make_place())
     assert main(["locate", saved, "synth:room?frames=2&width=160&height=120"]) == 3
-    assert capsys.readouterr().out.startswith("# 0 of 2 frames found, 120 points")
+    assert capsys.readouterr().out.endswith("# 0 of 2 frames found, 120 points\n")
+
+
+@pytest.fixture
+def all_found(monkeypatch):
+    """Finds each frame of a source, but is interrupted at the third one."""
+
+    def locate(self, frame):
+        if frame.index == 2:
+            raise KeyboardInterrupt
+        return Found(Keyframe(frame.index, frame.timestamp_s, frame.name, Pose.identity()), 0.0, 9, 9)
+
+    monkeypatch.setattr(Finder, "locate", locate)
+
+
+def test_an_interrupt_leaves_the_poses_so_far(all_found, tmp_path, capsys):
+    saved = written(tmp_path / "a.npz", make_place())
+    assert main(["locate", saved, ROOM]) == 130
+    rows = capsys.readouterr().out.splitlines()
+    assert [row.split()[0] for row in rows[1:]] == ["0.000000000", "0.033333333"] and rows[0].startswith("# timestamp")
+
+
+def test_a_reader_that_has_enough_ends_the_search(all_found, tmp_path, monkeypatch):
+    saved, said = written(tmp_path / "a.npz", make_place()), []
+    monkeypatch.setattr(slam_init.cli.locate, "tell", lambda text: bool(said.append(text)))
+    assert main(["locate", saved, ROOM]) == 0
+    assert len(said) == 3 and said[-1].startswith("# 1 of 1 frames")

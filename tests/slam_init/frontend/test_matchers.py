@@ -141,8 +141,11 @@ def test_the_command_takes_a_matcher_of_the_user_and_tells_what_is_wrong_with_on
         "def none(image1, image2):\n    return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)\n"
         "def wrong(image1, image2):\n    return np.zeros((3, 2)), np.zeros((2, 2)), np.zeros(3)\n"
         "def fails(image1, image2):\n    raise RuntimeError('no weights')\n"
+        "def nothing(image1, image2):\n    pass\n"
+        "def leaves(image1, image2):\n    raise SystemExit(7)\n"
         "number = 3\n"
     )
+    (tmp_path / "broken.py").write_text("this is no Python\n")
     command = [
         "run",
         "synth:room?width=96&height=72&frames=3",
@@ -163,7 +166,10 @@ def test_the_command_takes_a_matcher_of_the_user_and_tells_what_is_wrong_with_on
         ("mine.py:wrong", "returned arrays of shapes ((3, 2), (2, 2), (3,)): give points (N, 2), (N, 2), scores (N,)"),
         ("mine.py:fails", "failed: RuntimeError: no weights"),
         ("mine.py:number", "is of the type int: give a callable of two images"),
-        ("mine.py:absent", "cannot be loaded"),
+        ("mine.py:nothing", "returned NoneType"),
+        ("mine.py:leaves", "failed: SystemExit: 7"),
+        ("mine.py:absent", "mine.py has no attribute 'absent'"),
+        ("broken.py:match", "cannot be loaded (invalid syntax (broken.py, line 1))"),
         ("surf", "unknown matcher 'surf': use sift, orb, lightglue, hloc"),
     ):
         code, error = run(name)
@@ -171,8 +177,9 @@ def test_the_command_takes_a_matcher_of_the_user_and_tells_what_is_wrong_with_on
     frames, tracks = np.repeat([0, 1], 40), np.tile(np.arange(40), 2)
     xy = np.random.default_rng(0).uniform(0, 400, (80, 2))
     np.savez(tmp_path / "tracks.npz", frame=frames, track=tracks, xy=xy, size=np.array([640, 480]))
-    assert main(["run", str(tmp_path / "tracks.npz"), "--out", str(tmp_path / "out"), "--matcher", "sift"]) == 2
-    assert "has tracks of its own" in capsys.readouterr().err
+    for option in (["--matcher", "sift"], ["--place"]):
+        assert main(["run", str(tmp_path / "tracks.npz"), "--out", str(tmp_path / "out"), *option]) == 2
+        assert "has tracks of its own" in capsys.readouterr().err
 
 
 def test_a_configuration_names_the_matcher_and_without_one_the_flow_follows_the_points():
