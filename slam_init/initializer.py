@@ -31,7 +31,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -56,6 +56,7 @@ from slam_init.types.depth import Depth, TrackDepths
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.inertial import Gravity
 from slam_init.types.initial_map import InitialMap
+from slam_init.types.pose import Pose
 from slam_init.types.result import ProvisionalMap, Result
 from slam_init.types.status import Status
 from slam_init.types.stopwatch import Stopwatch
@@ -63,6 +64,10 @@ from slam_init.types.stopwatch import Stopwatch
 if TYPE_CHECKING:
     from slam_init.decision.two_views import Proposer
     from slam_init.decision.window_rule import WindowRule
+
+
+#: The poses of some frames (cam_from_world by the index of the frame), and the camera that was fitted with them.
+FittedPoses: TypeAlias = tuple[dict[int, Pose], Camera]
 
 
 class Initializer:
@@ -333,6 +338,11 @@ class Initializer:
     def camera(self) -> Camera:
         """The camera with the lens in use: the stated one, or an estimate."""
         return self.history.camera
+
+    @property
+    def motion(self) -> FittedPoses | None:
+        """The poses of the last judged window by its best motion, with their camera; None where it has no motion."""
+        return self._window.motion
 
     @property
     def provisional(self) -> ProvisionalMap | None:

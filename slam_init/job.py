@@ -16,12 +16,13 @@ from slam_init.evaluation.metrics import compare_with_groundtruth, scale_error
 from slam_init.frontend.frame_memory import FrameMemory
 from slam_init.frontend.orb import describe_landmarks
 from slam_init.frontend.tracks import History
-from slam_init.initializer import Initializer
+from slam_init.initializer import FittedPoses, Initializer
 from slam_init.mapping.follower import Continuation, FrameTracker, follow
 from slam_init.mapping.places import describe_place
 from slam_init.mapping.reduction import Reduction
 from slam_init.methods import make_initializer
 from slam_init.methods.registry import FrontEnd
+from slam_init.methods.self_calibration import LONGEST_STRETCH, by_all_frames, calibrate, combine
 from slam_init.output.colmap import colmap_note
 from slam_init.output.names import segment_folder
 from slam_init.output.plain_json import Json, plain_fields
@@ -39,7 +40,7 @@ from slam_init.types.inertial import InertialRecord
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 from slam_init.types.place import Appearance, Place
-from slam_init.types.reasons import in_words
+from slam_init.types.reasons import Verdict, in_words
 from slam_init.types.result import GroundTruthErrors, Result, Segment
 from slam_init.types.scale import ScaleOrigin
 from slam_init.types.segments import MAX_SEGMENTS
@@ -86,6 +87,8 @@ class Finished:
     summary: Summary
     located: tuple[Keyframe, ...]
     appearances: tuple[Appearance, ...]
+    #: That of the last judged window, see :attr:`slam_init.initializer.Initializer.motion`.
+    motion: FittedPoses | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +132,8 @@ class Job:
         result = replace(result, notes=(*notes, *front.turns.notes, *result.notes, *_colmap_notes(result)))
         summary = self._summary(result, parts, hashed)
         appearances = tuple(part.appearance for part in parts if part.appearance is not None)
-        return Finished(result, summary, parts[0].located, appearances)
+        motion = initializer.motion if isinstance(initializer, Initializer) else None
+        return Finished(result, summary, parts[0].located, appearances, motion)
 
     def _parts(self, front: _Front, frames: Iterator[Frame], memory: FrameMemory) -> list[_Part]:
         """One part, or one for each map."""
@@ -259,6 +263,29 @@ class Job:
             ),
             provenance=provenance_of(command, plain_fields(self.config) | options, hashed),
         )
+
+
+def calibrated_by_motion(job: Job, done: Finished) -> Job | None:
+    """The same job with the camera that all its frames tell together, where no window told the focal length.
+
+    * Returns: None where there is a map or another reason, where the frames do not tell the focal length, or where they
+      cannot be read again.
+    """
+    if done.result.reason != Verdict.UNKNOWN_FOCAL_LENGTH or (length := length_of(job.source)) is None:
+        return None
+    frames = min(length - job.start, job.max_frames or length)
+    if frames > LONGEST_STRETCH or reduction_of(job.source, job.camera).camera is not job.camera:
+        found = calibrate(
+            job.source, job.camera, job.config, start=job.start, max_frames=job.max_frames, progress=job.progress
+        )
+    else:
+        one = by_all_frames(job.source, job.start, frames, done.motion, job.camera, job.config)
+        found = combine(job.camera, [] if one is None else [one])
+    if found.camera is None:
+        return None
+    found_px = f"{found.camera.focal_px:.0f} +- {found.camera.focal_sigma_px:.0f} px"
+    note = f"the focal length, {found_px}, was found by {frames} frames together; then they were read again"
+    return replace(job, camera=found.camera, notes=(*job.notes, note))
 
 
 def _whole(parts: Sequence[_Part], restart: bool) -> Result:

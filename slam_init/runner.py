@@ -11,7 +11,7 @@ from slam_init.config import Config, config_toml
 from slam_init.datasets.inertial import InertialSensor
 from slam_init.errors import OutputError, SlamInitError, SourceError
 from slam_init.exports import check_formats, stage
-from slam_init.job import Finished, Job, reduction_of
+from slam_init.job import Finished, Job, calibrated_by_motion, reduction_of
 from slam_init.methods.external_command import is_external
 from slam_init.methods.registry import method_info
 from slam_init.output.folder import OutputFolder
@@ -137,19 +137,14 @@ def run(
     )
     if out is None:
         finished = job.run(Recorder())
+        if (again := calibrated_by_motion(job, finished)) is not None:
+            finished = again.run(Recorder())
         return finished.result, finished.summary
     with OutputFolder(out, "run", run_files(restart=restart)) as folder:
-        recording = folder.staging / RECORDING
         try:
-            truth = source.groundtruth
-            seen = reduction_of(source, camera).camera
-            with RerunRecorder(recording, seen, source.name, truth, config.seed, viewer) as recorder:
-                # An external program tells neither tracks nor attempts: there is no story to draw.
-                drawn = overview and not is_external(config.method)
-                story = StoryRecorder(recorder.images) if drawn else None
-                done = job.run(recorder if story is None else Several(recorder, story))
-                recorder.summary(done.summary)
-            picture = None if story is None else _drawn(done.result, done.summary, story, truth)
+            done, picture = _recorded(job, folder, viewer, overview=overview)
+            if (again := calibrated_by_motion(job, done)) is not None:
+                done, picture = _recorded(again, folder, viewer, overview=overview)
             if export:
                 _stage_exports(folder, done, export, source)
             toml = config_toml(config)
@@ -161,6 +156,19 @@ def run(
                 raise KeyboardInterrupt(f"interrupted: {folder.path / INTERRUPTED} shows the run so far") from error
             raise
     return done.result, done.summary
+
+
+def _recorded(job: Job, folder: OutputFolder, viewer: str | None, *, overview: bool) -> tuple[Finished, bytes | None]:
+    """Run a job with its recording; returns its picture as well, where it is wanted."""
+    truth, config = job.source.groundtruth, job.config
+    seen = reduction_of(job.source, job.camera).camera
+    with RerunRecorder(folder.staging / RECORDING, seen, job.source.name, truth, config.seed, viewer) as recorder:
+        # An external program tells neither tracks nor attempts: there is no story to draw.
+        drawn = overview and not is_external(config.method)
+        story = StoryRecorder(recorder.images) if drawn else None
+        done = job.run(recorder if story is None else Several(recorder, story))
+        recorder.summary(done.summary)
+    return done, None if story is None else _drawn(done.result, done.summary, story, truth)
 
 
 def _stage_exports(folder: OutputFolder, done: Finished, export: Collection[str], source: Source) -> None:

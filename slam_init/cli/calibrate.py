@@ -94,11 +94,12 @@ def _text(found: SelfCalibration, out: str) -> str:
         return f"not calibrated: {why}\n  advice        {advice}\n"
     camera = found.camera
     alone = "one stretch only: nothing confirms it; a longer video has more"
-    k1 = camera.distortion[0] if camera.distortion else 0.0
+    k1, k2 = (*camera.distortion, 0.0, 0.0)[:2]
+    second = f", k2 = {k2:.4f}" if k2 else ""
     return (
         f"calibrated by {stretches}\n"
         f"  focal length  {camera.fx:.1f} +- {camera.focal_sigma_px:.1f} px\n"
-        f"  distortion    k1 = {k1:.4f} +- {found.k1_sigma:.4f}\n"
+        f"  distortion    k1 = {k1:.4f} +- {found.k1_sigma:.4f}{second}\n"
         + (f"  note          {alone}\n" if len(found.stretches) == 1 else "")
         + f"  results       {out}/camera.yaml\n"
     )

@@ -23,6 +23,7 @@ from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.levels import (
+    AGREES_SIGMAS,
     DOUBTFUL_FOCAL_SIGMAS,
     INSIGNIFICANT_GAIN,
     LEAST_FOCAL_ERROR,
@@ -97,7 +98,7 @@ class JudgedWindow:
             reason, advice = unknown, lens_advice
         return [
             at_most(GateName.RISK, self.risk.total, max_risk, reason, advice),
-            at_most(GateName.FOCAL_SIGMA, self.risk.camera.focal.sigma, MAX_FOCAL_SIGMA, unknown, lens_advice),
+            at_most(GateName.FOCAL_SIGMA, self.focal_sigma, MAX_FOCAL_SIGMA, unknown, lens_advice),
         ]
 
     def with_evidence(self, attempt: Attempt) -> Attempt:
@@ -159,11 +160,25 @@ class JudgedWindow:
         near = np.abs(np.einsum("ij,ij->i", n, normal)) < np.sqrt(2) * self.threshold_rad
         return np.asarray(near & (depths1 > 0) & (depths2 > 0))
 
+    @property
+    def focal_sigma(self) -> float:
+        """The deviation of the focal length by the window and by an earlier estimate that it agrees with.
+
+        The deviation by the window has a factor for errors that its tracks share. The earlier estimate has its own.
+        """
+        found, stated = self.risk.camera.focal, self.lens.stated
+        if stated.focal_sigma is None or stated.source not in ("estimated", "file"):
+            return found.sigma
+        if abs(self.lens.log_scale + found.log_scale) > AGREES_SIGMAS * stated.focal_sigma:
+            return found.sigma
+        # An estimate by the frames that are read again knows the window already.
+        return stated.focal_sigma if stated.source == "estimated" else min(found.sigma, stated.focal_sigma)
+
     def _held_by_lens(self, reason: Verdict, max_risk: float) -> bool:
         """Whether the direction would be known well enough if the focal length were."""
         risk = self.risk
         by_direction = reason in (Verdict.LOW_PARALLAX, Verdict.MOVING_BODIES) and risk.direction >= risk.rival
-        wide = risk.camera.focal.sigma > MAX_FOCAL_SIGMA
+        wide = self.focal_sigma > MAX_FOCAL_SIGMA
         return by_direction and wide and risk.direction_with_known_lens <= max_risk
 
     def _reason(self, max_risk: float) -> tuple[Verdict, str | None]:

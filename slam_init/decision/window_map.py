@@ -81,7 +81,7 @@ class WindowMaps:
         if lens.camera.readout_s is None and self._readout_s:
             camera = camera.with_readout(self._readout_s)
         if lens.is_unknown:
-            sigma = min(self._window.risk.camera.focal.sigma, 1.0)
+            sigma = min(self._window.focal_sigma, 1.0)
             camera = replace(camera, source="estimated", focal_sigma=sigma)
             factor = camera.fx / lens.stated.fx
             map_ = replace(map_, focal_factor=factor, focal_factor_sigma=factor * sigma)

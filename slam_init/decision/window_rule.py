@@ -38,9 +38,11 @@ from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.frontend.static_tracks import static_tracks, without
 from slam_init.frontend.tracks import History
 from slam_init.mapping.views import voting_views
+from slam_init.types.camera import Camera
 from slam_init.types.evidence import MapEvidence
 from slam_init.types.frame import Observations
 from slam_init.types.gates import Gate, GateName, Stage, at_least
+from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, ProvisionalMap
 from slam_init.types.stopwatch import Stopwatch
@@ -156,6 +158,12 @@ class WindowRule:
         if any(frame not in self._history for frame in last.best.frames):
             return None
         return self._maps(last).provisional()
+
+    @property
+    def motion(self) -> tuple[dict[int, Pose], Camera] | None:
+        """The poses (cam_from_world) of the best motion of the last window, and the camera that was fitted with it."""
+        last = self._last
+        return None if last is None else (last.best.motion.cam_from_world, last.lens_of_best.camera)
 
     # -- parts of the judgement -------------------------------------------------------------------
 

@@ -14,19 +14,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from slam_init.bundle.lens_fit import Matches, fit_lens
 from slam_init.config import Config
 from slam_init.datasets.track_source import KnowsTracks
-from slam_init.initializer import Initializer
+from slam_init.frontend.matched_tracks import make_tracker
+from slam_init.initializer import FittedPoses, Initializer
+from slam_init.mapping.resection import resect
+from slam_init.mapping.triangulation import triangulate
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import WindowEvidence
-from slam_init.types.frame import Frame, Source, length_of
+from slam_init.types.frame import Frame, Observations, Source, length_of
 from slam_init.types.lens_in_use import MAX_FOCAL_SIGMA
+from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Result
 from slam_init.types.status import Status
+from slam_init.window.locating import MIN_RESECTED
 
 #: A stretch without a map ends after so many frames: two seconds of video.
-_LONGEST_STRETCH = 60
+LONGEST_STRETCH = 60
 #: An estimate of a stretch with a larger relative standard deviation is that of the prior, nearly: it is left out.
 _TOLD_SIGMA = 0.15
 #: A distortion within two of its standard deviations is left out: most images have none.
@@ -34,6 +40,12 @@ _TOLD_K1_SIGMAS = 2.0
 #: The model has one focal length and a principal point in the middle. Real ones are off by a hundredth of the width,
 #: which moves the focal length by a part of this.
 _MODEL_SIGMA = 0.005
+#: What matches the frames of a stretch, its largest number of tracks, and the least numbers of its views and points.
+_MATCHER, _MOST_TRACKS, _LEAST_VIEWS, _LEAST_POINTS = "sift", 3000, 6, 100
+#: Outlier threshold of a view before the lens is known, in pixels: an unknown lens leaves several.
+_RESECTION_PX = 8.0
+#: Least share of the observations within three deviations of a fit: a wrong motion or a scene that moves leaves fewer.
+_LEAST_INLIERS = 0.6
 
 
 @dataclass(frozen=True)
@@ -49,6 +61,8 @@ class StretchEstimate:
     #: k1, k1_sigma: First coefficient of the radial distortion, in OpenCV's convention, and its standard deviation.
     k1: float
     k1_sigma: float
+    #: The second coefficient; 0 where it is no unknown.
+    k2: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -125,6 +139,10 @@ def combine(camera: Camera, estimates: Sequence[StretchEstimate]) -> SelfCalibra
     found = replace(camera, fx=focal_px, fy=focal_px, source="estimated", focal_sigma=focal_sigma)
     if abs(k1) > _TOLD_K1_SIGMAS * k1_sigma:
         found = found.bent(k1 - (camera.distortion[0] if camera.distortion else 0.0))
+        # Both coefficients of a stretch belong together, and so do their weights.
+        k2, _ = _mean([e.k2 for e in estimates], [e.k1_sigma for e in estimates])
+        if k2:
+            found = replace(found, distortion=(found.distortion[0], k2, *found.distortion[2:]))
     return SelfCalibration(found, tuple(estimates), len(estimates), k1_sigma, focal_sigma)
 
 
@@ -142,7 +160,10 @@ def _mean(values: Sequence[float], sigmas: Sequence[float]) -> tuple[float, floa
 def _stretch(
     source: Source, first: Frame, frames: Iterator[Frame], camera: Camera, config: Config
 ) -> tuple[StretchEstimate | None, Result]:
-    """The most certain estimate of the frames from the first one to a map, or to the end of the stretch."""
+    """The estimate of the frames from the first one to a map, or to the end of the stretch.
+
+    It is that of the most certain window. Where no window tells the focal length, it is that of all frames.
+    """
     initializer = Initializer(camera, config)
 
     def process(frame: Frame) -> Status:
@@ -154,9 +175,14 @@ def _stretch(
     process(first)
     for frame in frames:
         last = frame
-        if process(frame) or initializer.frames_read >= _LONGEST_STRETCH:
+        if process(frame) or initializer.frames_read >= LONGEST_STRETCH:
             break
     result = initializer.finish()
+    if result.reason == Verdict.UNKNOWN_FOCAL_LENGTH:
+        count = last.index - first.index + 1
+        found = by_all_frames(source, first.index, count, initializer.motion, camera, config)
+        if found is not None:
+            return found, result
     windows = [attempt.window for attempt in result.attempts if attempt.window is not None]
     best: WindowEvidence | None = min(windows, key=lambda window: window.focal_sigma, default=None)
     if best is None or best.focal_sigma > _TOLD_SIGMA:
@@ -171,3 +197,73 @@ def _stretch(
         k1_sigma=best.distortion_sigma,
     )
     return estimate, result
+
+
+def by_all_frames(
+    source: Source, start: int, count: int, motion: FittedPoses | None, camera: Camera, config: Config
+) -> StretchEstimate | None:
+    """The lens by one bundle adjustment of all frames of a stretch; None where it does not tell the focal length.
+
+    The tracks are matches of descriptors. Each image is measured anew, so that their errors do not add up: on a road
+    they tell the focal length four times as well as tracks of the flow.
+
+    * ``motion``: The poses of some of the frames, and the camera that was fitted with them, as a start.
+    * ``camera``: What is known before.
+    """
+    if motion is None or camera.model not in ("pinhole", "radtan") or any(camera.distortion[2:]):
+        return None
+    poses, begun = motion
+    tracker = make_tracker(begun, replace(config.tracking, matcher=_MATCHER))
+    for frame in source.frames(start, count):
+        if isinstance(source, KnowsTracks):
+            tracker.history.put(source.observed(frame, begun))
+        else:
+            tracker.track(frame)
+    matches = _located_matches(list(tracker.history), poses, begun)
+    found = None if matches is None else fit_lens(matches, begun, camera)
+    if found is None or found.inliers < _LEAST_INLIERS or found.focal_sigma > _TOLD_SIGMA:
+        return None
+    last = start + count - 1
+    return StretchEstimate(start, last, found.focal_px, found.focal_sigma, found.k1, found.k1_sigma, found.k2)
+
+
+def _located_matches(views: Sequence[Observations], poses: dict[int, Pose], camera: Camera) -> Matches | None:
+    """The tracks of all frames that those of some known poses locate, with a start of their points.
+
+    * ``poses``: Cam_from_world of some frames; others join.
+    """
+    by_frame = {view.frame: view for view in views}
+    poses = {frame: pose for frame, pose in poses.items() if frame in by_frame}
+    track_ids, counts = np.unique(np.concatenate([view.track_ids for view in views]), return_counts=True)
+    track_ids = track_ids[np.sort(np.argsort(-counts, kind="stable")[:_MOST_TRACKS])]
+    bearings = np.full((len(views), len(track_ids), 3), np.nan)
+    pixels = np.full((len(views), len(track_ids), 2), np.nan)
+    for row, view in enumerate(views):
+        _, at, of = np.intersect1d(track_ids, view.track_ids, assume_unique=True, return_indices=True)
+        pixels[row, at], bearings[row, at] = view.pixels[of], camera.bearings(view.pixels[of])
+    frames = list(by_frame)
+    waiting = [frame for frame in frames if frame not in poses]
+    while waiting and len(poses) >= 2:
+        near = min(waiting, key=lambda frame: min(abs(frame - known) for known in poses))
+        waiting.remove(near)
+        points = triangulate([poses[f].inverse() for f in poses], bearings[[frames.index(f) for f in poses]])
+        rays = bearings[frames.index(near)]
+        both = np.isfinite(points).all(axis=1) & np.isfinite(rays[:, 0])
+        nearest = poses[min(poses, key=lambda known: abs(known - near))]
+        found = resect(points[both], rays[both], _RESECTION_PX / camera.focal_px, nearest)
+        if found is not None and found[1].sum() >= MIN_RESECTED:
+            poses[near] = found[0]
+    rows, known = [frames.index(frame) for frame in poses], list(poses.values())
+    if len(rows) < _LEAST_VIEWS:
+        return None
+    points = triangulate([pose.inverse() for pose in known], bearings[rows])
+    R, t = np.array([pose.R for pose in known]), np.array([pose.t for pose in known])
+    seen = np.isfinite(bearings[rows, :, 0])
+    depths = np.einsum("kj,tj->kt", R[:, 2], np.nan_to_num(points)) + t[:, 2:]
+    good = np.isfinite(points).all(axis=1) & (seen.sum(axis=0) >= 3) & ((depths > 0) | ~seen).all(axis=0)
+    if good.sum() < _LEAST_POINTS:
+        return None
+    X = np.column_stack([points[good], np.ones(int(good.sum()))])
+    at, of = np.nonzero(seen[:, good])
+    X /= np.linalg.norm(X, axis=1)[:, None]
+    return Matches(at, of, pixels[rows][:, good][at, of], R, t, X)

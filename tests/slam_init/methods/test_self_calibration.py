@@ -3,14 +3,20 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from quest.geometry.quaternion import rotation_from_vector
 from slam_init.calibration.files import load_camera
 from slam_init.calibration.prior import prior_camera
 from slam_init.calibration.writing import camera_yaml
+from slam_init.config import Config
 from slam_init.decision.lens import advice_on
-from slam_init.methods.self_calibration import StretchEstimate, combine
+from slam_init.methods.self_calibration import StretchEstimate, by_all_frames, combine
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame, Observations
 from slam_init.types.lens_in_use import MAX_FOCAL_SIGMA, LensInUse
+from slam_init.types.pose import Pose
 
 PRIOR = prior_camera((640, 480))
 
@@ -51,6 +57,11 @@ def test_a_distortion_is_stated_where_it_is_certain():
     assert combine(PRIOR, [stretch(500.0, 0.02, k1=0.005)]).camera.distortion == ()
 
 
+def test_both_coefficients_of_a_stretch_are_stated_together():
+    one = replace(stretch(500.0, 0.02, k1=-0.3), k2=0.1)
+    assert combine(PRIOR, [one, one]).camera.distortion[:2] == pytest.approx((-0.3, 0.1))
+
+
 def test_the_file_is_read_back(tmp_path):
     camera = combine(PRIOR, [stretch(500.0, 0.04, k1=-0.2)]).camera
     (tmp_path / "camera.yaml").write_text(camera_yaml(camera))
@@ -65,3 +76,57 @@ def test_the_advice_about_an_unknown_focal_length_does_not_ask_for_what_was_give
     assert "fov" not in advice and "f=" not in advice
     assert advice_on(LensInUse.of(PRIOR)) is None  # that of the reason
     assert advice_on(LensInUse.of(PRIOR).moved(math.log(0.5), 0.0)).startswith("wide lens: give")
+
+
+BENT = Camera("radtan", 640, 480, 400.0, 400.0, 319.5, 239.5, (-0.3, 0.1, 0.0, 0.0))
+
+
+class Tracks:
+    """Ten frames of points, seen by a camera that turns while it moves, through a lens that bends strongly."""
+
+    def __init__(self):
+        rng = np.random.default_rng(0)
+        world = rng.uniform((-4, -3, 4), (4, 3, 10), (300, 3))
+        self.poses, self.seen = {}, {}
+        for k in range(10):
+            R = rotation_from_vector(0.05 * k * np.array([0.4, 1.0, 0.2]))
+            self.poses[k] = Pose(R, -R @ (0.15 * k * np.array([1.0, 0.2, 0.3])))
+            pixels = BENT.project(self.poses[k].apply(world)) + 0.2 * rng.normal(size=(300, 2))
+            inside = np.isfinite(pixels).all(axis=1) & (pixels > 0).all(axis=1) & (pixels < (640, 480)).all(axis=1)
+            self.seen[k] = np.flatnonzero(inside), pixels[inside]
+
+    def frames(self, start=0, max_frames=None):
+        blank = np.zeros((480, 640), np.uint8)
+        return (Frame(k, k / 30, str(k), blank) for k in range(start, start + (max_frames or 10)))
+
+    def observed(self, frame, camera):
+        ids, pixels = self.seen[frame.index]
+        return Observations(frame.index, frame.timestamp_s, "", ids, pixels, camera.bearings(pixels))
+
+
+@pytest.fixture(scope="module")
+def tracks():
+    return Tracks()
+
+
+def lens_from(tracks, poses, camera):
+    return by_all_frames(tracks, 0, 10, (poses, camera), PRIOR, Config())
+
+
+def test_three_poses_and_a_poor_lens_lead_to_the_lens_of_all_frames(tracks):
+    poor = replace(BENT, fx=420.0, fy=420.0, distortion=(-0.22, 0.0, 0.0, 0.0))
+    found = lens_from(tracks, {k: tracks.poses[k] for k in (0, 5, 9)}, poor)
+    assert (found.first_frame, found.last_frame) == (0, 9)
+    assert found.focal_px == pytest.approx(400, rel=0.02) and found.focal_sigma < MAX_FOCAL_SIGMA
+    assert (found.k1, found.k2) == pytest.approx(BENT.distortion[:2], abs=0.03)
+
+
+def test_a_wrong_motion_leads_to_no_lens(tracks):
+    backwards = {k: tracks.poses[9 - k] for k in (0, 5, 9)}
+    assert lens_from(tracks, backwards, BENT) is None
+    assert by_all_frames(tracks, 0, 10, None, PRIOR, Config()) is None
+
+
+def test_a_lens_that_is_no_polynomial_of_two_coefficients_stays(tracks):
+    wide = Camera("fisheye", 640, 480, 300.0, 300.0, 319.5, 239.5, (0.0, 0.0, 0.0, 0.0), focal_sigma=0.3)
+    assert by_all_frames(tracks, 0, 10, (tracks.poses, BENT), wide, Config()) is None

@@ -1,0 +1,354 @@
+"""The lens of all frames of a stretch of video: a bundle adjustment whose lens is free.
+
+Where a camera drives straight ahead, each frame tells little about the focal length: a longer lens sees a scene that is
+stretched along the optical axis in the same way. Where the lens bends strongly, a polynomial with one coefficient fits
+the centre of the image or its border. Both are told by all frames of some seconds together, by matches that do not
+drift. Unknown are the poses, the points, the focal length, two coefficients of the radial distortion, and the principal
+point. The lens has a prior. With a point ``X`` of homogeneous coordinates (unit length, so that points at infinity are
+points like any other) ::
+
+    P = R_k X[:3] + X[3] t_k        x = P[:2] / P[2]        pixel = f x (1 + k1 |x|^2 + k2 |x|^4) + c
+
+The robust cost is Cauchy's, with the noise that the residuals show. The points are eliminated (Schur complement). The
+deviations are the largest of three: by the curvature of the cost, and by the scatter of the scores of single tracks and
+of the regions of the image (White 1980), which knows errors that neighbours share.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+
+from quest.geometry.quaternion import rotation_from_vector
+from slam_init.bundle.least_squares import CAUCHY
+from slam_init.types.arrays import Floats, Ints
+from slam_init.types.camera import Camera
+
+#: Standard deviations of k1 and k2 of a lens of which nothing is known. Wide lenses have a k1 of up to -.3, and a k2 of
+#: up to its square.
+#: Class: assumption.
+_K1_SIGMA, _K2_SIGMA = 0.15, 0.1
+#: The same of the principal point about the centre, over the width of the image: the optical axis of phones is off by a
+#: hundredth.
+#: Class: assumption, over the width.
+_PRINCIPAL_SIGMA = 0.01
+#: Factor on the deviations: matches of a scene have errors in common that no region knows, such as repeated texture.
+#: Class: assumption.
+_OPTIMISM = 2.0
+#: Relative deviation of the focal length by what the model of the lens leaves out.
+#: Class: measured.
+_MODEL_SIGMA = 0.03
+#: A lens beyond its prior compensates errors that the model does not have: as of the risk of a window.
+#: Class: assumption.
+_PULL_FREEDOM = 4.0
+#: Parts of the image (columns, rows) whose errors are independent.
+#: Class: assumption.
+_REGIONS = (4, 3)
+#: Levenberg-Marquardt: first damping, largest number of steps, how often a step is tried, and the decrease of the cost
+#: below which it ends: a fortieth of a nat.
+_DAMPING, _STEPS, _TRIES, _TOLERANCE = 1e-4, 15, 8, 0.05
+#: How often the noise is measured again, until it changes by less than a twentieth. A 2-D Gaussian has this median of
+#: its squared length. No tracker is better than the last number, in pixels.
+_NOISE_ROUNDS, _NOISE_TOLERANCE, _MEDIAN_SQUARE, _LEAST_NOISE_PX = 10, 0.05, 1.386, 0.03
+#: Least growth of the distorted radius, and largest tangent, where a lens sees.
+_LEAST_GROWTH, _LARGEST_TANGENT = 0.05, 5.0
+#: Largest cost of an observation, that of a point behind a camera: a residual of twelve times the noise.
+_LARGEST_COST = 20.0
+#: Stiffness of the held baseline over that of its view.
+_GAUGE = 1e4
+#: A step that gains at least this share of what the step before gained is tried at up to this multiple of its length.
+_SLOW, _LONGEST = 0.3, 6.0
+#: log f, k1, k2, and the principal point.
+_LENS = 5
+#: R, t, X of :class:`Matches`.
+_State: TypeAlias = tuple[Floats, Floats, Floats]
+
+
+class Matches(NamedTuple):
+    """The observations of points in the views, and a start."""
+
+    #: views, points: (N,) Of each observation.
+    views: Ints
+    points: Ints
+    #: (N, 2) Raw pixels.
+    pixels: Floats
+    #: R, t: (V, 3, 3), (V, 3) Cam_from_world.
+    R: Floats
+    t: Floats
+    #: (T, 4) Homogeneous, of unit length.
+    X: Floats
+
+
+@dataclass(frozen=True)
+class LensEstimate:
+    """The lens by a stretch of video."""
+
+    focal_px: float
+    #: Relative standard deviation.
+    focal_sigma: float
+    #: k1, k1_sigma, k2: The radial distortion in OpenCV's convention.
+    k1: float
+    k1_sigma: float
+    k2: float
+    #: Standard deviation of a coordinate of a pixel.
+    noise_px: float
+    #: Share of the observations within three standard deviations.
+    inliers: float
+
+
+def fit_lens(matches: Matches, start: Camera, prior: Camera) -> LensEstimate | None:
+    """Fit the lens of all views.
+
+    * ``start``: The camera by which the poses of the start were found.
+    * ``prior``: What is known before, with ``focal_sigma``. The principal point stays the one of its images, so that it
+      is an unknown of the fit, and no part of the result.
+    * Returns: None where the equations have no solution.
+    """
+    try:
+        fit = _Fit(matches, start, prior)
+        for _ in range(_NOISE_ROUNDS):
+            ended = fit.optimize()
+            before, fit.noise_px = fit.noise_px, fit.measured_noise_px()
+            if ended and abs(math.log(fit.noise_px / before)) < _NOISE_TOLERANCE:
+                break
+        return fit.estimate()
+    except np.linalg.LinAlgError:
+        return None
+
+
+class _Projection(NamedTuple):
+    """Pixels (N, 2), which of them are seen (N,), and the derivatives by pose, point and lens."""
+
+    pixels: Floats
+    seen: Floats
+    by_pose: Floats
+    by_point: Floats
+    by_lens: Floats
+
+
+class _Fit:
+    """The unknowns and the equations; the lens is held relative to the camera of the start."""
+
+    def __init__(self, matches: Matches, start: Camera, prior: Camera) -> None:
+        order = np.lexsort((matches.views, matches.points))
+        self._views, self._points, self._measured = (one[order] for one in matches[:3])
+        self._of_point = np.unique(self._points, return_index=True)
+        self._by_view = np.argsort(self._views, kind="stable")
+        self._of_view = np.unique(self._views[self._by_view], return_index=True)
+        self._state: _State = (matches.R, matches.t, matches.X)
+        self._focal_px, self._centre = start.focal_px, np.array([prior.cx, prior.cy])
+        k1, k2 = (*start.distortion, 0.0, 0.0)[:2]
+        self._lens = np.array([0.0, k1, k2, 0.0, 0.0])
+        known = (*prior.distortion, 0.0, 0.0)[:2]
+        self._mean = np.array([math.log(prior.focal_px / start.focal_px), *known, 0.0, 0.0])
+        principal_px = _PRINCIPAL_SIGMA * prior.width
+        self._sigma = np.array([prior.focal_sigma or 1.0, _K1_SIGMA, _K2_SIGMA, principal_px, principal_px])
+        size = np.array([prior.width, prior.height]) / _REGIONS
+        place = np.minimum(self._measured[self._of_point[1]] // size, np.array(_REGIONS) - 1).astype(int)
+        self._regions = np.zeros((math.prod(_REGIONS), len(matches.X)))
+        self._regions[place @ (_REGIONS[1], 1), self._of_point[0]] = 1.0
+        self._first = 6 * len(matches.R)
+        self.noise_px = 1.0
+        self.noise_px = self.measured_noise_px()
+
+    # -- optimization -----------------------------------------------------------------------------------------------
+
+    def optimize(self) -> bool:
+        """Levenberg-Marquardt; returns whether it ended before the largest number of steps."""
+        cost, damping, fell = self._cost(self._state, self._lens), _DAMPING, math.inf
+        for _ in range(_STEPS):
+            equations = self._equations()
+            for _ in range(_TRIES):
+                step = self._step(equations, damping)
+                state, lens = self._moved(equations, step)
+                lower = self._cost(state, lens)
+                if lower < cost:
+                    break
+                damping *= 10
+            else:
+                return True
+            ratio, fell = (cost - lower) / fell, cost - lower
+            if _SLOW < ratio < 1:
+                # Where each step gains this share of the one before, the sum of all steps is so much longer (Aitken).
+                further = self._moved(equations, step, min(1 / (1 - ratio), _LONGEST))
+                if (lowest := self._cost(*further)) < lower:
+                    (state, lens), lower = further, lowest
+            cost, self._state, self._lens, damping = lower, state, lens, damping / 10
+            if fell < _TOLERANCE:
+                return True
+        return False
+
+    def measured_noise_px(self) -> float:
+        """The noise by the median residual."""
+        squares = self._squares(self._state, self._lens)
+        median = float(np.median(squares)) * self.noise_px**2 / _MEDIAN_SQUARE
+        return max(math.sqrt(median), _LEAST_NOISE_PX)
+
+    def _squares(self, state: _State, lens: Floats) -> Floats:
+        found = self._projected(state, lens, differentiate=False)
+        squares = np.sum((found.pixels - self._measured) ** 2, axis=1) / self.noise_px**2
+        return np.asarray(np.where(found.seen, squares, np.inf))
+
+    def _cost(self, state: _State, lens: Floats) -> float:
+        costs = CAUCHY**2 * np.log1p(self._squares(state, lens) / CAUCHY**2)
+        pulls = (lens - self._mean) / self._sigma
+        return float(np.minimum(costs, _LARGEST_COST).sum() + pulls @ pulls)
+
+    def _step(self, equations: _Equations, damping: float) -> Floats:
+        """A step of poses and lens (G,)."""
+        information, gradient, _ = equations.reduced(damping)
+        information[np.diag_indices(len(information))] *= 1 + damping
+        free, step = self._held(information), np.zeros(len(gradient))
+        step[free] = -np.linalg.solve(information[np.ix_(free, free)], gradient[free])
+        return step
+
+    def _moved(self, equations: _Equations, step: Floats, length: float = 1.0) -> tuple[_State, Floats]:
+        """State and lens after a step, which the points follow."""
+        R, t, X = self._state
+        poses = length * step[: self._first].reshape(-1, 6)
+        turned = rotation_from_vector(poses[:, :3])
+        follow = np.einsum("tab,tb->ta", equations.inverse, equations.own) + equations.follow @ step
+        X = X - length * np.einsum("tab,tb->ta", _tangents(X), follow)
+        X[:, 3] = np.maximum(X[:, 3], 0.0)  # beyond infinity is behind the cameras
+        X /= np.linalg.norm(X, axis=1)[:, None]
+        state = turned @ R, np.einsum("kij,kj->ki", turned, t) + poses[:, 3:], X
+        return state, self._lens + length * step[self._first :]
+
+    def _held(self, information: Floats) -> Ints:
+        """Hold the longest baseline; returns the unknowns without those of the first view."""
+        R, t, _ = self._state
+        centres = -np.einsum("kji,kj->ki", R, t)
+        held = int(np.argmax(np.linalg.norm(centres - centres[0], axis=1)))
+        along = t[held] - R[held] @ R[0].T @ t[0]
+        along /= max(float(np.linalg.norm(along)), 1e-300)
+        own = slice(6 * held + 3, 6 * held + 6)
+        information[own, own] += _GAUGE * max(1.0, float(information[own, own].trace())) * np.outer(along, along)
+        return np.arange(6, len(information))
+
+    # -- equations --------------------------------------------------------------------------------------------------
+
+    def _projected(self, state: _State, lens: Floats, *, differentiate: bool = True) -> _Projection:
+        R, t, X = (one[index] for one, index in zip(state, (self._views, self._views, self._points), strict=True))
+        P = np.einsum("nij,nj->ni", R, X[:, :3]) + X[:, 3:] * t
+        seen = P[:, 2] > 1e-9
+        inverse = 1 / np.where(seen, P[:, 2], 1.0)
+        x = P[:, :2] * inverse[:, None]
+        r2, focal_px, k1, k2 = np.sum(x * x, axis=1), self._focal_px * math.exp(lens[0]), lens[1], lens[2]
+        seen &= (1 + 3 * k1 * r2 + 5 * k2 * r2**2 > _LEAST_GROWTH) & (r2 < _LARGEST_TANGENT**2)
+        bent = focal_px * x * (1 + k1 * r2 + k2 * r2**2)[:, None]
+        pixels = bent + self._centre + lens[3:]
+        none = np.zeros((0, 2, 0))
+        if not differentiate:
+            return _Projection(pixels, seen, none, none, none)
+        by_x = (1 + k1 * r2 + k2 * r2**2)[:, None, None] * np.eye(2)
+        by_x = focal_px * (by_x + (2 * k1 + 4 * k2 * r2)[:, None, None] * x[:, :, None] * x[:, None, :])
+        by_P = by_x @ (inverse[:, None, None] * np.concatenate([np.tile(np.eye(2), (len(x), 1, 1)), -x[..., None]], 2))
+        turning = by_P @ np.cross(np.eye(3)[None], P[:, None, :]).swapaxes(1, 2)
+        by_pose = np.concatenate([turning, X[:, 3, None, None] * by_P], axis=2)
+        by_point = by_P @ np.concatenate([R, t[:, :, None]], axis=2) @ _tangents(state[2])[self._points]
+        curves = focal_px * x[:, :, None] * np.stack([r2, r2**2], axis=1)[:, None, :]
+        by_lens = np.concatenate([bent[..., None], curves, np.tile(np.eye(2), (len(x), 1, 1))], axis=2)
+        return _Projection(pixels, seen, by_pose, by_point, by_lens)
+
+    def _equations(self) -> _Equations:
+        """The equations of a step at the current state."""
+        found = self._projected(self._state, self._lens)
+        residuals = (found.pixels - self._measured) / self.noise_px
+        squares = np.sum(residuals**2, axis=1)
+        root = np.where(found.seen, 1 / np.sqrt(1 + squares / CAUCHY**2), 0.0)
+        residuals *= root[:, None]
+        by_pose, by_point, by_lens = ((root / self.noise_px)[:, None, None] * one for one in found[2:])
+        views, count, size = len(self._state[0]), len(self._state[2]), self._first + _LENS
+        lens, poses = slice(self._first, size), 6 * self._views[:, None] + np.arange(6)
+        own, block = np.zeros((count, 3)), np.zeros((count, 3, 3))
+        coupling, scores = np.zeros((count, 3, size)), np.zeros((count, size))
+        self._sum(np.einsum("nka,nkb->nab", by_point, by_point), block)
+        self._sum(np.einsum("nka,nk->na", by_point, residuals), own)
+        self._sum(np.einsum("nka,nkb->nab", by_point, by_lens), coupling[:, :, lens])
+        self._sum(np.einsum("nka,nk->na", by_lens, residuals), scores[:, lens])
+        # A view sees a point once.
+        scores[self._points[:, None], poses] = np.einsum("nka,nk->na", by_pose, residuals)
+        coupling[self._points[:, None], :, poses] = np.einsum("nka,nkb->nba", by_point, by_pose)
+        information = np.zeros((size, size))
+        blocks, mixed = np.zeros((views, 6, 6)), np.zeros((views, 6, _LENS))
+        for part, of in ((by_pose, blocks), (by_lens, mixed)):
+            products = np.einsum("nka,nkb->nab", by_pose, part)[self._by_view]
+            of[self._of_view[0]] = np.add.reduceat(products, self._of_view[1], axis=0)
+        for k in range(views):
+            information[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = blocks[k]
+        information[: self._first, lens] = mixed.reshape(-1, _LENS)
+        information[lens, : self._first] = information[: self._first, lens].T
+        prior = np.diag(1 / self._sigma**2)
+        information[lens, lens] = np.einsum("nka,nkb->ab", by_lens, by_lens) + prior
+        pull = np.zeros(size)
+        pull[lens] = prior @ (self._lens - self._mean)
+        return _Equations(information, pull, scores, block, own, coupling)
+
+    def _sum(self, terms: Floats, of_points: Floats) -> None:
+        """Sum terms (N, ...) over the observations of each point (T, ...)."""
+        of_points[self._of_point[0]] = np.add.reduceat(terms, self._of_point[1], axis=0)
+
+    # -- the result -------------------------------------------------------------------------------------------------
+
+    def estimate(self) -> LensEstimate:
+        """The lens with its deviations."""
+        information, _, scores = self._equations().reduced(0.0)
+        free = self._held(information)
+        response = np.linalg.inv(information[np.ix_(free, free)])[-_LENS:]
+        moved = scores[:, free] @ response.T
+        variances = np.max(
+            [np.diag(response[:, -_LENS:]), np.sum(moved**2, axis=0), np.sum((self._regions @ moved) ** 2, axis=0)],
+            axis=0,
+        )
+        pulls = (self._lens - self._mean) / self._sigma
+        sigmas = _OPTIMISM * np.sqrt(variances * (1 + float(pulls @ pulls) / _PULL_FREEDOM))
+        inliers = float(np.mean(self._squares(self._state, self._lens) < 9.0))
+        return LensEstimate(
+            focal_px=self._focal_px * math.exp(float(self._lens[0])),
+            focal_sigma=math.hypot(float(sigmas[0]), _MODEL_SIGMA),
+            k1=float(self._lens[1]),
+            k1_sigma=float(sigmas[1]),
+            k2=float(self._lens[2]),
+            noise_px=self.noise_px,
+            inliers=inliers,
+        )
+
+
+class _Equations:
+    """The equations of a step, with the unknowns of the points.
+
+    * ``information, pull``: (G, G), (G,) Of poses and lens before the points are eliminated; the pull of the prior.
+    * ``scores``: (T, G) The share of each point in the gradient.
+    * ``block, own, coupling``: (T, 3, 3), (T, 3), (T, 3, G) Those of the points.
+    * ``inverse, follow``: (T, 3, 3), (T, 3, G) How the points follow, by the last elimination.
+    """
+
+    def __init__(
+        self, information: Floats, pull: Floats, scores: Floats, block: Floats, own: Floats, coupling: Floats
+    ) -> None:
+        self._information, self._pull, self._scores, self._block = information, pull, scores, block
+        self.own, self._coupling = own, coupling
+        self.inverse: Floats = np.zeros(0)
+        self.follow: Floats = np.zeros(0)
+
+    def reduced(self, damping: float) -> tuple[Floats, Floats, Floats]:
+        """Information, gradient and scores with the points eliminated."""
+        # A point at infinity tells nothing about its distance.
+        block = self._block * (1 + damping * np.eye(3)) + 1e-9 * np.eye(3)
+        self.inverse = np.asarray(np.linalg.inv(block), np.float64)
+        self.follow = self.inverse @ self._coupling
+        size = len(self._pull)
+        information = self._information - self._coupling.reshape(-1, size).T @ self.follow.reshape(-1, size)
+        scores = self._scores - np.einsum("tag,ta->tg", self.follow, self.own)
+        return information, scores.sum(axis=0) + self._pull, scores
+
+
+def _tangents(X: Floats) -> Floats:
+    """Orthonormal vectors (T, 4, 3) across unit vectors (T, 4), by a Householder reflection."""
+    mirror = X.copy()
+    mirror[:, 3] += np.where(X[:, 3] >= 0, 1.0, -1.0)
+    mirror /= np.linalg.norm(mirror, axis=1)[:, None]
+    return np.asarray((np.eye(4) - 2 * mirror[:, :, None] * mirror[:, None, :])[:, :, :3])
