@@ -1,7 +1,7 @@
 """Starts without their calibration: what the windows of a run find alone, and what all its frames tell together::
 
     python -m tests.benchmarks.unknown_camera straight strong             the two kinds that windows alone do not solve
-    python -m tests.benchmarks.unknown_camera real drawn --seeds 100 110  the others: nothing gets worse, no false map
+    python -m tests.benchmarks.unknown_camera real points drawn --seeds 100 140  others: no false map
     python -m tests.benchmarks.unknown_camera ... --out docs/FILE.md      also writes the lines as a table
 
 A line for each start: the result of the windows alone, then that of the run; the error of the focal length of the map
@@ -23,16 +23,18 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from sequences_synth import POINT_SCENES
 from slam_init.calibration.prior import prior_camera
 from slam_init.compare.judging import criteria_of, group_of_scene
 from slam_init.compare.measures import is_correct, pose_errors
 from slam_init.config import Config
 from slam_init.datasets.opening import open_source
+from slam_init.datasets.points import PointSource, open_points
 from slam_init.job import Finished, Job, calibrated_by_motion
 from slam_init.recording.recorder import Recorder
 from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
-from slam_init.types.frame import Frame, TimedSource
+from slam_init.types.frame import Frame, Observations, TimedSource
 from slam_init.types.pose import Trajectory
 
 _DATA = Path(os.environ.get("SLAM_INIT_DATA", "../shared/data"))
@@ -64,8 +66,9 @@ _SETS: dict[str, dict[str, tuple[int, ...]]] = {
         "euroc/V1_01_static": (0,),
     },
 }
-#: Worlds that are drawn: the lens of each in turn, then the scene.
+#: Worlds that are drawn, as images or as tracks: the lens of each in turn, then the scene.
 _LENSES = ("", "&k1=-0.1", "&lens=radtan")
+_K1 = (0.0, -0.1, -0.2)
 _SCENES = ("room", "corridor", "nadir", "desk", "pan", "handheld", "tilted-30", "rotation", "wall")
 
 
@@ -115,7 +118,18 @@ class Bent:
         return len(self.source)
 
 
-def judged(done: Finished, source: TimedSource | Bent, group: str) -> tuple[str, str]:
+class Tracks(PointSource):
+    """Drawn tracks that a run takes in place of its own."""
+
+    def observed(self, frame: Frame, camera: Camera) -> Observations:
+        """The tracks of a frame that have a ray."""
+        track_ids, pixels = self.sequence.observe(frame.index)
+        bearings = camera.bearings(pixels)
+        seen = np.isfinite(bearings).all(axis=1)
+        return Observations(frame.index, frame.timestamp_s, frame.name, track_ids[seen], pixels[seen], bearings[seen])
+
+
+def judged(done: Finished, source: TimedSource | Bent | Tracks, group: str) -> tuple[str, str]:
     """The outcome of a run, and its figures in words."""
     map_ = done.result.map
     if map_ is None:
@@ -130,7 +144,7 @@ def judged(done: Finished, source: TimedSource | Bent, group: str) -> tuple[str,
     return outcome, f"{focal}; {off} deg; {done.result.frames_to_init} frames"
 
 
-def starts(arguments: argparse.Namespace) -> Iterator[tuple[str, TimedSource | Bent, int, str]]:
+def starts(arguments: argparse.Namespace) -> Iterator[tuple[str, TimedSource | Bent | Tracks, int, str]]:
     """Label, source, first frame and group of all starts."""
     for kind in arguments.sets:
         if kind == "drawn":
@@ -139,8 +153,14 @@ def starts(arguments: argparse.Namespace) -> Iterator[tuple[str, TimedSource | B
                 name = f"synth:{scene}?frames={_FRAMES}{lens}{'&speed=0.3' if scene == 'handheld' else ''}"
                 yield f"{name}, seed {seed}", open_source(name, seed), 0, group_of_scene(name)
             continue
+        if kind == "points":
+            for seed in range(*arguments.seeds):
+                scene, k1 = POINT_SCENES[seed % len(POINT_SCENES)], _K1[seed % len(_K1)]
+                name = f"points:{scene}?views=20&baseline=0.3&noise_px=0.4&k1={k1}"
+                yield f"{name}, seed {seed}", Tracks(open_points(name, seed).sequence), 0, group_of_scene(name)
+            continue
         for name, firsts in _SETS[kind].items():
-            source: TimedSource | Bent = open_source(_DATA / name)
+            source: TimedSource | Bent | Tracks = open_source(_DATA / name)
             for first in firsts:
                 seen = Bent.of(source, -0.3, 0.1) if kind == "bent" and not isinstance(source, Bent) else source
                 yield f"{name}{', bent' * (kind == 'bent')}, {first}", seen, first, name
@@ -149,7 +169,7 @@ def starts(arguments: argparse.Namespace) -> Iterator[tuple[str, TimedSource | B
 def main() -> None:
     """Run all starts, and print."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("sets", nargs="+", choices=[*_SETS, "drawn"])
+    parser.add_argument("sets", nargs="+", choices=[*_SETS, "drawn", "points"])
     parser.add_argument("--seeds", type=int, nargs=2, default=(100, 127))
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
