@@ -120,6 +120,8 @@ class Intake:
         """Check the time and the rays of tracks from elsewhere; return them with the rays of the lens in use."""
         if self._waits_for_size:
             raise SlamInitError("tracks tell no size of the images: give the Initializer a Camera (Camera.from_K)")
+        if not isinstance(current, Observations):
+            raise SlamInitError(f"tracks of the type {type(current).__name__}: give slam_init.Observations")
         camera = self.history.camera
         if camera.focal_sigma is not None:  # their rays are of a lens that is being estimated
             current, revised = current.through(camera), [one.through(camera) for one in revised]
@@ -130,6 +132,8 @@ class Intake:
     def depths(self, depth: Depth | None, current: Observations) -> TrackDepths | None:
         """The depths of the tracks of a frame; None without a depth."""
         camera = self.history.camera
+        if depth is not None and not isinstance(depth, Depth):
+            raise SlamInitError("depth of tracks: give a Depth whose values have the shape (N,)")
         return None if depth is None else depth.at(current.track_ids, current.pixels, (camera.width, camera.height))
 
     def add(

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from pathlib import Path
 
 import numpy as np
 
 from slam_init.datasets.bounded import read_npz
 from slam_init.datasets.text import pose_from_matrix
 from slam_init.errors import SourceError
+from slam_init.system.regular_file import user_path
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.place import Place
 
@@ -43,7 +43,7 @@ def load_place(path: str | os.PathLike[str]) -> Place:
     SourceError
         If the file cannot be read, or holds no place.
     """
-    path = Path(path)
+    path = user_path(path)
     if path.is_dir():
         folder, path = path, path / _HANDOVER
         if not path.exists():

@@ -95,8 +95,13 @@ def audit(
     config = config or Config()
     if not isinstance(camera, Camera):
         raise SlamInitError(f"the camera is of the type {type(camera).__name__}: give a Camera (Camera.from_K)")
+    if not isinstance(poses, Mapping):
+        raise SlamInitError(f"the poses are of type {type(poses).__name__}: give world_from_cam as a dict by frame")
     known = {int(frame): _pose(int(frame), pose) for frame, pose in poses.items()}
-    views = sorted(tracks, key=lambda view: view.frame)
+    views = list(tracks)
+    if not all(isinstance(view, Observations) for view in views):
+        raise SlamInitError("the tracks are no Observations: give slam_init.Observations, one for each frame")
+    views.sort(key=lambda view: view.frame)
     history = History(camera, max(len(views), 1))
     for view in views:
         check_rays(camera, view)

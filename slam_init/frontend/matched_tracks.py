@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from slam_init.config import TrackingConfig
-from slam_init.errors import SlamInitError
+from slam_init.errors import ConfigError, SlamInitError
 from slam_init.frontend.matchers import Matcher, make_matcher
 from slam_init.frontend.tracks import Keypoints, Tracker, colors_at
 from slam_init.types.arrays import Floats, Image, Ints
@@ -127,6 +127,8 @@ def make_tracker(
     """Make what follows the points: by a matcher, by that of the configuration, or by the flow."""
     if matcher is None and config.matcher:
         matcher = make_matcher(config.matcher)
+    if matcher is not None and not callable(matcher):
+        raise ConfigError(f"matcher is {matcher!r:.60}: give a callable of two images; names are for tracking.matcher")
     return (
         Tracker(camera, config, history_limit)
         if matcher is None

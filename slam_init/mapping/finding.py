@@ -17,6 +17,7 @@ import numpy as np
 
 from quest.chance import false_alarms, log_binomial, upper_share
 from quest.display import Described
+from slam_init.errors import SlamInitError
 from slam_init.frontend.sift import detect_sift, match_descriptors
 from slam_init.mapping.joining import MAX_RISK
 from slam_init.mapping.places import RATIO, place_of_features
@@ -90,6 +91,9 @@ class Finder:
     """
 
     def __init__(self, place: Place, camera: Camera, grow: bool = True) -> None:
+        if not isinstance(place, Place) or not isinstance(camera, Camera):
+            kinds = f"{type(place).__name__}, {type(camera).__name__}"
+            raise SlamInitError(f"a Finder of {kinds}: give load_place(PATH), and a Camera (slam_init.load_camera)")
         self.place = place
         self._camera, self._grow = camera, grow
         self._guess: Pose | None = None
@@ -107,9 +111,22 @@ class Finder:
         -------
         Found
             Falsy where chance explains as many matches.
+
+        Raises
+        ------
+        SlamInitError
+            If this is no frame, or its image has not the size of the calibration.
         """
+        camera = self._camera
+        if not isinstance(frame, Frame):
+            raise SlamInitError(f"a {type(frame).__name__} is no frame: give Frame(index, timestamp_s, name, image)")
+        if frame.image.shape[:2] != (camera.height, camera.width):
+            raise SlamInitError(
+                f"{frame.name}: an image of {frame.image.shape[1]}x{frame.image.shape[0]}, and the calibration is of "
+                f"{camera.width}x{camera.height}: give the calibration of these images"
+            )
         found = detect_sift(frame.gray, _KEYPOINTS)
-        rays = self._camera.bearings(found.pixels)
+        rays = camera.bearings(found.pixels)
         known = np.isfinite(rays).all(axis=1)
         return self.locate_features(frame.index, frame.timestamp_s, frame.name, rays[known], found.descriptors[known])
 

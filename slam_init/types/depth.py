@@ -63,7 +63,7 @@ class Depth:
     sigma: float | Floats = 0.1
 
     def __post_init__(self) -> None:
-        if self.kind not in tuple(DepthKind):
+        if not isinstance(self.kind, str) or self.kind not in tuple(DepthKind):
             raise SlamInitError(f"depth of the kind {self.kind!r:.60}: give {', '.join(DepthKind)}")
         try:
             values, sigma = np.asarray(self.values, float), np.asarray(self.sigma, float)

@@ -156,6 +156,13 @@ def test_compressed_images_and_a_calibration_by_parameter(fake):
         ({"tf": "base_link"}, "camera or map"),
         ({"config": "absent.toml"}, "absent.toml"),
         ({"refine_frames": 10**9}, ""),
+        ({"queue": 0}, "queue is 0"),
+        ({"map_frame": "world"}, "two different names"),
+        ({"world_frame": ""}, "two different names"),
+        ({"camera": "absent.yaml"}, "camera: absent.yaml cannot be read"),
+        ({"camera": "f=none"}, "f=1250"),
+        ({"out": __file__}, "is a file"),
+        ({"recording": "absent/run.rrd"}, "in a folder that exists"),
     ],
 )
 def test_a_node_with_a_wrong_parameter_stays_unconfigured_and_says_why(fake, parameters, said):

@@ -265,6 +265,9 @@ def test_inconsistent_tracks_are_refused_and_change_nothing(change, message):
     initializer.process_tracks(first)
     with pytest.raises(SlamInitError, match=message):
         initializer.process_tracks(replace(second, **change))
+    for wrong, depth, said in ((None, None, "NoneType"), (second, np.ones(120), r"a Depth whose .*\(N,\)")):
+        with pytest.raises(SlamInitError, match=said):
+            initializer.process_tracks(wrong, depth=depth)
     assert initializer.frames_read == 1
 
 

@@ -23,14 +23,17 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 
 from slam_init.calibration.files import load_camera
+from slam_init.calibration.prior import AUTO, NUMBERS
 from slam_init.config import load_config
 from slam_init.datasets.ros.messages import camera_of_info, decode
 from slam_init.errors import ConfigError, SlamInitError
 from slam_init.initializer import Initializer, load_all
 from slam_init.mapping.follower import Follower
+from slam_init.output.folder import chosen_folder
 from slam_init.output.ros_messages import RosMessages
 from slam_init.recording.recorder import Recorder
 from slam_init.recording.rerun_recorder import RerunRecorder
+from slam_init.system.regular_file import kind_problem, user_path
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.initial_map import InitialMap, Keyframe
@@ -80,6 +83,7 @@ class InitializerNode(LifecycleNode):
             self._config = load_config(options["config"] or None, {"refine_frames": None if frames < 0 else frames})
             if options["tf"] not in ("camera", "map", "none"):
                 raise ConfigError(f"tf is {options['tf']!r}: name the child, camera or map, or none")
+            _check_parameters(options)
         except SlamInitError as error:
             self.get_logger().error(str(error))
             return TransitionCallbackReturn.FAILURE
@@ -228,6 +232,25 @@ class InitializerNode(LifecycleNode):
     def _publish_tf(self, view: Keyframe) -> None:
         if self._options["tf"] != "none":
             self.topics["/tf"].publish(self._messages.camera(view))
+
+
+def _check_parameters(options: dict[str, Any]) -> None:
+    """Refuse what would fail at the first image, or at the end of the run."""
+    if options["queue"] < 1:
+        raise ConfigError(f"queue is {options['queue']}: one image or more has to wait")
+    names = (options["map_frame"], options["world_frame"])
+    if not all(names) or names[0] == names[1]:
+        raise ConfigError(f"map_frame and world_frame are {names[0]!r} and {names[1]!r}: give two different names")
+    camera = options["camera"]
+    if camera in AUTO or camera.startswith(NUMBERS):
+        load_camera(camera, (640, 480))
+    elif camera and (problem := kind_problem(user_path(camera))):
+        raise ConfigError(f"camera: {camera} {problem}")
+    if options["out"]:
+        chosen_folder(options["out"], "run")
+    recording = Path(options["recording"]).absolute()
+    if options["recording"] and (recording.is_dir() or not recording.parent.is_dir()):
+        raise ConfigError(f"recording: {recording} can be no file: name one in a folder that exists")
 
 
 def main() -> int:

@@ -149,6 +149,8 @@ def a_matrix_for_a_camera(views, camera, poses):
         (no_tracks, "two or more"),
         (other_rays, "OpenGL"),
         (a_matrix_for_a_camera, "Camera"),
+        (lambda views, camera, poses: (list(poses.values()), views, camera), "as a dict by frame"),
+        (lambda views, camera, poses: (poses, [views[0].pixels], camera), "no Observations"),
     ],
 )
 def test_what_is_no_map_is_told_in_one_line(broken, told, room):

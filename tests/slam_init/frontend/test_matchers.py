@@ -187,6 +187,8 @@ def test_a_configuration_names_the_matcher_and_without_one_the_flow_follows_the_
     assert type(make_tracker(CAMERA, tracking)) is Tracker
     assert isinstance(make_tracker(CAMERA, replace(tracking, matcher="orb")), MatchTracker)
     assert isinstance(make_matcher("sift"), SiftMatcher)
+    with pytest.raises(ConfigError, match="names are for"):
+        Initializer(CAMERA, matcher="sift")
 
 
 @pytest.mark.parametrize(("name", "package"), [("lightglue", "kornia"), ("hloc", "hloc")])

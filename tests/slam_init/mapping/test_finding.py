@@ -1,11 +1,14 @@
 """Frames found in a map: at their true poses; not at all in another world; and where the first views see nothing."""
 
 import numpy as np
+import pytest
 from make_place import make_place, rays_to
 
 from quest.geometry.quaternion import rotation_from_vector
+from slam_init.errors import SlamInitError
 from slam_init.mapping.finding import Finder
 from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose
 
@@ -38,6 +41,16 @@ def test_a_frame_of_another_world_is_not_found():
     found = Finder(place, CAMERA).locate_features(0, 0.0, "", rays, place.descriptors)
     assert not found and found.matches == 120 and found.risk > 1e-4
     assert not Finder(place, CAMERA).locate_features(0, 0.0, "", np.zeros((0, 3)), np.zeros((0, 128)))
+
+
+def test_a_finder_refuses_what_is_no_frame_of_its_camera():
+    finder, pixels = Finder(make_place(), CAMERA), np.zeros((240, 320), np.uint8)
+    with pytest.raises(SlamInitError, match="an image of 320x240, and the calibration is of 640x480"):
+        finder.locate(Frame(0, 0.0, "0", pixels))
+    with pytest.raises(SlamInitError, match="is no frame"):
+        finder.locate(pixels)
+    with pytest.raises(SlamInitError, match="a Finder of Place, NoneType"):
+        Finder(make_place(), None)  # a video without a calibration
 
 
 def test_the_place_grows_so_that_frames_beyond_it_are_found():
