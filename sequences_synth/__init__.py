@@ -26,7 +26,7 @@ from sequences_synth.points import POINT_SCENES, SCENES_WITHOUT_TRANSLATION, Poi
 from sequences_synth.scene import SCENES, STANDARD_SCENES
 from sequences_synth.sequence import SynthSequence, make_sequence
 from sequences_synth.tracking_error import TrackingError
-from sequences_synth.writer import write_tum
+from sequences_synth.writer import write_euroc, write_tum
 
 __all__ = [
     "LENSES",
@@ -43,5 +43,6 @@ __all__ = [
     "TrackingError",
     "make_points",
     "make_sequence",
+    "write_euroc",
     "write_tum",
 ]

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 def add_synth(commands: Commands) -> None:
     """Add the command."""
     synth = commands.add_parser("synth", help="write a synthetic sequence", allow_abbrev=False)
-    synth.description = "Render a synthetic sequence into a folder in the layout of TUM RGB-D."
+    synth.description = (
+        "Render a synthetic sequence into a folder in the layout of TUM RGB-D; with imu=1 in that of EuRoC."
+    )
     synth.set_defaults(command=_synth)
     synth.add_argument(
         "scene", metavar="NAME", help="room, wall, desk, ..., or with options 'room?lens=omni'; a wrong name lists all"
@@ -35,7 +37,7 @@ def _synth(arguments: argparse.Namespace) -> int:
 
     from tqdm import tqdm
 
-    from sequences_synth import SynthOptions, write_tum
+    from sequences_synth import SynthOptions, write_euroc, write_tum
     from slam_init.datasets.synth import make_synth, option_values
 
     name, _, query = arguments.scene.partition("?")
@@ -51,7 +53,8 @@ def _synth(arguments: argparse.Namespace) -> int:
 
         with OutputFolder(out, "synth") as folder:
             try:
-                write_tum(sequence, folder.staging, progress=advance)
+                write = write_euroc if sequence.options.imu else write_tum
+                write(sequence, folder.staging, progress=advance)
             except OSError as error:
                 raise output_error(out, error) from error
             folder.publish(staged_names(folder), remove=folder.files)
