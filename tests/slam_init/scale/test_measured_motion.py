@@ -7,7 +7,9 @@ import pytest
 from make_motion import EXACT, LEVEL, map_of, metres_per_unit, recorded, straight, swayed
 
 from quest.geometry.quaternion import rotation_from_vector
+from slam_init.datasets import open_source
 from slam_init.output.handover import handover_arrays
+from slam_init.runner import run
 from slam_init.scale.find import find_scale
 from slam_init.scale.metric_map import in_metres
 from slam_init.scale.requests import parse_scale
@@ -121,3 +123,16 @@ def test_the_metric_map_hands_gravity_over():
     assert arrays["gravity_sigma_deg"] == scale.gravity.sigma_deg
     assert np.isnan(handover_arrays(MAP)["gravity"]).all()
     assert "gravity along" in str(metric)
+
+
+@pytest.mark.slow
+def test_a_run_on_a_rendered_room_is_in_metres_by_its_sensor():
+    source = open_source("synth:room?imu=1&width=320&height=240&frames=45", 2)
+    result, summary = run(source, scale=IMU, continue_frames=20)
+    assert result.map.scale.origin == summary.scale_origin.origin == "imu"
+    assert abs(summary.ground_truth.scale_error) < 3 * summary.scale_sigma
+    first = result.map.keyframes[0]
+    down = source.groundtruth.at(first.timestamp_s).R.T @ [0.0, 0.0, -1.0]
+    assert np.degrees(np.arccos(summary.gravity.down @ down)) < 3.5 * summary.gravity.sigma_deg
+    other, without = run(source, max_frames=2)
+    assert (other.map, without.gravity, without.scale_origin) == (None, None, None)
