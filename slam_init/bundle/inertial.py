@@ -41,12 +41,14 @@ _GYROSCOPE_BIAS_RAD_S = 0.1
 #: Relative error of the rates: data sheets state 0.5 to 3 % of scale and cross-axis sensitivity.
 #: Class: assumption.
 _GYROSCOPE_SCALE = 0.01
-#: Scale of a calibrated accelerometer, which is one of the map as well: 0.5 % of each axis, two of which move mostly.
+#: Relative error of the scale of each axis of a calibrated accelerometer.
 #: Class: assumption.
-_ACCELEROMETER_SCALE = 0.0035
+_ACCELEROMETER_SCALE = 0.005
 #: The prior of the first pose makes its heading and its place definite, which nothing measures. Its tilt is free.
 _FREE_RAD, _HELD_RAD, _HELD_M = 10.0, 1e-3, 1e-3
 _ITERATIONS, _STARTS = 60, 5
+#: Of a numerical derivative by a scale, in which preintegration is linear.
+_SCALE_STEP = 1e-3
 
 
 class Alignment(NamedTuple):
@@ -122,8 +124,15 @@ def align(motion: VisualMotion, record: InertialRecord, far: int) -> Alignment |
 # -- measurements ----------------------------------------------------------------------------------
 
 
-def _preintegrated(motion: VisualMotion, record: InertialRecord, bias: Floats) -> list[_Interval] | None:
-    """Preintegrate the record between the poses, with a bias (6,): accelerometer, gyroscope."""
+def _preintegrated(
+    motion: VisualMotion, record: InertialRecord, bias: Floats, scaled: Floats | tuple[float, ...] = (1.0, 1.0, 1.0)
+) -> list[_Interval] | None:
+    """Preintegrate the record between the poses, with a bias (6,): accelerometer, gyroscope.
+
+    Shapes: ``scaled`` (3,).
+
+    * ``scaled``: Factors on the accelerations along the axes of the sensor.
+    """
     import gtsam
 
     intervals = []
@@ -140,7 +149,7 @@ def _preintegrated(motion: VisualMotion, record: InertialRecord, bias: Floats) -
         params.setAccelerometerCovariance(record.accelerometer_density**2 * np.eye(3))
         params.setIntegrationCovariance(1e-10 * np.eye(3))
         measured = gtsam.PreintegratedImuMeasurements(params, gtsam.imuBias.ConstantBias(bias[:3], bias[3:]))
-        for duration_s, rate, acceleration in zip(durations_s, rates, accelerations, strict=True):
+        for duration_s, rate, acceleration in zip(durations_s, rates, accelerations * scaled, strict=True):
             measured.integrateMeasurement(acceleration, rate, duration_s)
         intervals.append(_Interval(measured, t1_s - t0_s))
     return intervals
@@ -249,9 +258,8 @@ def _refined(
     values.insert(B, gtsam.imuBias.ConstantBias(bias[:3], bias[3:]))
     values.insert(S, np.array([math.log(scale)]))
     values.insert(D, np.zeros(1))
-    for k, interval in enumerate(intervals):
-        x0, v0, x1, v1 = (gtsam.symbol(name, k + step) for step in (0, 1) for name in "xv")
-        graph.add(gtsam.ImuFactor(x0, v0, x1, v1, B, interval.measured))
+    for factor in _inertial_factors(intervals, B):
+        graph.add(factor)
     diagonal = gtsam.noiseModel.Diagonal.Sigmas
     graph.add(_held(gtsam.symbol("x", 0), values.atPose3(gtsam.symbol("x", 0))))
     offsets = diagonal(np.repeat([ACCELEROMETER_BIAS_M_S2, _GYROSCOPE_BIAS_RAD_S], 3))
@@ -264,8 +272,8 @@ def _refined(
     params.setLinearSolverType("MULTIFRONTAL_QR")
     try:
         values = gtsam.LevenbergMarquardtOptimizer(graph, values, params).optimize()
-        triangle = np.linalg.qr(graph.linearize(values).jacobian()[0], mode="r")
-        inverse = np.linalg.inv(triangle)
+        jacobian = graph.linearize(values).jacobian()[0]
+        inverse = np.linalg.inv(np.linalg.qr(jacobian, mode="r"))
     except (RuntimeError, np.linalg.LinAlgError):  # the poses do not determine the unknowns
         return None
     # gtsam sorts the unknowns of a matrix by their keys: biases, delay, scale, velocities, poses.
@@ -280,6 +288,8 @@ def _refined(
     last = inverse[8 + 3 * count + 6 * far : 14 + 3 * count + 6 * far]
     moved = [camera.rotation().unrotate(apart) @ by_imu for camera in cameras]
     log_distance = (moved[1] @ last - moved[0] @ first) / distance_m**2
+    by_scales = jacobian.T @ _by_scales(motion, record, intervals, bias, values, len(jacobian))
+    of_scales = _ACCELEROMETER_SCALE * log_distance @ (inverse.T @ by_scales)
     imu_from_upright = values.atPose3(gtsam.symbol("x", 0)).rotation().matrix().T
     down = -imu_from_upright[:, 2]
     # The heading is free: it turns about gravity, which does not change its direction.
@@ -287,13 +297,52 @@ def _refined(
     sigma_deg = math.degrees(math.sqrt(0.5 * float(np.trace(across @ tilts @ across))))
     return Alignment(
         distance_m=distance_m,
-        sigma=math.hypot(float(np.linalg.norm(log_distance)), _ACCELEROMETER_SCALE),
+        sigma=math.hypot(float(np.linalg.norm(log_distance)), float(np.linalg.norm(of_scales))),
         gravity=Gravity(arm.R @ down, min(max(sigma_deg, 1e-3), 45.0)),
         chi_square=2 * float(graph.error(values)),
         # Residuals: nine of an interval, six of a pose but the first, the biases, the delay. Unknowns: a pose and a
         # velocity each, the biases, the delay, the scale; heading and place are no unknowns.
         freedom=6 * count - 12,
     )
+
+
+def _inertial_factors(intervals: Sequence[_Interval], B: int) -> list[gtsam.ImuFactor]:
+    import gtsam
+
+    factors = []
+    for k, interval in enumerate(intervals):
+        x0, v0, x1, v1 = (gtsam.symbol(name, k + step) for step in (0, 1) for name in "xv")
+        factors.append(gtsam.ImuFactor(x0, v0, x1, v1, B, interval.measured))
+    return factors
+
+
+def _by_scales(
+    motion: VisualMotion,
+    record: InertialRecord,
+    intervals: Sequence[_Interval],
+    bias: Floats,
+    values: gtsam.Values,
+    rows: int,
+) -> Floats:
+    """How the normalized residuals follow the scale of each axis of the accelerometer, which is no unknown.
+
+    Shapes: returns (R, 3).
+
+    * ``rows``: Number of residuals R; those of the intervals are the first ones.
+    """
+    import gtsam
+
+    B, derivatives = gtsam.symbol("b", 0), np.zeros((rows, 3))
+
+    def residuals(ones: Sequence[_Interval]) -> Floats:
+        return np.concatenate([factor.whitenedError(values) for factor in _inertial_factors(ones, B)])
+
+    known = residuals(intervals)
+    for axis in range(3):
+        changed = _preintegrated(motion, record, bias, 1.0 + _SCALE_STEP * np.eye(3)[axis])
+        assert changed is not None
+        derivatives[: len(known), axis] = (residuals(changed) - known) / _SCALE_STEP
+    return derivatives
 
 
 def _held(key: int, pose: gtsam.Pose3) -> gtsam.NonlinearFactor:
