@@ -187,6 +187,8 @@ def _run(arguments: argparse.Namespace) -> int:
         raise UsageError(
             f"--depth tells between motions of the window, which {config.method} has not: leave --depth out"
         )
+    if arguments.gravity is not None and not has_window:
+        raise UsageError(f"--gravity is a measurement of the window, which {config.method} has not: leave it out")
     live = is_live(arguments.source)
     if not live and (arguments.no_drop or arguments.reconnect is not None):
         raise UsageError("--no-drop and --reconnect are for live sources: leave them out")
