@@ -217,7 +217,7 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
     with_known_lens = float(weights @ two_directions(WRONG_DIRECTION_DEG, known_lens))
     rigid_deg = np.hypot(optimism.if_rigid(lens_held=calibrated) * by_tracks_deg[0], moved.directions_deg[0])
     if_rigid = float(weights @ _with_varying_lens(rigid_deg, varying, 0))
-    if_lens_fixed = float(weights @ two_directions(WRONG_DIRECTION_DEG, of_views[0])) + rotated
+    if_lens_fixed = min(1.0, float(weights @ two_directions(WRONG_DIRECTION_DEG, of_views[0])) + rotated)
     gain, rotation, camera = _rotation_probability(hypotheses, expanded)
     if rotation <= MERE_ROTATION:
         camera = camera_estimate(expanded, optimism.factor(lens_held=False))
