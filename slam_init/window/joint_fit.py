@@ -46,7 +46,7 @@ _NOISE_ROUNDS, _INSIDE_THREE_SIGMAS = 5, 0.949
 #: An observation is near its projection within this number of standard deviations: some pixels. Wrong matches lie
 #: anywhere in the image; tracks on bodies that move slowly stay near.
 #: Class: assumption.
-_NEAR_SIGMAS = 30.0
+NEAR_SIGMAS = 30.0
 #: Median of the squared length of a 2-D Gaussian of variance 1, and the largest noise at a start over the assumed one.
 _MEDIAN_SQUARE, _LARGEST_START_FACTOR = 1.386, 30.0
 
@@ -77,8 +77,8 @@ class JointFit:
     residuals: Floats
     #: (T,) Tracks that the fit explains.
     explains: Bools
-    #: Number of tracks that it does not explain although they stay near their projections.
-    near_misses: int
+    #: (T,) Tracks that it does not explain although they stay near their projections.
+    near_misses: Bools
 
     @property
     def explained(self) -> int:
@@ -251,12 +251,12 @@ def _noise_factor(equations: WindowEquations, state: WindowState) -> float:
     return float(np.sqrt(factor2))
 
 
-def _explained_and_near(equations: WindowEquations, state: WindowState) -> tuple[Bools, int]:
+def _explained_and_near(equations: WindowEquations, state: WindowState) -> tuple[Bools, Bools]:
     seen, used = equations.tracks.seen, equations.tracks.anchor >= 0
     bound = explained_at_most(np.maximum(2 * seen.sum(axis=0) - 3, 0)) + OFF_PLANE_COST * (state.plane is not None)
     explained = used & (equations.costs <= bound)
-    near = (seen & (equations.squares < _NEAR_SIGMAS**2)).sum(axis=0) > 0.5 * seen.sum(axis=0)
-    return explained, int((used & ~explained & near).sum())
+    near = (seen & (equations.squares < NEAR_SIGMAS**2)).sum(axis=0) > 0.5 * seen.sum(axis=0)
+    return explained, used & ~explained & near
 
 
 def _cheaper(equations: WindowEquations, start: WindowState, known: WindowState) -> WindowState:

@@ -13,11 +13,16 @@ from __future__ import annotations
 import numpy as np
 
 from slam_init.types.arrays import Bools, Floats
-from slam_init.window.joint_fit import JointFit
+from slam_init.window.joint_fit import NEAR_SIGMAS, JointFit
 from slam_init.window.kernels import TUKEY_GATES
 from slam_init.window.levels import NEIGHBOURHOOD
 from slam_init.window.state import Priors
 from slam_init.window.tracks import WindowTracks
+
+#: Neighbours that a track is compared with: a body holds four tracks or more, or pulls little. The bound is exceeded by
+#: chance once in twenty, that many standard deviations beyond the mean.
+#: Class: level.
+_COMPARED, _BOUND_SIGMAS = 3, 1.645
 
 
 def variance_by_neighbours(tracks: WindowTracks, fit: JointFit, priors: Priors, places: Floats) -> float:
@@ -34,6 +39,30 @@ def variance_by_neighbours(tracks: WindowTracks, fit: JointFit, priors: Priors, 
     errors = np.where(used[..., None], fit.residuals, 0.0).transpose(1, 0, 2).reshape(len(places), -1)
     total = float(np.sum(errors**2))
     return 1.0 + max(float(np.sum(errors * (near @ errors))) / total, 0.0) if total > 0 else 1.0
+
+
+def agreement_of_neighbours(tracks: WindowTracks, fit: JointFit, of: Bools, places: Floats) -> float:
+    """How far the residuals of some tracks agree with those of their neighbours among them: at most, from 0 to 1.
+
+    Tracks on a body that moves agree (0.7 to 1), wrong matches and tracks with more noise than others do not.
+
+    Shapes: ``of`` (T,), ``places`` (T, 2).
+    """
+    index = np.flatnonzero(of)
+    if len(index) <= _COMPARED:
+        return 1.0
+    squares = np.einsum("vtq,vtq->tv", fit.residuals[:, index], fit.residuals[:, index])
+    used = tracks.seen[:, index].T & (squares < NEAR_SIGMAS**2)
+    errors = np.where(used[..., None], fit.residuals[:, index].transpose(1, 0, 2), 0.0)
+    # Of two tracks the views count that see both.
+    lengths = np.sqrt(np.where(used, squares, 0.0) @ used.T.astype(float))
+    cosines = np.einsum("ivq,jvq->ij", errors, errors) / np.maximum(lengths * lengths.T, 1e-300)
+    apart = np.sum((places[index, None] - places[index]) ** 2, axis=2)
+    np.fill_diagonal(apart, np.inf)
+    nearest = np.argpartition(apart, _COMPARED - 1, axis=1)[:, :_COMPARED]
+    of_track = np.take_along_axis(cosines, nearest, axis=1).mean(axis=1)
+    bound = float(of_track.mean() + _BOUND_SIGMAS * of_track.std() / np.sqrt(len(index)))
+    return min(max(bound, 0.0), 1.0)
 
 
 def _neighbours(places: Floats, used: Bools) -> Floats:

@@ -55,7 +55,7 @@ from slam_init.window.levels import (
 from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.marginal import marginalize_fields
 from slam_init.window.motion import FittedMotion
-from slam_init.window.neighbours import variance_by_neighbours
+from slam_init.window.neighbours import agreement_of_neighbours, variance_by_neighbours
 from slam_init.window.other_motion import OtherMotion, explained_tracks, other_motion
 from slam_init.window.rival import rival_term
 from slam_init.window.second_look import look_again
@@ -332,11 +332,14 @@ def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> _Optimism:
     few_views = (1 + FEW_VIEWS / math.sqrt(len(best.rows) - 1)) ** 2
     pull2 = sum(pull**2 for pull in hypotheses.priors.lens_pulls(best.fit.state))
     # Tracks that stay near without being explained may lie on moving bodies. As many again may be explained by chance,
-    # and each of these pulls by about half a standard deviation of a track, all in the same direction.
-    bodies = best.fit.near_misses / math.sqrt(max(best.fit.explained, 1))
+    # and each of these pulls by about half a standard deviation of a track. The variance of their sum is that of pulls
+    # in the same direction, times their correlation.
+    places, near = places_of(best.fit), best.fit.near_misses
+    pull = 0.5 * float(near.sum()) / math.sqrt(max(best.fit.explained, 1))
+    bodies = agreement_of_neighbours(best.tracks, best.fit, near, places) * pull**2
     # What a fit explains in part leaves residuals that neighbours share.
-    shared = variance_by_neighbours(best.tracks, best.fit, hypotheses.priors, places_of(best.fit))
-    return _Optimism(few_views, pull2 / PULL_FREEDOM, (bodies / 2) ** 2 + shared - 1)
+    shared = variance_by_neighbours(best.tracks, best.fit, hypotheses.priors, places)
+    return _Optimism(few_views, pull2 / PULL_FREEDOM, bodies + shared - 1)
 
 
 def _widened(sigmas_deg: Floats, factor: float, fixed_deg: float) -> Floats:
