@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from make_window import PRIORS, fitted_window
 
-from slam_init.window.neighbours import variance_by_neighbours
+from slam_init.window.neighbours import agreement_of_neighbours, variance_by_neighbours
 
 
 def factor(window_fit, residuals):
@@ -49,3 +49,40 @@ def test_without_tracks_there_is_no_factor(fitted):
     tracks, fit = fitted
     none = replace(tracks, anchor=np.full_like(tracks.anchor, -1))
     assert variance_by_neighbours(none, fit, PRIORS, tracks.pixels[0]) == 1.0
+
+
+def agreement(window_fit, residuals, of=None):
+    tracks, fit = window_fit
+    of = np.ones(len(tracks.anchor), bool) if of is None else of
+    everywhere = replace(tracks, seen=np.ones_like(tracks.seen))
+    return agreement_of_neighbours(everywhere, replace(fit, residuals=residuals), of, tracks.pixels[0])
+
+
+def test_tracks_on_a_body_agree_and_noise_does_not(fitted):
+    rng = np.random.default_rng(2)
+    shape = (*fitted[0].seen.shape, 2)
+    of_noise = [agreement(fitted, 8 * rng.normal(size=shape)) for _ in range(20)]
+    assert max(of_noise) < 0.2
+    moved = 8 * rng.normal(size=(shape[0], 1, 2)) + rng.normal(size=shape)
+    assert agreement(fitted, moved) > 0.9
+    # Two bodies on both sides of the image move as each of them does.
+    left = fitted[0].pixels[0, :, 0] < fitted[0].camera.width / 2
+    two = np.where(left[:, None], moved, -moved)
+    assert agreement(fitted, two) > 0.8
+
+
+def test_the_agreement_of_few_tracks_is_not_known(fitted):
+    rng = np.random.default_rng(3)
+    residuals = 8 * rng.normal(size=(*fitted[0].seen.shape, 2))
+    few = np.zeros(residuals.shape[1], bool)
+    few[:3] = True
+    assert agreement(fitted, residuals, few) == 1.0
+    few[:12] = True
+    # The bound of twelve tracks is wider than that of all.
+    assert agreement(fitted, residuals) < agreement(fitted, residuals, few) <= 1.0
+
+
+def test_tracks_far_from_their_projections_agree_with_nobody(fitted):
+    """Residuals beyond thirty deviations, or behind a camera, do not count."""
+    for far in (100.0, np.inf):
+        assert agreement(fitted, np.full((*fitted[0].seen.shape, 2), far)) == 0.0
