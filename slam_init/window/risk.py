@@ -31,10 +31,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slam_init.system.linear_algebra import deviations, single_threaded
-from slam_init.types.arrays import Floats
+from slam_init.types.arrays import Floats, Ints
 from slam_init.types.evidence import Margin
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 from slam_init.window.hypotheses import CERTAIN_SIGMAS, EXPLAINED_BY_FIELDS, WindowHypotheses, with_rotation_anew
+from slam_init.window.joint_fit import fit_window
 from slam_init.window.levels import (
     AGREES_SIGMAS,
     CHANCE_GAIN,
@@ -53,12 +54,14 @@ from slam_init.window.levels import (
     ZOOM_LEAVES,
 )
 from slam_init.window.linearization import linearize_with_fields
+from slam_init.window.locating import align_views
 from slam_init.window.marginal import marginalize_fields
 from slam_init.window.motion import FittedMotion
 from slam_init.window.neighbours import agreement_of_neighbours, variance_by_neighbours
 from slam_init.window.other_motion import OtherMotion, explained_tracks, other_motion
 from slam_init.window.rival import rival_term
 from slam_init.window.second_look import look_again
+from slam_init.window.state import start_at
 from slam_init.window.tails import at_any_look, three_directions, two_directions
 from slam_init.window.tracker_errors import (
     gain_of_lasting_errors,
@@ -270,9 +273,10 @@ def confirmed(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -
                 hypotheses, risk = anew, _risk_of(anew)
                 if risk.total > max_risk:
                     return hypotheses, risk
-        risk = _against_zooms(hypotheses, risk)
-        if risk.total > max_risk:
-            return hypotheses, risk
+        for against in (_against_bodies, _against_zooms):
+            risk = against(hypotheses, risk)
+            if risk.total > max_risk:
+                return hypotheses, risk
         free = look_again(hypotheses)
         best, again = hypotheses.motions[0], free.motions[0]
         if not hypotheses.planar:
@@ -287,6 +291,14 @@ def confirmed(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -
         direction = max(direction, risk.frames_are_shifted * of_free.direction)
         total = _total(direction, rival, risk.rotation, risk.moving)
         return hypotheses, replace(risk, rival=rival, direction=direction, total=total)
+
+
+def _against_bodies(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk:
+    """The risk with the rival that the camera only rotates as half of the tracks say, and that the others move."""
+    rotation = risk.rotation
+    if not hypotheses.planar:
+        rotation = max(rotation, _bodies_probability(hypotheses, ON_BODIES, anew=True))
+    return replace(risk, rotation=rotation, total=_total(risk.direction, risk.rival, rotation, risk.moving))
 
 
 def _against_zooms(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk:
@@ -391,12 +403,31 @@ def _rotation_probability(
     return gain, probability, camera_estimate(ExpandedFit(tracks, hypotheses.rotation_only, rotation, marginal))
 
 
-def _bodies_probability(hypotheses: WindowHypotheses, share: float) -> float:
-    """Probability of the gains over the rotation-only camera if this share of the tracks, which gain most, moves."""
-    best, explained = hypotheses.motions[0], explained_tracks(hypotheses)
-    gains = hypotheses.rotation_only.track_costs - hypotheses.costs_of(best)
-    gains = np.sort(gains[explained]) / best.fit.dispersion
-    rest = gains[: len(gains) - int(share * len(gains))]
+def _bodies_probability(hypotheses: WindowHypotheses, share: float, *, anew: bool = False) -> float:
+    """Probability of the gains over the rotation-only camera if this share of the tracks, which gain most, moves.
+
+    * ``anew``: Whether the camera that only rotates is fitted once more, to the rest of the tracks: bodies pull it.
+    """
+    best, costs = hypotheses.motions[0], hypotheses.costs_of(hypotheses.motions[0])
+    explained = np.flatnonzero(explained_tracks(hypotheses))
+    rotating = hypotheses.rotation_only.track_costs
+    order = np.argsort(rotating[explained] - costs[explained], kind="stable")
+    rest = np.sort(explained[order[: len(order) - int(share * len(order))]])
     if not len(rest):
         return 1.0
-    return at_any_look((float(rest.sum()) - CHANCE_GAIN * len(rest)) / math.sqrt(2 * len(rest)))
+    left = _rotation_of(hypotheses, rest) if anew else rotating[rest]
+    gain = float((left - costs[rest]).sum()) / best.fit.dispersion
+    return at_any_look((gain - CHANCE_GAIN * len(rest)) / math.sqrt(2 * len(rest)))
+
+
+def _rotation_of(hypotheses: WindowHypotheses, chosen: Ints) -> Floats:
+    """The costs of some tracks in a camera that only rotates, which they alone locate."""
+    tracks, state = hypotheses.tracks.of_tracks(chosen), hypotheses.rotation_only.state
+    bearings = tracks.bearings(state.log_scale, state.readout_s, state.k1, state.principal_px)
+    bearings[~tracks.seen] = np.nan
+    R = align_views(bearings, [hypotheses.motions[0].motion], tracks.frames[:2])
+    start = start_at(
+        tracks, R, state.t, log_scale=state.log_scale, k1=state.k1, readout_s=state.readout_s,
+        principal_px=state.principal_px, at_infinity=True,
+    )  # fmt: skip
+    return fit_window(tracks, start, hypotheses.rotation_priors, rotation_only=True).track_costs

@@ -20,12 +20,15 @@ from slam_init.types.camera import Camera
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import fit_window
 from slam_init.window.levels import LARGEST_ZOOM, ZOOMED_COST
-from slam_init.window.state import WindowState, start_at
+from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
 
 #: Views are located and fitted in turn so often. It ends where a round lowers the cost by less than this share of what
 #: is left to the best motion: zooms do not explain it then.
 _ROUNDS, _MAX_STEPS, _LEAST_PROGRESS = 8, 30, 0.1
+#: Where zooms explain more than this share of what the rotation leaves to the best motion, further focal lengths of the
+#: reference are tried: off by this factor (as a logarithm), which with the steps of a fit spans a zoom by two.
+_EXPLAINED, _BASE_ZOOM = 0.7, 0.3
 #: Steps of a view, and the change of a rotation (rad) and of a zoom below which they end: a hundredth of a pixel.
 _STEPS, _CONVERGED = 20, 1e-5
 #: Longest step of a rotation (rad) and of the logarithm of a zoom: outliers must not throw a view away.
@@ -44,12 +47,27 @@ _LEAST_TRACKS = 4
 
 def with_zooms(hypotheses: WindowHypotheses) -> WindowHypotheses:
     """The same hypotheses, but the rotation-only camera zooms from view to view, its zooms undone in the tracks."""
-    tracks, best, rotating = hypotheses.tracks, hypotheses.motions[0].fit, hypotheses.rotation_only.state
+    tracks, rotating = hypotheses.tracks, hypotheses.rotation_only
     # A readout would take the place of zooms.
     priors = replace(hypotheses.priors, readout_sigma_s=0.0)
-    t = np.outer(np.arange(len(rotating.R)), [1e-9, 0.0, 0.0])
-    state = start_at(tracks, rotating.R, t, readout_s=tracks.readout_s, at_infinity=True)
-    state, zooms = _located(tracks, state, np.zeros(len(rotating.R)))
+    t = np.outer(np.arange(len(rotating.state.R)), [1e-9, 0.0, 0.0])
+    state = start_at(tracks, rotating.state.R, t, readout_s=tracks.readout_s, at_infinity=True)
+    lowest = _alternated(hypotheses, state, priors)
+    left = [one.cost - hypotheses.motions[0].fit.cost for one in (lowest.rotation_only, rotating)]
+    if 0 < left[0] < _EXPLAINED * left[1]:
+        # The reference may be zoomed as well, as its distance from the stated focal length.
+        free = replace(priors, focal_sigma=max(priors.focal_sigma, _BASE_ZOOM))
+        for base in (_BASE_ZOOM, -_BASE_ZOOM):
+            other = _alternated(hypotheses, replace(state, log_scale=base), free)
+            if other.rotation_only.cost < lowest.rotation_only.cost:
+                lowest = other
+    return lowest
+
+
+def _alternated(hypotheses: WindowHypotheses, state: WindowState, priors: Priors) -> WindowHypotheses:
+    """Locate the views and fit them jointly, in turn, from the rotations and the lens of a state."""
+    tracks, best = hypotheses.tracks, hypotheses.motions[0].fit
+    state, zooms = _located(tracks, state, np.zeros(len(state.R)))
     lowest, before = hypotheses, math.inf
     for _ in range(_ROUNDS):
         part = _zoomed(tracks, zooms)

@@ -12,7 +12,7 @@ from sequences_synth.points import PointOptions, make_points
 from slam_init.config import AcceptanceConfig
 from slam_init.datasets.points import PointSource
 from slam_init.window import rival as rival_module
-from slam_init.window.risk import risk_of
+from slam_init.window.risk import confirmed, risk_of
 from slam_init.window.state import Priors
 
 PRIORS = Priors(focal_sigma=0.03)
@@ -315,3 +315,19 @@ def test_above_a_bound_the_term_of_the_rivals_is_a_lower_one():
         assert (bounded.total <= 0.005) == (whole.total <= 0.005)
         if bounded.total <= 0.005:
             assert bounded.total == whole.total
+
+
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_before_a_camera_that_turns_bodies_that_hold_two_fifths_of_the_tracks_are_no_translation(seed):
+    """They pull the camera that only rotates, so that the tracks at rest seem to gain by the translation as well."""
+    source, rng = point_source("rotation", seed, noise_px=0.3), np.random.default_rng(seed)
+    views = pair_and_further(list(source.observations()), 8)
+    depths, views_moved = rng.uniform(0.5, 1.5, 10_000), []
+    for view in views:
+        on_body = (view.track_ids % 5 < 2)[:, None]
+        step = (view.frame - views[0].frame) * np.array([1.5, 0.5]) * depths[view.track_ids, None]
+        pixels = view.pixels + on_body * step
+        views_moved.append(replace(view, pixels=pixels, bearings=source.camera.bearings(pixels)))
+    found = hypotheses_of(source.camera, views_moved, PRIORS)
+    _, risk = confirmed(found, replace(risk_of(found), total=0.0, rotation=0.0), max_risk=0.005)
+    assert risk.rotation > 0.5
