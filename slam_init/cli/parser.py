@@ -72,7 +72,9 @@ class Parser(argparse.ArgumentParser):
             words = sys.argv[1:] if args is None else list(args)
             command = next((word for word in words if word in known), None)
             parser: Parser = self if command is None else known[command]
-            parser.error(f"unrecognized arguments: {' '.join(unknown)}{_hint(unknown[0], parser)}")
+            before = words[words.index(unknown[0]) - 1]
+            joined = f": did you mean {before}={unknown[0]}?" if before in parser.bare_values else ""
+            parser.error(f"unrecognized arguments: {' '.join(unknown)}{joined or _hint(unknown[0], parser)}")
         return namespace
 
     # Called for each value. All words of a command are a value as well, that of the action of the commands.
@@ -127,5 +129,5 @@ def _meant(word: str, known: Sequence[str]) -> list[str]:
 
 def at_least(option: str, value: float | None, least: int) -> None:
     """Check an option that has a smallest value."""
-    if value is not None and value < least:
+    if value is not None and not value >= least:  # nor is NaN
         raise UsageError(f"{option} is {value}: it must be at least {least}")

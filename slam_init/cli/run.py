@@ -272,6 +272,8 @@ def _run_on(
     if arguments.imu == "" and gyroscope_of(source) is None:
         raise UsageError(f"--imu: {source.name} has no gyroscope ({SENSORS}): leave --imu out, or give --imu=FILE.csv")
     if isinstance(arguments.scale, MeasuredMotion) and (sensor.record if sensor else inertial_of(source)) is None:
+        if sensor is not None:
+            raise UsageError(f"--scale imu: {arguments.imu} has no accelerations: its columns are t,gx,gy,gz,ax,ay,az")
         raise UsageError(f"--scale imu: {source.name} has no accelerations ({SENSORS}): give --imu=FILE.csv")
 
     from slam_init.datasets.track_source import KnowsTracks

@@ -35,6 +35,7 @@ from slam_init.errors import CalibrationError, SourceError
 from slam_init.frontend.tracks import Tracker
 from slam_init.output.handover import FORMAT, VERSION
 from slam_init.output.results import load_graph
+from slam_init.system.regular_file import kind_problem
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations, TimedSource
@@ -103,6 +104,8 @@ def open_map(path: Path) -> MapFile:
             return of_suffix(path)
         return _graph(path.parent) if path.name == _GRAPH else _trajectory(path)
     if not path.is_dir():
+        if path.exists() and (problem := kind_problem(path)):
+            raise SourceError(f"{path}: {problem}")
         raise SourceError(f"{path}: no such map: give handover.npz, a folder, or a trajectory")
     if (path / _HANDOVER).is_file():
         return _handover(path / _HANDOVER)
@@ -114,7 +117,7 @@ def open_map(path: Path) -> MapFile:
     if listed is None:
         raise SourceError(
             f"{path}: holds no map: looked for {_HANDOVER}, cameras and images of COLMAP, {_GRAPH} of gtsam and "
-            f"{TRANSFORMS[0]}"
+            f"{TRANSFORMS[0]} (run --restart has its maps in segment-001 and so on)"
         )
     return _transforms(listed)
 

@@ -1,6 +1,7 @@
 """``slam-init audit``: the same map in several formats, and what is no map."""
 
 import json
+import os
 import struct
 
 import cv2
@@ -148,6 +149,11 @@ def changed(**arrays):
     return make
 
 
+def a_pipe(folder):
+    os.mkfifo(folder / "pipe")
+    return "pipe"
+
+
 def too_few_points(folder):
     write_colmap(make_map(points=8), folder / "few")
     return "few"
@@ -163,6 +169,7 @@ def too_few_points(folder):
         (no_listed_image, "--images"),
         (junk, "junk.txt:1"),
         (broken_points, "POINT3D_ID"),
+        (a_pipe, "pipe: cannot be read: it is a named pipe"),
         (no_image, "images.txt: holds no image"),
         (too_few_points, "few: no two frames with a pose share"),
         (changed(keyframe_frames=np.zeros_like), "keyframe_frames has a frame twice"),

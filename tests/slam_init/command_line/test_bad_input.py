@@ -63,6 +63,8 @@ BAD = {
     "info with a bad mask": (["info", IMAGES, "--mask", "sizes/1.png"], "mask is 32x24"),
     "compare with a missing mask": (["compare", "synth:room", "--mask", "nowhere.png", "--out", "out"], "nowhere.png"),
     "compare points with a rate": (["compare", "points:room", "--fps", "3", "--out", "out"], "has no images"),
+    "compare within no time": (["compare", "points:room", "--time-limit", "nan", "--out", "out"], "--time-limit"),
+    "file behind a bare option": (["run", IMAGES, "--imu", "file.csv"], "did you mean --imu=file.csv"),
     "compare every zero": (["compare", "points:room", "--use-every", "0", "--out", "out"], "--use-every"),
     # camera
     "no focal length": (["run", IMAGES, "--camera", "f=none"], "f=1250"),
@@ -78,6 +80,7 @@ BAD = {
     # options that would have no effect
     "depth factor without depths": (["run", IMAGES, *WITH, "--depth-factor", "5000"], "give --depth"),
     "depths for other rules": (["run", IMAGES, "--depth", "full", "--method", "stella"], "stella has not"),
+    "gravity for other rules": (["run", IMAGES, "--gravity", "file", "--method", "stella"], "stella has not"),
     "depth factor not a number": (["run", IMAGES, *WITH, "--depth", "full", "--depth-factor", "nan"], "--depth-factor"),
     "matcher for a program": (["run", "--matcher", "sift", "--method", "command:true {images} {out}"], "--matcher"),
     "refine for a program": (["run", "--refine", "5", "--method", "command:true {images} {out}"], "--refine"),
