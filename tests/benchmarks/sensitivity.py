@@ -33,6 +33,7 @@ from tests.benchmarks.options import progress, show
 from tests.benchmarks.reliability import World, built_in, by_another_hand, commit, decide
 
 _ROOT = Path(__file__).resolve().parents[2]
+LEVELS = "slam_init/window/levels.py"
 #: Modules whose numbers decide on joined maps, on maps of others, or on images before there are tracks.
 _NOT_OF_A_MAP = ("audit", "joining", "places", "static_tracks", "depth_evidence", "static_overlay")
 #: A world ends after so many views: most maps come within ten.
@@ -50,13 +51,22 @@ class Change:
 
 
 def changes() -> Iterator[Change]:
-    """Each number halved and doubled."""
+    """Each number halved and doubled; after :func:`load_all`."""
     numbers_page = _module(_ROOT / "docs" / "make" / "numbers_page.py")
     for file in numbers_page.files():
         for number in numbers_page.numbers(file):
-            if number.kind not in ("", "definition") and Path(file).stem not in _NOT_OF_A_MAP:
+            if number.kind not in ("", "definition"):
                 for name in number.names:
-                    yield from (Change(file, name, number.kind, factor) for factor in (0.5, 2.0))
+                    if _is_of_a_map(file, name):
+                        yield from (Change(file, name, number.kind, factor) for factor in (0.5, 2.0))
+
+
+def _is_of_a_map(file: str, name: str) -> bool:
+    """Whether a module that decides on a map by tracks holds a number; levels alone are held by those that use them."""
+    users = {Path(file).stem}
+    if file == LEVELS:
+        users = {module.__name__.rpartition(".")[2] for module in holders(name, getattr(_home(file), name))} - users
+    return not users <= set(_NOT_OF_A_MAP)
 
 
 def _module(path: Path) -> Any:
@@ -91,7 +101,7 @@ def scaled(value: Any, factor: float) -> Any:
 
 def apply(change: Change) -> None:
     """Change a number in all modules that hold it, or the default of a field of a class."""
-    home = sys.modules[change.file.removesuffix(".py").replace("/", ".")]
+    home = _home(change.file)
     owner, _, field = change.name.rpartition(".")
     if owner:
         kind = getattr(home, owner)
@@ -107,6 +117,10 @@ def apply(change: Change) -> None:
     new = scaled(old, change.factor)
     for module in holders(field, old):
         setattr(module, field, new)
+
+
+def _home(file: str) -> ModuleType:
+    return sys.modules[file.removesuffix(".py").replace("/", ".")]
 
 
 def holders(name: str, value: Any) -> list[ModuleType]:
@@ -140,16 +154,16 @@ def _work(change: Change | None) -> tuple[Change | None, list[tuple[str, int, fl
 def measure(log: Path, jobs: int) -> None:
     """Decide the worlds with each change that the log does not hold yet, and add a line for each."""
     known = {tuple(line["change"]) for line in _lines(log)} if log.exists() else set()
+    load_all()
     todo: list[Change | None] = [None] if () not in known else []
     todo += [one for one in changes() if (one.file, one.name, one.kind, one.factor) not in known]
-    load_all()
     _decide_all(None)
     context = multiprocessing.get_context("fork")
     with context.Pool(jobs, maxtasksperchild=1) as pool:
         for change, found in progress(pool.imap(_work, todo), "changes", len(todo)):
             key = [] if change is None else [change.file, change.name, change.kind, change.factor]
             with log.open("a", encoding="utf-8") as file:
-                file.write(json.dumps({"change": key, "decisions": found}) + "\n")
+                file.write(json.dumps({"change": key, "decisions": found, "commit": commit()}) + "\n")
 
 
 def _lines(log: Path) -> list[dict[str, Any]]:
@@ -159,8 +173,10 @@ def _lines(log: Path) -> list[dict[str, Any]]:
 def report(logs: Sequence[Path]) -> str:
     """The table of some logs, each of its own worlds; numbers that change no decision are listed below it."""
     decisions: dict[tuple[Any, ...], list[Any]] = {}
+    commits = set()
     for log in logs:
         for line in _lines(log):
+            commits.add(line["commit"])
             decisions.setdefault(tuple(line["change"]), []).extend(line["decisions"])
     base = decisions.pop(())
     rows, still, names = [], [], sorted({key[:3] for key in decisions}, key=lambda key: (key[0], key[1]))
@@ -175,8 +191,9 @@ def report(logs: Sequence[Path]) -> str:
     head = ["number", "module", "class", "halved: other", "right/false/none, wait", "doubled: other", "the same"]
     fails = sum(one[0] == "fails" for cell in decisions.values() for one in cell)
     return (
-        f"Commit {commit()}. {len(base)} worlds; as it is: {_told(base)}. Worlds that decide otherwise (another "
-        f"outcome or another frame), outcomes, and the mean wait of the maps in frames. Decisions that failed: {fails}."
+        f"Commit {', '.join(sorted(commits))}. {len(base)} worlds; as it is: {_told(base)}. Worlds that decide "
+        "otherwise (another outcome or another frame), outcomes, and the mean wait of the maps in frames. Decisions "
+        f"that failed: {fails}."
         "\n\n"
         f"{markdown_table(head, rows)}\n\n"
         f"No decision differs, halved or doubled ({len(still)} numbers): {', '.join(still)}.\n"
