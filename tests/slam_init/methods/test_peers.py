@@ -13,6 +13,7 @@ from two_view_scenes import CAMERA, make_scene
 from slam_init.compare.measures import pose_errors
 from slam_init.config import Config
 from slam_init.methods import METHODS, make_initializer, make_two_view
+from slam_init.methods.colmap import ColmapRules
 from slam_init.methods.essential import GATED_PAIRS, GateRules
 from slam_init.methods.poselib import relative_pose_of_poselib
 
@@ -108,3 +109,14 @@ def test_poselib_3_takes_one_dictionary_of_nested_options(monkeypatch):
     assert relative_pose_of_poselib(points, points, {}, 1.5, {"seed": 3}) == ("pose", {})
     assert relative_pose_of_poselib(points, points, {}, 1.5, {}, "start") == ("pose", {})
     assert calls == [({"max_error": 1.5, "ransac": {"seed": 3}}, None), ({"max_error": 1.5, "ransac": {}}, "start")]
+
+
+def test_the_rules_of_colmap_have_the_defaults_of_the_installed_colmap():
+    pycolmap = pytest.importorskip("pycolmap")
+    rules, pair, mapper = ColmapRules(), pycolmap.TwoViewGeometryOptions(), pycolmap.IncrementalMapperOptions()
+    of_pair = (pair.max_H_inlier_ratio, pair.ransac.confidence, pair.ransac.max_num_trials)
+    of_mapper = (
+        mapper.init_max_error, mapper.init_min_num_inliers, mapper.init_max_forward_motion, mapper.init_min_tri_angle,
+    )  # fmt: skip
+    assert (rules.max_homography_ratio, rules.confidence, rules.max_iterations) == of_pair
+    assert (rules.max_error_px, rules.min_inliers, rules.max_forward, rules.min_angle_deg) == of_mapper
