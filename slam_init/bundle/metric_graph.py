@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 #: the baseline is so many times that of the scale, so that ten of them change the latter by a twentieth.
 _LOOSE = 10.0
 #: Standard deviation of a landmark over its distance, where nothing else tells it. gtsam refuses a landmark whose depth
-#: is known worse than its ray by a factor of 4096, which is 0.8 at a noise of 0.1 px and a focal length of 500 px. Depths
-#: that are known to a tenth change the variances of the poses by some per cent.
+#: is known worse than its ray by a factor of 4096, which is 0.8 at a noise of 0.1 px and a focal length of 500 px. The
+#: variances of the poses change by some per cent.
 _LOOSE_LANDMARK = 0.5
 
 
