@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -37,16 +37,23 @@ class GravitySource(DerivedSource):
     #: Gives the gravity in a frame, or None where it is not known.
     gravity_of: Callable[[Frame], Gravity | None]
     note: str = "the frames have gravity of a function"
+    #: Frames read last, with gravity and in all.
+    _count: list[int] = field(default_factory=lambda: [0, 0])
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Those of the source, and where gravity is from."""
-        return (*notes_of(self.source), self.note)
+        """Those of the source, where gravity is from, and how many of the frames that were read last have it."""
+        known, total = self._count
+        return (*notes_of(self.source), f"{self.note}: {known} of {total}" if total else self.note)
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Read frames in order, with gravity."""
+        self._count[:] = 0, 0
         for frame in self.source.frames(start, max_frames):
-            yield replace(frame, gravity=self.gravity_of(frame))
+            gravity = self.gravity_of(frame)
+            self._count[0] += gravity is not None
+            self._count[1] += 1
+            yield replace(frame, gravity=gravity)
 
 
 def at_rest(record: InertialRecord) -> Callable[[Frame], Gravity | None]:

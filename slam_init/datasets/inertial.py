@@ -18,6 +18,8 @@ from slam_init.types.frame import Source
 from slam_init.types.inertial import InertialRecord
 from slam_init.types.pose import Pose
 
+# Beyond the range of any sensor, in rad/s and m/s^2: a shock sensor measures up to 5000 m/s^2.
+_LARGEST = 1e4
 # Noise densities that are sold: of gyroscopes from a fibre-optic one on in rad/s/sqrt(Hz), of accelerometers from a
 # seismic one on in m/s^2/sqrt(Hz).
 _DENSITIES = {
@@ -98,8 +100,11 @@ def read_samples(table: Path, root: Path | None, what: str) -> tuple[Floats, Flo
         columns = columns or len(fields)
         if len(fields) != columns:  # a line that is cut off may end in the middle of a number
             raise SourceError(f"{row[0]}: has {len(fields)} fields, the first line {columns}: copy it again")
+        values = numbers(row, fields[1:], 6 if columns >= 7 else 3, what)
+        if max(map(abs, values)) > _LARGEST:
+            raise SourceError(f"{row[0]}: {max(values, key=abs):.4g} is no measurement: give rad/s and m/s^2")
         stamps.append(stamp)
-        samples.append(numbers(row, fields[1:], 6 if columns >= 7 else 3, what))
+        samples.append(values)
     if len(stamps) < 2:
         raise SourceError(f"{table}: holds less than two samples of the sensor: copy it again, or leave --imu out")
     return np.array(stamps), np.array(samples)

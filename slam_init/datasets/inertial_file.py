@@ -31,10 +31,10 @@ _CALIBRATED_S, _UNKNOWN_S = 0.001, 0.005
 def read_inertial_file(path: str | os.PathLike[str]) -> InertialSensor:
     """Read a file of an inertial sensor, with the YAML file beside it."""
     table = user_path(path)
+    stamps, samples = read_samples(table, None, "t,gx,gy,gz,ax,ay,az (rad/s, m/s^2)")
     sensor = table.with_suffix(".yaml")
     if not sensor.exists():
         raise SourceError(f"{sensor}: no such file: write T_cam_imu in it, the pose of the sensor in the camera (4x4)")
-    stamps, samples = read_samples(table, None, "t,gx,gy,gz,ax,ay,az (rad/s, m/s^2)")
     content = load_yaml(sensor)
     stated = dict(content) if isinstance(content, dict) else {}
     for part in ("cam0", "imu0"):

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from make_files import write
 
+from slam_init.datasets import open_source
+from slam_init.datasets.gravity import GravitySource, read_gravity
 from slam_init.datasets.inertial_file import read_inertial_file
 from slam_init.errors import SlamInitError, SourceError
 from slam_init.types.inertial import Gravity, InertialRecord
@@ -50,12 +52,27 @@ def test_the_names_of_kalibr_and_nanoseconds(table):
         (".csv", "1,0,0,0,0,0,9.8\n", "less than two samples"),
         (".csv", "1,0,0,0,0,0,9.8\n1,0,0,0,0,0,9.8\n", "does not come after"),
         (".csv", "1,0,0,0,0,0,9.8\n2,0,0,nan,0,0,9.8\n", r"record\.csv:2"),
+        (".csv", "1,0,0,0,0,0,9.8\n2,0,0,0,0,0,-1e300\n", r"record\.csv:2: -1e\+300 is no measurement"),
     ],
 )
 def test_a_broken_file_is_refused_with_its_name(table, suffix, text, message):
     write(table.with_suffix(suffix), text)
     with pytest.raises(SourceError, match=message):
         read_inertial_file(table)
+
+
+def test_a_file_that_is_not_there_is_named_before_the_one_beside_it(tmp_path):
+    with pytest.raises(SourceError, match=r"absent\.csv"):
+        read_inertial_file(tmp_path / "absent.csv")
+
+
+def test_the_note_tells_how_many_frames_have_gravity(tmp_path):
+    source = open_source("synth:room")
+    write(tmp_path / "gravity.txt", "0.0 0 1 0\n500 0 1 0\n")
+    frames = GravitySource(source, read_gravity(tmp_path / "gravity.txt"), "gravity of gravity.txt")
+    assert frames.notes[-1] == "gravity of gravity.txt"
+    assert [frame.gravity is not None for frame in frames.frames(0, 3)] == [True, False, False]
+    assert frames.notes[-1] == "gravity of gravity.txt: 1 of 3"
 
 
 def test_without_the_pose_of_the_sensor_there_is_a_line_that_says_what_to_write(table):
