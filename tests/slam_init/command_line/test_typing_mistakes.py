@@ -35,7 +35,7 @@ def error_of(words, capsys):
         (["run", "synth:static?frames=2&width=96&height=64", "--topic", "/a"], "choose those of a ROS bag"),
         (["run", "synth:static?frames=2&width=96&height=64", "--imu"], "has no gyroscope"),
         (["run", "synth:static?frames=2&width=96&height=64", "--scale", "imu"], "has no accelerations"),
-        (["run", "synth:static?frames=2&width=96&height=64", "--imu=nowhere.csv"], "write T_cam_imu in it"),
+        (["run", "synth:static?frames=2&width=96&height=64", "--imu=nowhere.csv"], "nowhere.csv"),
         (["run", "x", "--gravity", "g.txt", "--method", "orb-slam3"], "which orb-slam3 has not: leave it out"),
         (["run", "synth:static?frames=2&width=96&height=64", "--gravity", "imu"], "has no accelerations"),
         (["run", "synth:static?frames=2&imu=1&cut=1"], "leave cut and stabilized out"),
