@@ -14,15 +14,13 @@ from typing import cast
 
 import numpy as np
 
-from slam_init.datasets.gyroscope import Gyroscope
-from slam_init.datasets.inertial import InertialSensor
+from slam_init.datasets.inertial import InertialSensor, WithSensor
 from slam_init.datasets.stamps import image_times
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
-from slam_init.types.inertial import InertialRecord
 from slam_init.types.pose import Trajectory
 from slam_init.types.time_stamps import TimeUnit
 
@@ -194,7 +192,7 @@ def stored_camera(folder: str | os.PathLike[str], first_image: str | os.PathLike
 
 
 @dataclass(frozen=True, eq=False)
-class ImageFileSource:
+class ImageFileSource(WithSensor):
     """A :class:`slam_init.types.frame.Source` over image files."""
 
     #: name, kind, camera, groundtruth: See :class:`slam_init.types.frame.Source`.
@@ -219,16 +217,6 @@ class ImageFileSource:
     @cached_property
     def _sensor(self) -> InertialSensor | None:
         return None if self.imu is None else self.imu()
-
-    @property
-    def gyroscope(self) -> Gyroscope | None:
-        """The gyroscope that is fixed to the camera; None without one. Its file is read when it is asked for."""
-        return None if self._sensor is None else self._sensor.gyroscope
-
-    @property
-    def inertial(self) -> InertialRecord | None:
-        """The record of rates and accelerations; None without one."""
-        return None if self._sensor is None else self._sensor.record
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Read frames in order; each file is read when its frame is requested."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -67,6 +68,25 @@ class InertialSensor(NamedTuple):
             more["clock_sigma_s"] = clock_sigma_s
         record = InertialRecord(timestamps_s, samples[:, :3], samples[:, 3:], cam_from_imu, name=name, **more)
         return InertialSensor(gyroscope, record)
+
+
+class WithSensor(ABC):
+    """What a source tells of the inertial sensor that is fixed to its camera."""
+
+    @property
+    @abstractmethod
+    def _sensor(self) -> InertialSensor | None:
+        """The sensor; None without one. Its file is read when it is asked for."""
+
+    @property
+    def gyroscope(self) -> Gyroscope | None:
+        """The gyroscope that is fixed to the camera; None without one, or if nothing tells its rotation against it."""
+        return None if self._sensor is None else self._sensor.gyroscope
+
+    @property
+    def inertial(self) -> InertialRecord | None:
+        """The record of rates and accelerations; None without one."""
+        return None if self._sensor is None else self._sensor.record
 
 
 def inertial_of(source: Source) -> InertialRecord | None:

@@ -10,15 +10,13 @@ from urllib.parse import parse_qsl
 
 import numpy as np
 
-from slam_init.datasets.gyroscope import Gyroscope
 from slam_init.datasets.image_files import frame_range
-from slam_init.datasets.inertial import InertialSensor
+from slam_init.datasets.inertial import InertialSensor, WithSensor
 from slam_init.datasets.text import pose_from_matrix
 from slam_init.errors import SourceError
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
-from slam_init.types.inertial import InertialRecord
 from slam_init.types.pose import Trajectory
 
 if TYPE_CHECKING:
@@ -66,7 +64,7 @@ class SimulatedSource:
 
 
 @dataclass(frozen=True, eq=False)
-class SynthSource(SimulatedSource):
+class SynthSource(WithSensor, SimulatedSource):
     """A :class:`slam_init.types.frame.Source` that renders a frame when it is requested."""
 
     sequence: SynthSequence
@@ -90,16 +88,6 @@ class SynthSource(SimulatedSource):
         }
         pose = pose_from_matrix(self.name, measured.cam_from_imu)
         return InertialSensor.made(measured.timestamps_s, samples, pose, densities, name="the simulated sensor")
-
-    @property
-    def gyroscope(self) -> Gyroscope | None:
-        """That of the option ``imu``."""
-        return None if self._sensor is None else self._sensor.gyroscope
-
-    @property
-    def inertial(self) -> InertialRecord | None:
-        """That of the option ``imu``."""
-        return None if self._sensor is None else self._sensor.record
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Render frames in order, each when it is requested."""

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from slam_init.datasets.gyroscope import Gyroscope
 from slam_init.datasets.image_files import MAX_FRAMES, check_size, frame_range
-from slam_init.datasets.inertial import InertialSensor
+from slam_init.datasets.inertial import InertialSensor, WithSensor
 from slam_init.datasets.ros.bag import Bag, Message
 from slam_init.datasets.ros.messages import camera_of_info, decode
 from slam_init.datasets.ros.motion import BagGyroscope, Truth, read_gyroscope, read_truth
@@ -20,7 +19,6 @@ from slam_init.errors import SourceError
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
-from slam_init.types.inertial import InertialRecord
 from slam_init.types.pose import Trajectory
 from slam_init.types.time_stamps import problem_of
 
@@ -37,7 +35,7 @@ def open_ros(
     return RosSource(Path(path), version, topic, truth)
 
 
-class RosSource:
+class RosSource(WithSensor):
     """A :class:`slam_init.types.frame.TimedSource` over a topic of images.
 
     The time stamp of a frame is that of the header of its message; where the first header has none, all frames have the
@@ -93,16 +91,6 @@ class RosSource:
     def groundtruth(self) -> Trajectory | None:
         """The poses of the camera; None if no topic tells them."""
         return self._truth.trajectory
-
-    @property
-    def gyroscope(self) -> Gyroscope | None:
-        """The gyroscope of the only topic of ``Imu``; None if nothing tells its rotation against the camera."""
-        return None if self._sensor is None else self._sensor.gyroscope
-
-    @property
-    def inertial(self) -> InertialRecord | None:
-        """The rates and accelerations of this topic; None where its messages have no accelerations."""
-        return None if self._sensor is None else self._sensor.record
 
     @property
     def _sensor(self) -> InertialSensor | None:
