@@ -20,9 +20,9 @@ def grey(image):
     return image.astype(float).mean(axis=-1)
 
 
-def transfer(sequence, i, j):
-    """Pixels of frame i transferred to frame j by depth and the poses of the rows, and their depth in frame j."""
-    depth = sequence.render(i)[1].astype(float)
+def transfer(sequence, i, j, depth):
+    """Pixels of frame i transferred to frame j by the depth of i and the poses of the rows; their depth in frame j."""
+    depth = depth.astype(float)
     camera = sequence.true_camera
     y, x = (a.ravel() for a in np.mgrid[: depth.shape[0] : 8, : depth.shape[1] : 8])
     pixels = np.column_stack([x, y]).astype(float)
@@ -72,8 +72,8 @@ def test_images_agree_with_depth_and_the_poses_of_the_rows(name, options):
 
     sequence = make_sequence(name, 1, SynthOptions(**CLEAN, **options))
     i, j = 20, 26
-    pixels, there, depth = transfer(sequence, i, j)
-    image, other, depth_of_other = sequence.render(i)[0], *sequence.render(j)
+    (image, depth_of_image), (other, depth_of_other) = sequence.render(i), sequence.render(j)
+    pixels, there, depth = transfer(sequence, i, j, depth_of_image)
     where = there.astype(np.float32)[:, None]
 
     def at(source, shift=0.0, flag=cv2.INTER_LINEAR):
@@ -98,8 +98,7 @@ def test_a_rolling_shutter_slants_what_a_pan_shows_and_the_middle_row_stays():
     assert np.abs(rolled[[0, 239]] - at_once[[0, 239]]).mean() > 8
 
 
-@pytest.mark.parametrize("name", ["handheld", "handheld-wall", "pan"])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("name", "seed"), [("handheld", 0), ("handheld-wall", 1), ("pan", 2)])
 def test_the_views_of_a_hand_held_camera_are_filled(name, seed):
     options = SynthOptions(**SMALL, frames=300, turning_deg_s=150, speed=0.2, k1=-0.1, stabilized=True, readout_ms=30)
     sequence = make_sequence(name, seed, options)
@@ -159,9 +158,9 @@ def test_a_long_exposure_is_the_mean_over_the_path_and_does_not_shift_the_image(
 
 
 def test_both_kinds_of_motion_blur_agree():
-    options = {**CLEAN, "turning_deg_s": 150.0, "readout_ms": 20.0, "k1": -0.1}
+    options = {**SMALL, "turning_deg_s": 150.0, "readout_ms": 20.0, "k1": -0.1}
     along, mean, sharp = (
-        grey(make_sequence("handheld", 3, SynthOptions(**{**options, **kind})).render(9)[0])
+        grey(make_sequence("handheld", 4, SynthOptions(**{**options, **kind})).render(9)[0])
         for kind in ({"motion_blur": 0.45}, {"exposure_ms": 15.0}, {})
     )
     assert np.abs(along - mean).mean() < 0.4 * np.abs(sharp - mean).mean()

@@ -25,8 +25,8 @@ def test_two_photographs_of_a_rotation_only_camera_with_a_wrong_focal_length_mak
 
 @pytest.mark.parametrize("focal_error", [0.05, -0.05])
 def test_a_rotation_only_camera_with_a_wrong_focal_length_makes_no_map_and_gets_a_note(focal_error):
-    source = synth("rotation", focal_error=focal_error)
-    result, _ = run(source, source.camera, Config(), max_frames=70)
+    source = synth("rotation", focal_error=focal_error, width=320, height=240)
+    result, _ = run(source, source.camera, Config(), max_frames=40)
     assert not result
     assert result.reason == "pure_rotation"
     (note,) = result.notes

@@ -17,7 +17,8 @@ def test_a_sequence_is_found_if_it_has_a_camera_a_ground_truth_and_a_single_moti
 
 
 def test_classes_reasons_and_frames_of_a_group_are_counted():
-    still, room = run_all(["synth:static?frames=3&width=320&height=240", "synth:room?width=320&height=240"], 1)
+    size = "width=320&height=240"
+    still, room = run_all([f"synth:static?frames=3&{size}", f"synth:room?frames=20&{size}"], 1)
     assert (still.outcome, still.reason) == ("none", "static_camera")
     assert room.outcome == "correct"
     *scenes, total = table_cells(count_table([still, room, still]))

@@ -26,7 +26,7 @@ def test_help_loads_no_heavy_library():
 
 
 INFO = ["info", "synth:wall?frames=2&width=96&height=64"]
-STILL = ["run", "synth:static?frames=2&width=96&height=64", "--out", "out"]
+STILL = ["run", "synth:static?frames=2&width=96&height=64", "--no-overview", "--out", "out"]
 
 
 @pytest.mark.parametrize(("arguments", "code"), [(INFO, 0), (["--help"], 0), (["--version"], 0), (STILL, 3)])
