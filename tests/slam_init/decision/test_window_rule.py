@@ -1,6 +1,7 @@
 """Laws of the rule of the window: the stated risk of the joint fit decides, and nothing else."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -40,6 +41,20 @@ def tried(source, views, config=WINDOW_CONFIG):
     preview = preview_of(seen, source.camera)
     rule = WindowRule(config, history_of(seen, source.camera), RollingShutter(source.camera))
     return rule.judge(preview, [preview], seen[-1], Stopwatch())
+
+
+@cache
+def followed(scene, seed, baseline):
+    """A run up to its map: source, initializer, and each frame with its status and the provisional map, asked twice."""
+    source = point_source(scene, seed, baseline=baseline)
+    initializer, steps = Initializer(source.camera, WINDOW_CONFIG), []
+    assert initializer.provisional is None
+    for observed in source.observations():
+        status = initializer.process_tracks(observed)
+        steps.append((observed, status, initializer.provisional, initializer.provisional))
+        if status:
+            break
+    return source, initializer, steps
 
 
 def with_limits(**limits):
@@ -265,7 +280,8 @@ def test_a_frame_without_a_chosen_pair_is_judged_with_the_reference_of_the_last_
 
 
 def test_the_initializer_judges_frames_between_those_that_quest_is_asked_for():
-    attempts = finished(point_source("wall", 0, views=30, baseline=0.2)).attempts
+    _, initializer, _ = followed("wall", 0, 0.3)
+    attempts = initializer.finish().attempts
     assert [attempt.frames[1] for attempt in attempts] == list(range(1, len(attempts) + 1))
     assert all(attempt.window is not None for attempt in attempts)
     assert len({attempt.two_view is not None for attempt in attempts}) == 2  # some asked, some not
@@ -312,9 +328,8 @@ def test_of_the_frames_before_the_camera_moves_the_map_has_the_reference_only():
 )
 def test_the_map_is_as_new_as_the_frame(scene, seed, baseline):
     """The newest keyframe is the frame that brought the map, and it sees at least half of the landmarks."""
-    source = point_source(scene, seed, baseline=baseline)
-    initializer = Initializer(source.camera, WINDOW_CONFIG)
-    newest = next(observed for observed in source.observations() if initializer.process_tracks(observed))
+    _, initializer, steps = followed(scene, seed, baseline)
+    newest = steps[-1][0]
     assert max(keyframe.frame for keyframe in initializer.map.keyframes) == newest.frame
     assert np.isin(initializer.map.track_ids, newest.track_ids).mean() >= 0.5
 
@@ -326,23 +341,20 @@ def test_the_map_is_as_new_as_the_frame(scene, seed, baseline):
     ("scene", "seed", "baseline"), [("room", 0, 0.03), ("room", 2, 0.1), ("nadir", 1, 0.2), ("wall", 0, 0.3)]
 )
 def test_the_provisional_map_is_none_then_too_risky_then_the_accepted_map(scene, seed, baseline):
-    source = point_source(scene, seed, baseline=baseline)
-    initializer, waiting = Initializer(source.camera, WINDOW_CONFIG), 0
-    assert initializer.provisional is None
-    for observed in source.observations():
-        status = initializer.process_tracks(observed)
-        provisional = initializer.provisional
-        if status:
-            break
+    _, initializer, steps = followed(scene, seed, baseline)
+    *before, (_, accepting, accepted, _) = steps
+    waiting = 0
+    for observed, status, provisional, _ in before:
         assert (provisional is None) == (status.attempt is None or status.attempt.window is None)
         if provisional is not None:
             assert provisional.risk >= status.attempt.window.risk
             assert len(provisional.map.points)
             assert max(k.frame for k in provisional.map.keyframes) == observed.frame
             waiting += 1
+    assert accepting
     assert waiting
-    assert provisional.map is initializer.map is not None
-    assert provisional.risk == status.attempt.window.risk <= WINDOW_CONFIG.acceptance.max_risk
+    assert accepted.map is initializer.map is not None
+    assert accepted.risk == accepting.attempt.window.risk <= WINDOW_CONFIG.acceptance.max_risk
     assert initializer.provisional.map is initializer.finish().map
 
 
@@ -381,20 +393,14 @@ def test_the_provisional_map_can_be_asked_for_after_its_frames_are_dropped():
 
 @pytest.mark.parametrize(("scene", "seed", "baseline"), [("room", 2, 0.1), ("wall", 0, 0.3)])
 def test_asking_for_the_provisional_map_does_not_change_the_result(scene, seed, baseline):
-    source = point_source(scene, seed, baseline=baseline)
-    asked, unasked = (Initializer(source.camera, WINDOW_CONFIG) for _ in range(2))
-    answers = []
-    for observed in source.observations():
-        unasked.process_tracks(observed)
-        if asked.process_tracks(observed):
-            break
-        answers += [(asked.provisional, asked.provisional)]
-    known = [pair for pair in answers if pair[0] is not None]
-    assert known
-    assert all(bytes_of(first.map) == bytes_of(second.map) for first, second in known)
-    assert bytes_of(asked.finish().map) == bytes_of(unasked.finish().map)
-    assert [(a.frames, a.gates, a.window) for a in asked.result.attempts] == [
-        (a.frames, a.gates, a.window) for a in unasked.result.attempts
+    source, initializer, steps = followed(scene, seed, baseline)
+    asked, unasked = initializer.finish(), finished(source)
+    known = [(once, twice) for _, _, once, twice in steps if once is not None]
+    assert len(known) > 1
+    assert all(bytes_of(once.map) == bytes_of(twice.map) for once, twice in known)
+    assert bytes_of(asked.map) == bytes_of(unasked.map)
+    assert [(a.frames, a.gates, a.window) for a in asked.attempts] == [
+        (a.frames, a.gates, a.window) for a in unasked.attempts
     ]
 
 
