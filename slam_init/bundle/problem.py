@@ -212,6 +212,8 @@ class BundleFailure:
 
     #: One line.
     cause: str
+    #: The view that sees too few landmarks, where this is the cause.
+    frame: int | None = None
 
     def __bool__(self) -> bool:
         return False

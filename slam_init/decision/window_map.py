@@ -119,13 +119,18 @@ class WindowMaps:
     def _without_moved_views(
         self, frames: Sequence[int], of_view: float, prior: PosePrior | None = None
     ) -> tuple[BundleSolution | BundleFailure, TrackTable]:
-        """The map of the best motion, in the pair and the further views that are no riskier than ``of_view`` in it."""
+        """The map of the best motion, in the pair and the further views that are no riskier than ``of_view`` in it.
+
+        A further view that sees too few of the landmarks is left out too.
+        """
         while True:
             bundle, table = self._adjusted(self._window.best, frames, prior)
-            if not isinstance(bundle, BundleSolution):
-                return bundle, table
-            differences = self._differences_deg(bundle)
-            kept = [*frames[:2], *(frame for frame in frames[2:] if self._risk_of_view(frame, differences) <= of_view)]
+            if isinstance(bundle, BundleSolution):
+                differences = self._differences_deg(bundle)
+                left = [frame for frame in frames[2:] if self._risk_of_view(frame, differences) <= of_view]
+            else:
+                left = [frame for frame in frames[2:] if frame != bundle.frame]
+            kept = [*frames[:2], *left]
             if len(kept) == len(frames):
                 return bundle, table
             frames = kept

@@ -103,7 +103,10 @@ def information_by_chance(tracks: WindowTracks, fit: JointFit, priors: Priors) -
     # An error of a distance must not change the weight of an observation: each has the weight of the fit, as its noise.
     squares = np.einsum("vtq,vtq->vt", fit.residuals, fit.residuals)
     left = np.maximum(1 - squares / (TUKEY_GATES * priors.gate_sigmas**2), 0.0)
-    weighted = replace(tracks, seen=tracks.seen & (left > 0), sigma_px=tracks.sigma_px / np.maximum(left, 1e-6))
+    # A single observation tells no distance, so that the error of this distance has no size.
+    seen = tracks.seen & (left > 0)
+    seen &= seen.sum(axis=0) >= 2
+    weighted = replace(tracks, seen=seen, sigma_px=tracks.sigma_px / np.maximum(left, 1e-6))
     equations = WindowEquations(weighted, state, replace(priors, gate_sigmas=_NO_GATE))
     equations.build(state, hold=False)
     own = equations.normal.copy()

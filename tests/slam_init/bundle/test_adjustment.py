@@ -110,6 +110,22 @@ def test_a_tight_prior_keeps_the_poses_and_a_loose_one_has_no_effect():
     assert np.trace(tight.pose_covariances[-1]) < np.trace(free.pose_covariances[-1])
 
 
+def test_errors_that_tracks_share_do_not_outweigh_a_prior_and_the_graph_is_at_its_optimum():
+    """A stretch of each view by another amount, as of a wrong lens, moves the poses of the tracks alone."""
+    rng = np.random.default_rng(5)
+    exact = problem(CAMERA, cloud(rng), noise_px=0.1, rng=rng)
+    stretch = rng.normal(0, 0.004, (len(exact.frames), 2))[exact.views]
+    start = replace(exact, pixels=exact.pixels + stretch * (exact.pixels - (CAMERA.cx, CAMERA.cy)))
+    prior = PosePrior(5e-4, 5e-3)
+    alone, both = (adjust(CAMERA, one, MAP, poses_known=True) for one in (start, start.with_prior(prior)))
+    again = gtsam.LevenbergMarquardtOptimizer(both.graph, both.values).optimize()
+    assert both.overdispersion > 2
+    assert both.graph.error(again) == pytest.approx(both.graph.error(both.values), rel=1e-3)
+    last = start.world_from_cam[-1].R
+    from_prior = [rotation_angle(one.problem.world_from_cam[-1].R.T @ last) for one in (alone, both)]
+    assert from_prior[1] < 0.5 * from_prior[0]
+
+
 def test_the_prior_has_the_unit_of_length_of_the_problem():
     rng = np.random.default_rng(8)
     start = disturbed(problem(CAMERA, cloud(rng), noise_px=0.5, rng=rng), rng).with_prior(PosePrior(1e-3, 1e-2))
@@ -197,8 +213,10 @@ def no_baseline():
     "bad", [few_points, nan_start, nan_pixel, view_without_points, unrelated_pixels, all_behind, no_baseline]
 )
 def test_a_problem_that_cannot_be_solved_is_a_failure_with_its_cause(bad, config):
-    failure = adjust(CAMERA, bad(), config)
+    start = bad()
+    failure = adjust(CAMERA, start, config)
     assert isinstance(failure, BundleFailure)
     assert not failure
     assert failure.cause
     assert "\n" not in failure.cause
+    assert failure.frame == (start.frames[2] if bad is view_without_points else None)

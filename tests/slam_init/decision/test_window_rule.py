@@ -10,6 +10,7 @@ from make_pair import preview_of
 from make_scene import CAMERA, cloud, history_of, observe
 from make_window import WINDOW_CONFIG, point_source, pose_errors_deg, true_motion
 
+from slam_init.bundle.problem import BundleFailure
 from slam_init.calibration.prior import camera_with_focal
 from slam_init.config import Config
 from slam_init.decision import window_map, window_rule
@@ -309,6 +310,22 @@ def test_the_keyframes_are_the_pair_and_the_views_whose_own_baseline_is_certain(
     assert [k.frame for k in result.map.keyframes] == sorted([reference, current, *certain])
     assert sorted(result.attempts[-1].frames) == sorted([reference, current, *certain])
     assert (len(certain) < len(others)) == (scene != "wall")  # the first views of the other scenes are too near
+
+
+def test_a_view_that_sees_too_few_of_the_landmarks_is_left_out_and_does_not_prevent_the_map(monkeypatch):
+    source = point_source("room", 1, baseline=0.3)
+    whole = finished(source).map
+    blind = whole.keyframes[1].frame  # neither the reference nor the current frame
+
+    def map_of_poses(camera, config, table, *arguments):
+        if blind in table.frames:
+            return BundleFailure(f"frame {blind} sees only 1 landmarks after the removal of outliers", blind)
+        return build(camera, config, table, *arguments)
+
+    build = window_map.map_of_poses
+    monkeypatch.setattr(window_map, "map_of_poses", map_of_poses)
+    kept = [keyframe.frame for keyframe in finished(source).map.keyframes]
+    assert kept == [keyframe.frame for keyframe in whole.keyframes if keyframe.frame != blind]
 
 
 def test_of_the_frames_before_the_camera_moves_the_map_has_the_reference_only():

@@ -12,6 +12,7 @@ from slam_init.window.joint_fit import fit_window
 from slam_init.window.linearization import information_by_chance, linearize_with_fields
 from slam_init.window.marginal import FIELD_SCALES_PX, marginalize_fields
 from slam_init.window.state import Priors
+from slam_init.window.tracks import WindowTracks
 from slam_init.window.uncertainty import (
     ExpandedFit,
     direction_sigmas_deg,
@@ -214,6 +215,22 @@ def test_a_long_baseline_has_hardly_any_information_by_chance(window_and_fit):
         left = direction_in_space(direction_uncertainty(replace(found, marginal=without), view))
         assert np.trace(all_of_it) <= 1.0001 * np.trace(left)
         assert np.trace(left) < 1.25 * np.trace(all_of_it)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_track_with_one_observation_left_makes_no_information_by_chance(seed):
+    """The reference sees some tracks far from their projections, so that the other view alone is left of them."""
+    window = make_window("room", seed, 2, 300, noise_px=0.1, baseline=0.1)
+    tracks, pixels = window.tracks, window.tracks.pixels.copy()
+    pixels[0, :8] += 30.0
+    tracks = WindowTracks.gather(tracks.camera, tracks.frames, tracks.track_ids, pixels, tracks.seen, tracks.noise_px)
+    state, baseline = window.true_state(), np.linalg.norm(window.t[1])
+    state = replace(state, t=state.t / baseline, inverse_distances=state.inverse_distances * baseline)
+    fit = fit_window(tracks, state, PRIORS, max_steps=0)
+    found = expanded(replace(window, tracks=tracks), fit)
+    without = replace(found, marginal=found.marginal.without_chance(information_by_chance(tracks, fit, PRIORS)))
+    all_of_it, left = (np.trace(direction_uncertainty(one).covariance) for one in (found, without))
+    assert left < 1.1 * all_of_it
 
 
 def test_the_information_by_chance_is_that_which_errors_of_the_distances_add():
