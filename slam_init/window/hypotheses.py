@@ -239,8 +239,8 @@ def _fitted(
 ) -> tuple[bool, list[FittedMotion]]:
     """Whether the points lie on a plane, and the different optima of located motions, the best first."""
     if any(motion.plane is not None for motion in motions):
-        with_plane = [_with_plane(motion, tracks, bearings) for motion in motions]
-        fits = different_optima(_fit_each(tracks, with_plane, priors))
+        on_plane = [with_plane(motion, tracks, bearings) for motion in motions]
+        fits = different_optima(_fit_each(tracks, on_plane, priors))
         if is_plane(tracks, fits[0], priors):
             return True, fits
     return False, different_optima(_fit_each(tracks, [replace(motion, plane=None) for motion in motions], priors))
@@ -266,7 +266,7 @@ def different_optima(fits: list[FittedMotion]) -> list[FittedMotion]:
     return different
 
 
-def _with_plane(motion: Motion, tracks: WindowTracks, bearings: Floats) -> Motion:
+def with_plane(motion: Motion, tracks: WindowTracks, bearings: Floats) -> Motion:
     """A located motion with the plane that explains most of its matches, where it has none yet."""
     if motion.plane is not None:
         return motion

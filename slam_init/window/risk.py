@@ -8,7 +8,8 @@ causes add their probabilities:
   errors that the tracks of a view share. Errors that a track keeps over many views, and noise that differs between
   tracks, show in the scatter of the scores; for the direction the larger deviation counts. The map of a calibrated
   camera keeps the stated lens, which the fit moves: what that changes adds to both. A zoom and a shift of each view
-  widen and move the direction, with the probability that the lens changes from view to view.
+  widen and move the direction, with the probability that the lens changes from view to view. Before a map is accepted,
+  a motion with any zoom of each view is fitted too (:mod:`~slam_init.window.zooming_motion`).
 * **rival**: another motion is right. Each track votes by the difference of its two log likelihoods, by three nats at
   the most: so much it costs to say that the track is an outlier. The image region with the largest vote is left out,
   since a moving body or a step in the scene fills a region. What the error fields explain of the rival counts for it.
@@ -84,7 +85,8 @@ from slam_init.window.uncertainty import (
     sigma_with_known_lens,
     varying_lens,
 )
-from slam_init.window.zooming_rotation import with_zooms
+from slam_init.window.zooming_motion import wrong_by_zooms
+from slam_init.window.zooming_rotation import ZoomingRotation, with_zooms
 
 #: A direction that is wrong with a larger probability is unknown, however far behind the rivals are.
 #: Class: level.
@@ -273,24 +275,39 @@ def confirmed(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -
                 hypotheses, risk = anew, _risk_of(anew)
                 if risk.total > max_risk:
                     return hypotheses, risk
-        for against in (_against_bodies, _against_zooms):
-            risk = against(hypotheses, risk)
-            if risk.total > max_risk:
-                return hypotheses, risk
+        risk = _against_bodies(hypotheses, risk)
+        if risk.total > max_risk:
+            return hypotheses, risk
+        rotation = with_zooms(hypotheses)
+        risk = _against_zooming_rotation(hypotheses, risk, rotation)
+        if risk.total > max_risk:
+            return hypotheses, risk
         free = look_again(hypotheses)
-        best, again = hypotheses.motions[0], free.motions[0]
-        if not hypotheses.planar:
-            return (hypotheses, risk) if len(free.motions) == 1 and again.same_as(best) else (free, _risk_of(free))
-        of_free = _risk_of(free)
-        rotation_deg, direction_deg = best.difference_deg(again)
-        near = rotation_deg <= AGREES_SIGMAS * of_free.rotation_sigma_deg + SAME_ROTATION_DEG
-        if not near or direction_deg > AGREES_SIGMAS * of_free.direction_sigma_deg + SAME_DIRECTION_DEG:
-            return free, of_free
-        rival, direction = max(risk.rival, of_free.rival), risk.direction
-        # The plane of shifted frames is another one in each view, so that it tells nothing about the direction.
-        direction = max(direction, risk.frames_are_shifted * of_free.direction)
-        total = _total(direction, rival, risk.rotation, risk.moving)
-        return hypotheses, replace(risk, rival=rival, direction=direction, total=total)
+        hypotheses, risk = _with_free_depths(hypotheses, risk, free)
+        if risk.total > max_risk or not hypotheses.priors.lens_changes:
+            return hypotheses, risk
+        direction = min(1.0, risk.direction + wrong_by_zooms(hypotheses, rotation))
+        total = _total(direction, risk.rival, risk.rotation, risk.moving)
+        return hypotheses, replace(risk, direction=direction, total=total)
+
+
+def _with_free_depths(
+    hypotheses: WindowHypotheses, risk: WindowRisk, free: WindowHypotheses
+) -> tuple[WindowHypotheses, WindowRisk]:
+    """The hypotheses to go on with after a second look with free depths, and their risk."""
+    best, again = hypotheses.motions[0], free.motions[0]
+    if not hypotheses.planar:
+        return (hypotheses, risk) if len(free.motions) == 1 and again.same_as(best) else (free, _risk_of(free))
+    of_free = _risk_of(free)
+    rotation_deg, direction_deg = best.difference_deg(again)
+    near = rotation_deg <= AGREES_SIGMAS * of_free.rotation_sigma_deg + SAME_ROTATION_DEG
+    if not near or direction_deg > AGREES_SIGMAS * of_free.direction_sigma_deg + SAME_DIRECTION_DEG:
+        return free, of_free
+    rival, direction = max(risk.rival, of_free.rival), risk.direction
+    # The plane of shifted frames is another one in each view, so that it tells nothing about the direction.
+    direction = max(direction, risk.frames_are_shifted * of_free.direction)
+    total = _total(direction, rival, risk.rotation, risk.moving)
+    return hypotheses, replace(risk, rival=rival, direction=direction, total=total)
 
 
 def _against_bodies(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk:
@@ -301,15 +318,14 @@ def _against_bodies(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRis
     return replace(risk, rotation=rotation, total=_total(risk.direction, risk.rival, rotation, risk.moving))
 
 
-def _against_zooms(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk:
+def _against_zooming_rotation(hypotheses: WindowHypotheses, risk: WindowRisk, zooming: ZoomingRotation) -> WindowRisk:
     """The risk with the rival that the camera only rotates, and that its lens zooms from view to view."""
-    zooming = with_zooms(hypotheses)
-    explained = 0.5 * (hypotheses.rotation_only.cost - zooming.rotation_only.cost)
+    explained = 0.5 * (hypotheses.rotation_only.cost - zooming.cost)
     best = expand(hypotheses, hypotheses.motions[0], evidence_only=True)
-    _, probability, _ = _rotation_probability(zooming, best, ZOOM_LEAVES * explained)
+    _, probability, _ = _rotation_probability(zooming.hypotheses, best, ZOOM_LEAVES * explained)
     # A zoom looks like a motion toward a plane, so that a few bodies before it look like its relief.
-    if explained > zooming.gain_over_rotation[0]:
-        probability = max(probability, _bodies_probability(zooming, SHARE_OF_BODIES))
+    if explained > zooming.hypotheses.gain_over_rotation[0]:
+        probability = max(probability, _bodies_probability(zooming.hypotheses, SHARE_OF_BODIES))
     rotation = risk.rotation + hypotheses.priors.lens_changes * LENS_ZOOMS * probability
     return replace(risk, rotation=rotation, total=_total(risk.direction, risk.rival, rotation, risk.moving))
 

@@ -35,7 +35,7 @@ from slam_init.window.levels import SHIFTS, TURNING_FACTOR, ZOOMS
 from slam_init.window.linearization import Linearization, information_by_chance, linearize_with_fields
 from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, FieldMarginal, marginalize_fields
 from slam_init.window.motion import FittedMotion
-from slam_init.window.state import Priors
+from slam_init.window.state import Priors, WindowState
 from slam_init.window.tracks import WindowTracks
 
 #: Regions across and down for the scatter of the scores: a dozen sums determine a standard deviation to a fifth, and
@@ -349,15 +349,10 @@ def varying_lens(expanded: ExpandedFit, priors: Priors) -> VaryingLens:
     if scale_px:
         given = np.linalg.inv(0.5 * (left + left.T) + np.eye(len(left)) / scale_px**2)
     # Given a zoom or a shift, the fields take a part of it back.
-    B = _zooms_and_shifts(expanded.tracks.camera, views)
+    B = zooms_and_shifts(expanded.tracks.camera, views)
     B -= given @ (left @ B)
-    information, gradient = B.T @ left @ _zooms_and_shifts(expanded.tracks.camera, views), B.T @ gradient
-    # The fields are polynomials of the measured pixels. A zoom of these shrinks their noise as well: with N tracks in a
-    # view the gradient has an expectation of -2 N. A lens zooms the projections, which are a residual away.
-    squares = np.sum(expanded.fit.residuals**2, axis=2)
-    left_of_gate = np.maximum(1 - squares / (TUKEY_GATES * priors.gate_sigmas**2), 0.0)
-    used = expanded.tracks.seen & (expanded.tracks.anchor >= 0) & (left_of_gate > 0)
-    gradient[::3] += np.sum(left_of_gate**2 * np.where(used, squares, 0.0), axis=1)[1:]
+    information, gradient = B.T @ left @ zooms_and_shifts(expanded.tracks.camera, views), B.T @ gradient
+    gradient[::3] += shrunk_noise(expanded.tracks, expanded.fit, priors)
     derivatives = [_direction_derivatives(expanded, view)[1] for view in range(1, views)]
     along = [J @ follow for J in derivatives]
     fixed = [J @ covariance @ J.T + F @ given @ F.T for J, F in zip(derivatives, along, strict=True)]
@@ -387,7 +382,21 @@ def varying_lens(expanded: ExpandedFit, priors: Priors) -> VaryingLens:
     return VaryingLens(np.array(log_weights), np.array(factors), np.array(moved_deg))
 
 
-def _zooms_and_shifts(camera: Camera, views: int) -> Floats:
+def shrunk_noise(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Floats:
+    """What the gradient by the zoom of each view but the first lacks, where fields describe the zooms.
+
+    The fields are polynomials of the measured pixels. A zoom of these shrinks their noise as well: with N tracks in a
+    view the gradient has an expectation of -2 N. A lens zooms the projections, which are a residual away.
+
+    Shapes: returns (V - 1,).
+    """
+    squares = np.sum(fit.residuals**2, axis=2)
+    left_of_gate = np.maximum(1 - squares / (TUKEY_GATES * priors.gate_sigmas**2), 0.0)
+    used = tracks.seen & (tracks.anchor >= 0) & (left_of_gate > 0)
+    return np.asarray(np.sum(left_of_gate**2 * np.where(used, squares, 0.0), axis=1)[1:])
+
+
+def zooms_and_shifts(camera: Camera, views: int) -> Floats:
     """The coefficients (12 V, 3 V - 3) of the fields by the zoom and the shift (x, y) of each view but the first."""
     own = np.zeros((FIELD_TERMS, 3))
     half = FIELD_TERMS // 2
@@ -428,12 +437,21 @@ def _second_moment(expanded: ExpandedFit, J: Floats) -> Floats:
 
 
 def _direction_derivatives(expanded: ExpandedFit, view: int) -> tuple[Floats, Floats]:
-    """Basis (2, 3) across the direction of a view's baseline, and its derivatives (2, X) in radians."""
-    R, t = expanded.fit.state.R[view], expanded.fit.state.t[view]
+    return direction_derivatives(expanded.fit.state, view, len(expanded.marginal.shift))
+
+
+def direction_derivatives(state: WindowState, view: int, unknowns: int) -> tuple[Floats, Floats]:
+    """A basis across the direction of a view's baseline, and its derivatives in radians.
+
+    Shapes: returns (2, 3), returns (2, X).
+
+    * ``unknowns``: The rotations and translations of the views come first among them.
+    """
+    R, t = state.R[view], state.t[view]
     cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
     length = max(float(np.linalg.norm(t)), 1e-300)
     across = np.linalg.svd((R.T @ t / length)[None])[2][1:]
-    J = np.zeros((2, len(expanded.marginal.shift)))
+    J = np.zeros((2, unknowns))
     # Derivatives of R^T t by the rotation vector (from the left) and by t.
     J[:, 6 * (view - 1) : 6 * view] = across @ np.hstack([R.T @ cross, R.T]) / length
     return np.asarray(across), J

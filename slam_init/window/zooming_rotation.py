@@ -10,7 +10,7 @@ located again, in turn.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -47,36 +47,57 @@ _OF_MEDIAN, _OF_SCALE = 1.4826, 2.0
 _LEAST_TRACKS = 4
 
 
-def with_zooms(hypotheses: WindowHypotheses) -> WindowHypotheses:
-    """The same hypotheses, but the rotation-only camera zooms from view to view, its zooms undone in the tracks."""
+@dataclass(frozen=True, eq=False)
+class ZoomingRotation:
+    """A camera that rotates and zooms from view to view."""
+
+    #: Those of the window with this camera in place of the one that only rotates, and the zooms undone in the tracks.
+    hypotheses: WindowHypotheses
+    #: (V,) Of the views of the window.
+    zooms: Floats
+
+    @property
+    def cost(self) -> float:
+        """Of the fit, with the price of the zooms."""
+        return self.hypotheses.rotation_only.cost
+
+    def explains_much(self, hypotheses: WindowHypotheses) -> bool:
+        """Whether zooms explain a good part of what a camera that only rotates leaves to the best motion."""
+        best = hypotheses.motions[0].fit.cost
+        return self.cost - best < _ZOOMS_LEAVE * (hypotheses.rotation_only.cost - best)
+
+
+def with_zooms(hypotheses: WindowHypotheses) -> ZoomingRotation:
+    """Let the camera that only rotates zoom from view to view."""
     tracks, rotating = hypotheses.tracks, hypotheses.rotation_only
     # A readout would take the place of zooms.
     priors = replace(hypotheses.priors, readout_sigma_s=0.0)
     t = np.outer(np.arange(len(rotating.state.R)), [1e-9, 0.0, 0.0])
     state = start_at(tracks, rotating.state.R, t, readout_s=tracks.readout_s, at_infinity=True)
     lowest = _alternated(hypotheses, state, priors)
-    left = [one.cost - hypotheses.motions[0].fit.cost for one in (lowest.rotation_only, rotating)]
-    if 0 < left[0] < _ZOOMS_LEAVE * left[1]:
+    if lowest.cost > hypotheses.motions[0].fit.cost and lowest.explains_much(hypotheses):
         # The reference may be zoomed as well, as its distance from the stated focal length.
         free = replace(priors, focal_sigma=max(priors.focal_sigma, _REFERENCE_ZOOM))
         for log_scale in (_REFERENCE_ZOOM, -_REFERENCE_ZOOM):
             other = _alternated(hypotheses, replace(state, log_scale=log_scale), free)
-            if other.rotation_only.cost < lowest.rotation_only.cost:
+            if other.cost < lowest.cost:
                 lowest = other
     return lowest
 
 
-def _alternated(hypotheses: WindowHypotheses, state: WindowState, priors: Priors) -> WindowHypotheses:
+def _alternated(hypotheses: WindowHypotheses, state: WindowState, priors: Priors) -> ZoomingRotation:
     """Locate the views and fit them jointly, in turn, from the rotations and the lens of a state."""
     tracks, best = hypotheses.tracks, hypotheses.motions[0].fit
     state, zooms = _located(tracks, state, np.zeros(len(state.R)))
-    lowest, before = hypotheses, math.inf
+    lowest, before = ZoomingRotation(hypotheses, np.zeros(len(zooms))), math.inf
     for _ in range(_ROUNDS):
-        part = _zoomed(tracks, zooms)
+        part = zoomed(tracks, zooms)
         fit = fit_window(part, _again(part, state), priors, rotation_only=True, max_steps=_MAX_STEPS)
         cost = fit.cost + min(float(np.sum((zooms / LARGEST_ZOOM) ** 2)), ZOOMED_COST)
-        if cost < lowest.rotation_only.cost:
-            lowest = replace(hypotheses, tracks=part, rotation_only=replace(fit, cost=cost), rotation_priors=priors)
+        if cost < lowest.cost:
+            fit_with_price = replace(fit, cost=cost)
+            found = replace(hypotheses, tracks=part, rotation_only=fit_with_price, rotation_priors=priors)
+            lowest = ZoomingRotation(found, zooms)
         if before - cost < _LEAST_PROGRESS * (cost - best.cost):
             break
         before = cost
@@ -92,8 +113,11 @@ def _again(tracks: WindowTracks, state: WindowState) -> WindowState:
     )  # fmt: skip
 
 
-def _zoomed(tracks: WindowTracks, zooms: Floats) -> WindowTracks:
-    """The tracks with the zooms (V,) of the views undone."""
+def zoomed(tracks: WindowTracks, zooms: Floats) -> WindowTracks:
+    """The tracks with the zooms of the views undone.
+
+    Shapes: ``zooms`` (V,).
+    """
     centre, factors = _centre(tracks.camera), 1 + zooms
     pixels = centre + (tracks.pixels - centre) / factors[:, None, None]
     places = tracks.places * factors[:, None, None]
@@ -118,7 +142,7 @@ def _located(
         used = tracks.seen[k] & (tracks.anchor >= 0) & (tracks.anchor < k)
         measured = tracks.pixels[k] - state.principal_px
         if rays is None:
-            of_anchor = _zoomed(tracks, zooms).pixels[anchor, columns] - state.principal_px
+            of_anchor = zoomed(tracks, zooms).pixels[anchor, columns] - state.principal_px
             from_anchor = camera.bearings(of_anchor)
         else:
             from_anchor = rays

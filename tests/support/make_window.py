@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -287,3 +287,25 @@ def fitted_window(scene: str, seed: int, views: int) -> tuple[WindowTracks, Join
     """A noisy window of a drawn world with its fit from the true poses."""
     window = make_window(scene, seed, views, noise_px=0.7, baseline=0.3)
     return window.tracks, fit_window(window.tracks, start_at(window.tracks, window.R, window.t), PRIORS)
+
+
+#: Views of :func:`hypotheses_of_changing_lens`.
+VIEWS_OF_CHANGING_LENS = 8
+
+
+def hypotheses_of_changing_lens(scene, seed=0, zoom=0.0, shift=0.0, ramp=0.0, **options):
+    """A window whose views but the first are zoomed about the centre of the image, and shifted over its width.
+
+    * ``ramp``: A steady zoom, from the first view to the last one in time.
+    """
+    source = point_source(scene, seed, **options)
+    camera, random = source.camera, np.random.default_rng(seed)
+    centre, views = np.array([camera.width, camera.height]) / 2, []
+    chosen = pair_and_further(list(source.observations()), VIEWS_OF_CHANGING_LENS)
+    last = max(view.frame for view in chosen) - chosen[0].frame
+    for k, view in enumerate(chosen):
+        factor, moved = 1 + zoom * random.normal() * (k > 0), shift * camera.width * random.normal(size=2) * (k > 0)
+        factor *= 1 + ramp * (view.frame - chosen[0].frame) / last
+        pixels = centre + factor * (view.pixels - centre) + moved
+        views.append(replace(view, pixels=pixels, bearings=camera.bearings(pixels)))
+    return hypotheses_of(camera, views, Priors(0.02, principal_sigma_px=2.0))

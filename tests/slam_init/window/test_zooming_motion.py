@@ -1,0 +1,44 @@
+"""Laws of a camera that moves while its lens zooms: the zooms are found, and cost nothing where there are none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from make_window import hypotheses_of_changing_lens as hypotheses
+
+from slam_init.window.risk import confirmed, risk_of
+from slam_init.window.zooming_motion import wrong_by_zooms, zooming_motions
+from slam_init.window.zooming_rotation import with_zooms
+
+
+@pytest.mark.parametrize("ramp", [0.2, -0.2])
+def test_the_zooms_of_a_moving_camera_are_found(ramp):
+    found = hypotheses("desk", 1, ramp=ramp, baseline=0.1)
+    best = max(zooming_motions(found, with_zooms(found)), key=lambda one: one.log_evidence)
+    frames = np.array(found.motions[0].frames) - found.motions[0].frames[0]
+    assert best.log_evidence > 50
+    assert np.abs(best.zooms - ramp * frames / frames.max()).max() < 0.02
+
+
+@pytest.mark.parametrize(("scene", "seed"), [("room", 2), ("corridor", 2), ("wall", 1), ("desk", 1)])
+def test_a_lens_that_does_not_zoom_adds_nothing_to_the_risk(scene, seed):
+    found = hypotheses(scene, seed, baseline=0.1)
+    assert wrong_by_zooms(found, with_zooms(found)) < 0.001
+
+
+@pytest.mark.parametrize("ramp", [0.05, -0.2])
+def test_no_map_of_a_zooming_lens_is_confirmed(ramp):
+    """Unless the lens is said to be fixed."""
+    found = hypotheses("desk", 1, ramp=ramp, baseline=0.1)
+    small = replace(risk_of(found), total=0.0)
+    assert confirmed(found, small, max_risk=1.0)[1].direction > 0.99
+    fixed = replace(found, priors=replace(found.priors, lens_changes=0.0))
+    assert confirmed(fixed, small, max_risk=1.0)[1].direction < 0.99
+
+
+def test_what_cannot_be_told_from_a_zoom_keeps_the_probability_of_one():
+    """Level flight at a short baseline: a zoom moves the tracks as a climb does, so that its evidence is near 0."""
+    found = hypotheses("nadir", 2, baseline=0.05)
+    evidence = [one.log_evidence for one in zooming_motions(found, with_zooms(found))]
+    assert -12 < max(evidence) < 1
+    assert all(one.direction_sigma_deg > 15 for one in zooming_motions(found, with_zooms(found)))
