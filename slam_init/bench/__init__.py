@@ -10,6 +10,7 @@ module               content
 ``protocol``         name and version; what a run is; the worlds of the suites ``drawn`` and ``rendered``; digests of
                      the tracks of this version
 ``manifest``         the suite ``video``: public sequences, where to get each, their checksums
+``generator``        the suite ``other``: archives of tracks, drawn by a generator that is given by its folder
 ``convert``          converters of the published layouts that no reader takes
 ``sheet``            the score sheet with its strata; ``sheet_text`` writes it as Markdown
 ``command``          runs ``slam-init bench``

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from slam_init.bench.generator import draw_archives
 from slam_init.bench.manifest import MANIFEST, checksum, data_folder, find_sequences
 from slam_init.bench.protocol import DEFAULTS, Run, frozen_checksum, rendered_worlds, simulated_worlds
 from slam_init.bench.sheet import Sheet, sheet_of
@@ -45,12 +46,18 @@ class Execution:
     progress: bool = False
 
 
-def run_bench(run: Run, out: str | os.PathLike[str], execution: Execution) -> str:
+def run_bench(
+    run: Run, out: str | os.PathLike[str], execution: Execution, generator: str | os.PathLike[str] | None = None
+) -> str:
     """Run the benchmark, and write its results.
 
     * ``out``: Folder of the results: those of ``slam-init compare``, and ``sheet.json`` and ``sheet.md``.
+    * ``generator``: Folder of the generator of the suite ``other``.
     """
-    sources, notes = _sources(run)
+    if generator is None:
+        sources, notes = _sources(run)
+    else:
+        sources, notes = draw_archives(Path(generator), run.worlds, run.seed, Path(out))
     default = DEFAULTS[run.suite]
     plan = Plan(
         sources=tuple(sources),

@@ -21,7 +21,7 @@ from urllib.parse import urlencode
 NAME = "InitBench"
 #: Raised when a figure of an earlier sheet can no longer be compared: other worlds, other sequences, other judging.
 VERSION = 1
-SUITES = ("drawn", "rendered", "video")
+SUITES = ("drawn", "rendered", "video", "other")
 
 
 @dataclass(frozen=True)
@@ -40,12 +40,13 @@ class SuiteDefaults:
     about: str
 
 
-#: A drawn world has 12 frames and one trial, so that all trials are independent. Trials of the other suites start at
-#: every 20th frame: nearer starts see mostly the same frames.
+#: A drawn world has 12 frames and one trial, so that all trials are independent; a world of another generator has one
+#: trial as well. Trials of sequences start at every 20th frame: nearer starts see mostly the same frames.
 DEFAULTS: dict[str, SuiteDefaults] = {
     "drawn": SuiteDefaults(1000, 10_000, 150, 3, "tracks of points in drawn worlds, with exact truth; no download"),
     "rendered": SuiteDefaults(24, 20, 150, 10, "images of rendered worlds, with exact truth; no download"),
     "video": SuiteDefaults(0, 20, 150, 10, "public sequences below SLAM_INIT_DATA"),
+    "other": SuiteDefaults(60, 10_000, 150, 3, "tracks of worlds that another generator draws: give --generator DIR"),
 }
 
 
@@ -63,6 +64,8 @@ class Run:
     #: The chosen sequences of ``video``; empty for all at hand.
     sequences: tuple[str, ...]
     methods: tuple[str, ...]
+    #: Name of the folder of the generator of ``other``: the sheet does not depend on where the folder lies.
+    generator: str = ""
 
     def departures(self) -> list[str]:
         """Tell in which options a run departs from the protocol."""
@@ -89,6 +92,8 @@ class Run:
         ):
             if value != usual:
                 words += [option, str(value)]
+        if self.generator:
+            words += ["--generator", self.generator]
         if self.sequences:
             words += ["--sequences", ",".join(self.sequences)]
         chosen = self.methods if methods is None else methods
@@ -123,6 +128,7 @@ RENDERED_SCENES = (
 _FRAMES = 60
 #: Seeds of the worlds of two seeds of the benchmark never meet.
 _SEEDS = 1_000_000
+_FIRST_OTHER = 10_000
 
 
 def simulated_worlds(count: int, seed: int) -> list[str]:
@@ -148,6 +154,12 @@ def rendered_worlds(count: int, seed: int) -> list[str]:
         scene = RENDERED_SCENES[i % len(RENDERED_SCENES)]
         worlds.append(f"synth:{scene}{'&' if '?' in scene else '?'}frames={_FRAMES}&seed={_SEEDS * seed + i}")
     return worlds
+
+
+def other_seeds(count: int, seed: int) -> range:
+    """List the seeds of the worlds of the suite ``other``. Smaller seeds are free for the choice of numbers."""
+    first = _FIRST_OTHER + _SEEDS * seed
+    return range(first, first + count)
 
 
 def _draw(seed: int, world: int, name: str, count: int) -> int:
@@ -198,18 +210,19 @@ def _frozen() -> _Frozen:
     content = json.loads(text)[str(VERSION)]
     # The worlds of ``drawn`` are listed by their number.
     drawn = dict(zip(simulated_worlds(len(content["drawn"]), 0), content["drawn"], strict=True))
-    digests = {"drawn": drawn, "rendered": content["rendered"], "video": content["video"]}
+    digests = {"drawn": drawn, **{suite: content[suite] for suite in SUITES[1:]}}
     return _Frozen(digests, content["made_with"], content["checksums"])
 
 
 def check_frozen(suite: str, digests: Mapping[str, str]) -> FrozenCheck:
     """Compare digests with the frozen ones.
 
-    * ``digests``: By the label of the source. A sequence is known by the name of its folder.
+    * ``digests``: By the label of the source. A sequence is known by the name of its folder, a world of another
+      generator by its seed.
     """
     frozen = _frozen()
     known = frozen.digests[suite]
-    expected = {label: known.get(_key(suite, label)) for label in digests}
+    expected = {label: known.get(frozen_key(suite, label)) for label in digests}
     different = tuple(label for label, digest in digests.items() if expected[label] not in (None, digest))
     unknown = sum(digest is None for digest in expected.values())
     made_with = ", ".join(f"{name} {number}" for name, number in frozen.made_with.get(suite, {}).items())
@@ -224,5 +237,8 @@ def frozen_checksum(sequence: str) -> str | None:
     return _frozen().checksums.get(sequence)
 
 
-def _key(suite: str, label: str) -> str:
+def frozen_key(suite: str, label: str) -> str:
+    """Return the name by which the digest of a source is frozen."""
+    if suite == "other":
+        return label.partition("?")[0]
     return Path(label).name if suite == "video" else label

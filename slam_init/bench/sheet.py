@@ -5,7 +5,8 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from urllib.parse import parse_qsl
+from itertools import chain
+from urllib.parse import parse_qsl, unquote
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from slam_init.output.plain_json import Json, plain_fields
 from slam_init.output.provenance import hardware, versions
 from slam_init.types.arrays import Bools
 
-#: Options of a world that are strata, and their headings.
+#: Options of a drawn world that are strata, and their headings. Another generator has factors of its own.
 AXES = {"baseline": "baseline / depth", "noise_px": "noise (px)", "outliers": "outliers", "focal_error": "focal error"}
 _PLANES = ("wall", "nadir", "tilted", "handheld-wall")
 
@@ -47,10 +48,10 @@ class Stratum:
 
     #: Kind of the scene.
     kind: str
-    #: A name of :data:`AXES`; empty for all trials of the kind.
+    #: A name of :data:`AXES`, or of a factor of another generator; empty for all trials of the kind.
     axis: str
-    #: Value on the axis; None for all trials of the kind.
-    value: float | None
+    #: Value on the axis, of another generator as it names it; None for all trials of the kind.
+    value: float | str | None
     #: One for each method.
     cells: tuple[Cell, ...]
 
@@ -64,13 +65,14 @@ def strata_of(table: TrialTable, sources: Sequence[ComparedSource], methods: Seq
     values = {source.label: _values(source) for source in sources}
     labels = table["source"].tolist()
     kind_of_row = np.array([kinds[label] for label in labels], object)
-    axes = {axis: np.array([values[label].get(axis, np.nan) for label in labels], float) for axis in AXES}
+    names = dict.fromkeys(chain(AXES, *values.values()))
+    axes = {axis: np.array([values[label].get(axis) for label in labels], object) for axis in names}
     strata = []
     for kind in sorted(set(kinds.values())):
         of_kind = kind_of_row == kind
         strata.append(Stratum(kind, "", None, _cells(table.select(of_kind), methods)))
         for axis, of_row in axes.items():
-            for value in sorted(set(of_row[of_kind & np.isfinite(of_row)].tolist())):
+            for value in sorted(set(of_row[of_kind].tolist()) - {None}):
                 cells = _cells(table.select(of_kind & (of_row == value)), methods)
                 strata.append(Stratum(kind, axis, value, cells))
     return strata
@@ -92,13 +94,19 @@ def _kind(source: ComparedSource) -> str:
         return kind_of_sequence(source.label)
     if criteria_of(source.group).no_translation:
         return "no translation"
+    generator, slash, _ = name.partition("/")
+    if slash:  # the worlds of another generator, whose scenes have other names
+        return unquote(generator)
     return "plane" if name.startswith(_PLANES) else "general"
 
 
-def _values(source: ComparedSource) -> dict[str, float]:
-    if not source.label.startswith("points:"):
+def _values(source: ComparedSource) -> dict[str, float | str]:
+    name, _, query = source.label.partition("?")
+    if not name.startswith("points:"):
         return {}
-    return {name: float(value) for name, value in parse_qsl(source.label.partition("?")[2]) if name in AXES}
+    if "/" in name:
+        return dict(parse_qsl(query))
+    return {axis: float(value) for axis, value in parse_qsl(query) if axis in AXES}
 
 
 #: Version of the layout of ``sheet.json``.

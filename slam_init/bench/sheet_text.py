@@ -99,7 +99,9 @@ def _strata(kind: str, sheet: Sheet) -> str:
 
 
 def _stratum_name(stratum: Stratum) -> str:
-    return "all" if stratum.value is None else f"{AXES[stratum.axis]} {stratum.value:g}"
+    if isinstance(stratum.value, float):
+        return f"{AXES[stratum.axis]} {stratum.value:g}"
+    return "all" if stratum.value is None else f"{AXES.get(stratum.axis, stratum.axis)} {stratum.value}"
 
 
 def _cells(stratum: Stratum) -> list[str]:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from slam_init.cli.parser import Commands
 
 _DEFAULT_OUT = "slam-init-bench"
-_SUITES = ("drawn", "rendered", "video")
+_SUITES = ("drawn", "rendered", "video", "other")
 _ACTIONS = ("publish", "list", "convert")
 
 
@@ -31,12 +31,13 @@ def add_bench(commands: Commands) -> None:
     bench.add_argument(
         "action", metavar="ACTION", nargs="*", help="nothing, list, publish DIR..., convert LAYOUT FOLDER"
     )
-    bench.add_argument("--suite", choices=_SUITES, help="drawn (default), rendered or video")
+    bench.add_argument("--suite", choices=_SUITES, help="drawn (default), rendered, video or other")
     add_methods(bench)
-    bench.add_argument("--worlds", type=int, metavar="N", help="number of worlds (default: 1000 drawn, 24 rendered)")
+    bench.add_argument("--worlds", type=int, metavar="N", help="number of worlds: 1000 drawn, 24 rendered, 60 other")
     bench.add_argument("--seed", type=int, default=0, metavar="N", help="of worlds and random draws (default: 0)")
     bench.add_argument("--every", type=int, metavar="K", help="start at every K-th frame of a sequence (default: 20)")
     bench.add_argument("--sequences", metavar="A,B", help="of the suite video (default: all at hand)")
+    bench.add_argument("--generator", metavar="DIR", help="of the suite other: a folder with gen.py (docs/bench.md)")
     add_processes(bench)
     bench.add_argument(
         "--trajectories", action="store_true", help="write the trajectories in the formats of evo and VSLAM-LAB"
@@ -69,13 +70,17 @@ def _run(arguments: argparse.Namespace) -> int:
     if suite != "video" and arguments.sequences is not None:
         raise UsageError("--sequences belongs to --suite video")
     if suite == "video" and arguments.worlds is not None:
-        raise UsageError("--worlds belongs to --suite drawn and rendered: choose --sequences, or --every")
-    if suite == "drawn" and arguments.every is not None:
+        raise UsageError("--worlds belongs to --suite drawn, rendered and other: choose --sequences, or --every")
+    if suite in ("drawn", "other") and arguments.every is not None:
         raise UsageError("--every belongs to --suite rendered and video: a drawn world has one trial")
+    if (suite == "other") != bool(arguments.generator):
+        raise UsageError("--suite other and --generator DIR belong together: give both, or none")
     from slam_init.output.folder import chosen_folder
     from slam_init.output.names import BENCH_FILES
+    from slam_init.system.regular_file import user_path
 
-    out = chosen_folder(arguments.out, "bench", BENCH_FILES)
+    generator = user_path(arguments.generator) if arguments.generator else None
+    out = chosen_folder(arguments.out, "bench", BENCH_FILES, [generator] if generator else ())
 
     from slam_init.bench.command import Execution, run_bench
     from slam_init.bench.protocol import DEFAULTS, Run
@@ -89,6 +94,7 @@ def _run(arguments: argparse.Namespace) -> int:
         every=default.every if arguments.every is None else arguments.every,
         sequences=tuple(arguments.sequences.split(",")) if arguments.sequences else (),
         methods=chosen_methods(arguments.methods, arguments.method),
+        generator=generator.resolve().name if generator else "",
     )
     execution = Execution(
         backend=arguments.backend,
@@ -98,7 +104,7 @@ def _run(arguments: argparse.Namespace) -> int:
         trajectories=arguments.trajectories,
         progress=sys.stderr.isatty(),
     )
-    tell(run_bench(run, out, execution))
+    tell(run_bench(run, out, execution, generator))
     return DONE
 
 

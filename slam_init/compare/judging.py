@@ -94,6 +94,8 @@ EFFECTS = {
 }
 #: The same word for a camera that only turns, in scenes whose camera translates by the option ``speed`` alone.
 TURNING, _TRANSLATES_BY_SPEED = "turning", ("handheld", "handheld-wall")
+#: The same word for the worlds of another generator whose camera does not translate, for whichever reason.
+NO_TRANSLATION = "no translation"
 _ONLY_TURNING = Criteria(no_translation=True, expected_reason="pure_rotation")
 
 #: Public sequences whose ground truth has limits, by the name of their folder.
@@ -149,5 +151,7 @@ def criteria_of(group: str) -> Criteria:
     prefix, colon, scene = group.partition(":")
     if colon and prefix in ("synth", "points"):
         scene, *effects = scene.split(", ")
+        if NO_TRANSLATION in effects:
+            return Criteria(no_translation=True)
         return _ONLY_TURNING if TURNING in effects else _SCENES.get(scene, Criteria())
     return SEQUENCES.get(Path(group).name, Criteria())

@@ -49,7 +49,7 @@ class Plan:
 
     def methods_on(self, source: ComparedSource) -> tuple[str, ...]:
         """Return the methods that can run on a source. External programs need images."""
-        if not source.text.startswith(POINTS):
+        if not source.group.startswith(POINTS):
             return self.methods
         return tuple(method for method in self.methods if not is_external(method))
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from enum import Enum
 from functools import cache
-from types import UnionType
+from types import NoneType, UnionType
 from typing import Any, Literal, NoReturn, TypeAlias, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -96,9 +97,9 @@ def _reader(kind: Any) -> Callable[[Any], Any]:
         # type() and not isinstance(): a bool is no number. A whole number is a float.
         allowed = (int, float) if kind is float else (kind,)
         return lambda value: value if type(value) in allowed else _refuse(value, kind)
-    if origin is UnionType:  # T | None
-        known = _reader(parts[0])
-        return lambda value: None if value is None else known(value)
+    if origin is UnionType:  # T | None, or float | str | None
+        readers = [_reader(part) for part in parts if part is not NoneType]
+        return lambda value: None if value is None else _first_that_reads(readers, value)
     if origin is Literal:
         return lambda value: value if value in parts else _refuse(value, kind)
     if isinstance(kind, type) and issubclass(kind, tuple):  # a NamedTuple of floats, where null is NaN
@@ -116,6 +117,14 @@ def _reader(kind: Any) -> Callable[[Any], Any]:
         item = _reader(parts[1])
         return lambda value: {key: item(each) for key, each in _object(value, kind).items()}
     raise TypeError(f"{kind} is not read from JSON")
+
+
+def _first_that_reads(readers: Sequence[Callable[[Any], Any]], value: Any) -> Any:
+    *others, last = readers
+    for reader in others:
+        with suppress(ValueError):
+            return reader(value)
+    return last(value)
 
 
 def _object_reader(kind: Any) -> Callable[[Any], Any]:

@@ -1,7 +1,7 @@
 """Writes ``frozen.json`` anew: for a new version of the protocol, and for further public sequences.
 
-Run it as ``python -m tests.benchmarks.freeze_bench SUITE [--from tracks.jsonl]``. The digests of the suites of
-images are those that a run wrote to its ``tracks.jsonl``.
+Run it as ``python -m tests.benchmarks.freeze_bench SUITE [--from tracks.jsonl]``. The digests of all
+suites but ``drawn`` are those that a run wrote to its ``tracks.jsonl``.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from pathlib import Path
 
 from slam_init.bench import protocol
 from slam_init.bench.manifest import checksum, data_folder, find_sequences
-from slam_init.bench.protocol import DEFAULTS, SUITES, VERSION, simulated_worlds
+from slam_init.bench.protocol import DEFAULTS, SUITES, VERSION, frozen_key, simulated_worlds
 from slam_init.compare.replay import replay, tracks_digest
 from slam_init.compare.sources import open_compared
 from slam_init.output.provenance import versions
@@ -24,6 +24,7 @@ _LIBRARIES = {
     "drawn": ("numpy",),
     "rendered": ("numpy", "opencv-python-headless"),
     "video": ("numpy", "opencv-python-headless"),
+    "other": ("numpy",),
 }
 
 
@@ -39,9 +40,9 @@ def main(arguments: list[str]) -> None:
         sources = [(text, open_compared(text)) for text in simulated_worlds(DEFAULTS["drawn"].worlds, 0)]
         of_version["drawn"] = [tracks_digest(source, replay(source, text, 0, "")) for text, source in sources]
     else:
-        of_version[chosen.suite] |= dict(
-            json.loads(line) for line in chosen.tracks.read_text(encoding="utf-8").splitlines()
-        )
+        for line in chosen.tracks.read_text(encoding="utf-8").splitlines():
+            label, digest = json.loads(line)
+            of_version.setdefault(chosen.suite, {})[frozen_key(chosen.suite, label)] = digest
     if chosen.suite == "video":
         of_version["checksums"] = {name: checksum(path) for name, path in find_sequences(data_folder()).found.items()}
     of_version["made_with"][chosen.suite] = {
