@@ -72,8 +72,9 @@ def errors_deg(source, map_):
 # -- worlds ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(1, 3))
-@pytest.mark.parametrize(("scene", "baseline"), [("room", 0.1), ("room", 0.3), ("wall", 0.3), ("nadir", 0.2)])
+@pytest.mark.parametrize(
+    ("scene", "baseline", "seed"), [("room", 0.1, 1), ("room", 0.3, 2), ("wall", 0.3, 1), ("nadir", 0.2, 2)]
+)
 def test_a_translating_camera_is_initialized_correctly(scene, baseline, seed):
     source = point_source(scene, seed, baseline=baseline)
     result = finished(source)
@@ -88,7 +89,7 @@ def test_landmarks_alone_determine_the_poses_where_they_agree_with_the_joint_est
     assert not finished(point_source("room", 1, baseline=0.1)).attempts[-1].map.pose_prior
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(
     ("scene", "options"),
     [("rotation", {}), ("rotation", {"focal_error": 0.05}), ("rotation", {"focal_error": -0.05}), ("static", {})],

@@ -192,7 +192,7 @@ def test_a_gain_tells_less_where_the_image_moved_further_for_a_tracker_keeps_err
     assert most > 0.9
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(0, 12, 2))
 def test_a_rotation_only_camera_of_wrong_focal_length_never_has_a_small_risk(seed):
     """Where the focal length is wrong, quest takes some rotation-only cameras for moving ones."""
     for views in (8, 10, 12):
