@@ -154,7 +154,8 @@ SHARED_PX = 0.02
 ZOOMS = ((0.003, 0.02), (0.01, 0.006), (0.03, 0.002))
 SHIFTS = ((0.001, 0.05), (0.003, 0.02), (0.01, 0.005))
 
-#: Probability that the lens of a camera that only rotates zooms, and the standard deviation of the zooms.
+#: Probability that the lens of a camera that only rotates zooms or that its images are shifted, and the standard
+#: deviation of the zooms; that of the shifts is the largest of ``SHIFTS``.
 #: Class: assumption.
 LENS_ZOOMS, LARGEST_ZOOM = 0.1, 0.03
 

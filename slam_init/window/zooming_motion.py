@@ -102,8 +102,9 @@ def _starts(
         on_plane = with_plane(found.motion, tracks, bearings_of_best(rotation.hypotheses))
         found = fit_motion(tracks, on_plane, hypotheses.priors)
     if found.rows == best.rows:
-        zooms = rotation.zooms[list(best.rows)]
-        yield zoomed(found.tracks, 1 / (1 + zooms) - 1), found.fit, zooms
+        rows = list(best.rows)
+        zooms, shifts = rotation.zooms[rows], rotation.shifts[rows]
+        yield zoomed(found.tracks, 1 / (1 + zooms) - 1, -shifts / (1 + zooms[:, None])), found.fit, zooms
 
 
 def _optimum(tracks: WindowTracks, fit: JointFit, zooms: Floats, priors: Priors) -> ZoomingMotion:

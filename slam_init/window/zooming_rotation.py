@@ -1,10 +1,11 @@
-"""The camera that only rotates, with a lens that zooms from view to view: a rival of a motion toward a plane.
+"""The camera that only rotates, with a lens that zooms and an image that shifts from view to view: a rival of a motion.
 
 A lens that focuses changes the focal length of each view by up to some hundredths. That looks like a motion toward a
-plane. So a map has to gain over this camera too. A zoom ``z`` of a view is undone in its pixels, ``c + (x - c) / (1 +
-z)``, and the noise is that of the pixels as measured. First each view is located: its rotation and its zoom by the rays
-that earlier views have measured. Then the rotations and the rays of all views are fitted jointly, and the views are
-located again, in turn.
+plane. A stabilizer shifts the image of each view by up to a hundredth of its width. That looks like a motion along a
+plane. So a map has to gain over this camera too. A zoom ``z`` and a shift ``s`` of a view are undone in its pixels,
+``c + (x - s - c) / (1 + z)``, and the noise is that of the pixels as measured. First each view is located: its
+rotation, zoom and shift by the rays that earlier views have measured. Then the rotations and the rays of all views are
+fitted jointly, and the views are located again, in turn.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from slam_init.types.arrays import Floats, evenly_spaced
 from slam_init.types.camera import Camera
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import fit_window
-from slam_init.window.levels import LARGEST_ZOOM, ZOOMED_COST
+from slam_init.window.levels import LARGEST_ZOOM, SHIFTS, ZOOMED_COST
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
 
@@ -55,26 +56,28 @@ _LEAST_TRACKS = 4
 
 @dataclass(frozen=True, eq=False)
 class ZoomingRotation:
-    """A camera that rotates and zooms from view to view."""
+    """A camera that rotates, and whose images zoom and shift from view to view."""
 
-    #: Those of the window with this camera in place of the one that only rotates, and the zooms undone in the tracks.
+    #: Those of the window with this camera in place of the one that only rotates, and both undone in the tracks.
     hypotheses: WindowHypotheses
     #: (V,) Of the views of the window.
     zooms: Floats
+    #: (V, 2) In pixels.
+    shifts: Floats
 
     @property
     def cost(self) -> float:
-        """Of the fit, with the price of the zooms."""
+        """Of the fit, with the price of the zooms and the shifts."""
         return self.hypotheses.rotation_only.cost
 
     def explains_much(self, hypotheses: WindowHypotheses) -> bool:
-        """Whether zooms explain a good part of what a camera that only rotates leaves to the best motion."""
+        """Whether they explain a good part of what a camera that only rotates leaves to the best motion."""
         best = hypotheses.motions[0].fit.cost
         return self.cost - best < _ZOOMS_LEAVE * (hypotheses.rotation_only.cost - best)
 
 
 def with_zooms(hypotheses: WindowHypotheses) -> ZoomingRotation:
-    """Let the camera that only rotates zoom from view to view."""
+    """Let the images of the camera that only rotates zoom and shift from view to view."""
     tracks, rotating = hypotheses.tracks, hypotheses.rotation_only
     # A readout would take the place of zooms.
     priors = replace(hypotheses.priors, readout_sigma_s=0.0)
@@ -94,20 +97,22 @@ def with_zooms(hypotheses: WindowHypotheses) -> ZoomingRotation:
 def _alternated(hypotheses: WindowHypotheses, state: WindowState, priors: Priors) -> ZoomingRotation:
     """Locate the views and fit them jointly, in turn, from the rotations and the lens of a state."""
     tracks, best = hypotheses.tracks, hypotheses.motions[0].fit
-    state, zooms = _located(tracks, state, np.zeros(len(state.R)))
-    lowest, before = ZoomingRotation(hypotheses, np.zeros(len(zooms))), math.inf
+    still = np.zeros((len(state.R), 2))
+    state, zooms, shifts = _located(tracks, state, np.zeros(len(state.R)), still)
+    lowest, before = ZoomingRotation(hypotheses, np.zeros(len(zooms)), still), math.inf
     for _ in range(_ROUNDS):
-        part = zoomed(tracks, zooms)
+        part = zoomed(tracks, zooms, shifts)
         fit = fit_window(part, _again(part, state), priors, rotation_only=True, max_steps=_MAX_STEPS)
         cost = fit.cost + min(float(np.sum((zooms / LARGEST_ZOOM) ** 2)), ZOOMED_COST)
+        cost += float(np.sum((shifts / _largest_shift_px(tracks.camera)) ** 2))
         if cost < lowest.cost:
             fit_with_price = replace(fit, cost=cost)
             found = replace(hypotheses, tracks=part, rotation_only=fit_with_price, rotation_priors=priors)
-            lowest = ZoomingRotation(found, zooms)
+            lowest = ZoomingRotation(found, zooms, shifts)
         if before - cost < _LEAST_PROGRESS * (cost - best.cost):
             break
         before = cost
-        state, zooms = _located(tracks, fit.state, zooms, fit.state.rays)
+        state, zooms, shifts = _located(tracks, fit.state, zooms, shifts, fit.state.rays)
     return lowest
 
 
@@ -119,15 +124,21 @@ def _again(tracks: WindowTracks, state: WindowState) -> WindowState:
     )  # fmt: skip
 
 
-def zoomed(tracks: WindowTracks, zooms: Floats) -> WindowTracks:
-    """The tracks with the zooms of the views undone.
+def zoomed(tracks: WindowTracks, zooms: Floats, shifts: Floats | None = None) -> WindowTracks:
+    """The tracks with the zooms and the shifts of the views undone.
 
-    Shapes: ``zooms`` (V,).
+    Shapes: ``zooms`` (V,), ``shifts`` (V, 2).
     """
     centre, factors = _centre(tracks.camera), 1 + zooms
-    pixels = centre + (tracks.pixels - centre) / factors[:, None, None]
+    moved = tracks.pixels if shifts is None else tracks.pixels - shifts[:, None]
+    pixels = centre + (moved - centre) / factors[:, None, None]
     places = tracks.places * factors[:, None, None]
     return replace(tracks, pixels=pixels, sigma_px=tracks.sigma_px / factors[:, None], places=places)
+
+
+def _largest_shift_px(camera: Camera) -> float:
+    """The largest standard deviation of the shifts of a stabilizer."""
+    return SHIFTS[-1][0] * camera.width
 
 
 def _centre(camera: Camera) -> Floats:
@@ -135,30 +146,30 @@ def _centre(camera: Camera) -> Floats:
 
 
 def _located(
-    tracks: WindowTracks, state: WindowState, zooms: Floats, rays: Floats | None = None
-) -> tuple[WindowState, Floats]:
-    """The rotations and the zooms (V,) of the views, one view after another.
+    tracks: WindowTracks, state: WindowState, zooms: Floats, shifts: Floats, rays: Floats | None = None
+) -> tuple[WindowState, Floats, Floats]:
+    """The rotations, the zooms (V,) and the shifts (V, 2) of the views, one view after another.
 
-    * ``rays``: (T, 3) In the anchor views; by default as measured, with the zooms of the views located before.
+    * ``rays``: (T, 3) In the anchor views; by default as measured, with those of the views located before.
     """
     camera = tracks.camera.refocused(state.log_scale, state.k1)
-    R, zooms, columns = state.R.copy(), zooms.copy(), np.arange(len(tracks.anchor))
+    R, zooms, shifts, columns = state.R.copy(), zooms.copy(), shifts.copy(), np.arange(len(tracks.anchor))
     anchor = np.maximum(tracks.anchor, 0)
     for k in range(1, len(R)):
         used = tracks.seen[k] & (tracks.anchor >= 0) & (tracks.anchor < k)
         measured = tracks.pixels[k] - state.principal_px
         if rays is None:
-            of_anchor = zoomed(tracks, zooms).pixels[anchor, columns] - state.principal_px
+            of_anchor = zoomed(tracks, zooms, shifts).pixels[anchor, columns] - state.principal_px
             from_anchor = camera.bearings(of_anchor)
         else:
             from_anchor = rays
         used &= np.isfinite(from_anchor).all(axis=1)
         if used.sum() >= _LEAST_TRACKS:
             world = np.einsum("tji,tj->ti", R[anchor[used]], from_anchor[used])
-            starts = [(R[k], zooms[k]), _similar(camera, world, measured[used], R[k])]
+            starts = [(R[k], zooms[k], shifts[k]), (*_similar(camera, world, measured[used], R[k]), np.zeros(2))]
             found = [_located_view(camera, world, measured[used], *one, tracks.sigma_px[k, used]) for one in starts]
-            R[k], zooms[k], _ = min(found, key=lambda one: one[2])
-    return replace(state, R=R), zooms
+            R[k], zooms[k], shifts[k], _ = min(found, key=lambda one: one[3])
+    return replace(state, R=R), zooms, shifts
 
 
 def _similar(camera: Camera, world: Floats, pixels: Floats, R: Floats) -> tuple[Floats, float]:
@@ -191,32 +202,35 @@ def _similar(camera: Camera, world: Floats, pixels: Floats, R: Floats) -> tuple[
 
 
 def _located_view(
-    camera: Camera, world: Floats, pixels: Floats, R: Floats, zoom: float, sigma_px: Floats
-) -> tuple[Floats, float, float]:
-    """The rotation and the zoom of a view by rays of the world (N, 3) and their pixels (N, 2): robust least squares.
+    camera: Camera, world: Floats, pixels: Floats, R: Floats, zoom: float, shift: Floats, sigma_px: Floats
+) -> tuple[Floats, float, Floats, float]:
+    """The rotation, the zoom and the shift of a view by rays of the world (N, 3) and their pixels (N, 2).
 
-    Up to half of the tracks may be outliers.
+    Robust least squares: up to half of the tracks may be outliers. The last value is the median residual.
     """
     centre, log_zoom, sigma_px, median = _centre(camera), math.log1p(zoom), sigma_px[:, None], math.inf
-
+    # The shift has a prior, since a small rotation moves the pixels alike.
+    precision = np.diag([0.0, 0.0, 0.0, 0.0, 1.0, 1.0]) / _largest_shift_px(camera) ** 2
     for _ in range(_STEPS):
         rays = world @ np.swapaxes(_TURNS @ R, 1, 2)
         projected = camera.project(rays.reshape(-1, 3)).reshape(len(_TURNS), *pixels.shape)
-        left, *turned = (pixels - centre - math.exp(log_zoom) * (projected - centre)) / sigma_px
+        left, *turned = (pixels - centre - shift - math.exp(log_zoom) * (projected - centre)) / sigma_px
         if not np.isfinite(left).all():
             break
         by_rotation = [(left - one) / _DERIVATIVE_RAD for one in turned]
-        by_zoom = (pixels - centre) / sigma_px - left
-        J = np.stack([*by_rotation, by_zoom], axis=-1)
+        by_zoom = (pixels - centre - shift) / sigma_px - left
+        by_shift = [np.broadcast_to(axis, left.shape) / sigma_px for axis in np.eye(2)]
+        J = np.stack([*by_rotation, by_zoom, *by_shift], axis=-1)
         lengths = np.linalg.norm(left, axis=1)
         median = float(np.median(lengths))
         scale = _OF_SCALE * max(1.0, _OF_MEDIAN * median)
         weights = (1 + (lengths / scale) ** 2) ** -2
-        J, weighted = J.reshape(-1, 4), (weights[:, None, None] * J).reshape(-1, 4)
-        step = np.linalg.lstsq(weighted.T @ J, weighted.T @ left.ravel(), rcond=None)[0]
-        largest = float(np.abs(step).max())
+        J, weighted = J.reshape(-1, 6), (weights[:, None, None] * J).reshape(-1, 6)
+        pulled = weighted.T @ left.ravel() - precision @ np.concatenate([np.zeros(4), shift])
+        step = np.linalg.solve(weighted.T @ J + precision + 1e-9 * np.eye(6), pulled)
+        largest = float(np.abs(step[:4]).max())
         step *= min(1.0, _LONGEST_STEP / max(largest, _CONVERGED))
-        R, log_zoom = rotation_from_vector(step[:3]) @ R, log_zoom + float(step[3])
+        R, log_zoom, shift = rotation_from_vector(step[:3]) @ R, log_zoom + float(step[3]), shift + step[4:]
         if largest < _CONVERGED:
             break
-    return R, math.expm1(log_zoom), median
+    return R, math.expm1(log_zoom), shift, median

@@ -101,3 +101,14 @@ def test_a_zoom_and_a_rotation_leave_noise_only(scene, ramp):
 def test_zooms_do_not_explain_a_room():
     found = hypotheses("room", baseline=0.1)
     assert with_zooms(found).hypotheses.gain_over_rotation[0] > 0.5 * found.gain_over_rotation[0]
+
+
+@pytest.mark.parametrize(("scene", "seed"), [("static", 2), ("static", 4), ("rotation", 4), ("rotation", 5)])
+def test_a_stabilizer_that_shifts_the_frames_of_a_camera_at_rest_makes_no_map(scene, seed):
+    """A shift of a view looks like a motion along a plane."""
+    found = hypotheses(scene, seed, shift=0.005)
+    shifted = with_zooms(found)
+    assert shifted.cost < 1.02 * found.motions[0].fit.cost
+    assert np.abs(shifted.shifts).max() > 0.001 * found.tracks.camera.width
+    _, risk = confirmed(found, replace(risk_of(found), total=0.0), max_risk=0.005)
+    assert risk.total > 0.005
