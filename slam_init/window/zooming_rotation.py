@@ -5,7 +5,7 @@ plane. A stabilizer shifts the image of each view by up to a hundredth of its wi
 plane. So a map has to gain over this camera too. A zoom ``z`` and a shift ``s`` of a view are undone in its pixels,
 ``c + (x - s - c) / (1 + z)``, and the noise is that of the pixels as measured. First each view is located: its
 rotation, zoom and shift by the rays that earlier views have measured. Then the rotations and the rays of all views are
-fitted jointly, and the views are located again, in turn.
+fitted jointly, and the views are located again, in turn: without shifts first, then with them.
 """
 
 from __future__ import annotations
@@ -50,6 +50,8 @@ _OF_MEDIAN, _OF_SCALE = 1.4826, 2.0
 _SIMILARITIES, _SIMILAR_TRACKS, _LEAST_APART, _LARGEST_FACTOR = 64, 100, 0.1, 3.0
 #: From coordinates to complex numbers.
 _COMPLEX = np.array([1, 1j])
+#: Standard deviation of the shifts where there are none.
+_NO_SHIFT_PX = 1e-6
 #: Fewer tracks than this do not locate a view: twice its four unknowns, at two coordinates a track.
 _LEAST_TRACKS = 4
 
@@ -91,20 +93,31 @@ def with_zooms(hypotheses: WindowHypotheses) -> ZoomingRotation:
             other = _alternated(hypotheses, replace(state, log_scale=log_scale), free)
             if other.cost < lowest.cost:
                 lowest = other
-    return lowest
+    # Shifts come last: beside a zoom that is not known yet, bodies would lead them away.
+    priors = lowest.hypotheses.rotation_priors if lowest.zooms.any() else priors
+    return _alternated(hypotheses, state, priors, lowest)
 
 
-def _alternated(hypotheses: WindowHypotheses, state: WindowState, priors: Priors) -> ZoomingRotation:
-    """Locate the views and fit them jointly, in turn, from the rotations and the lens of a state."""
+def _alternated(
+    hypotheses: WindowHypotheses, state: WindowState, priors: Priors, lowest: ZoomingRotation | None = None
+) -> ZoomingRotation:
+    """Locate the views and fit them jointly, in turn, from the rotations and the lens of a state.
+
+    * ``lowest``: Without shifts, to go on with shifts.
+    """
     tracks, best = hypotheses.tracks, hypotheses.motions[0].fit
-    still = np.zeros((len(state.R), 2))
-    state, zooms, shifts = _located(tracks, state, np.zeros(len(state.R)), still)
-    lowest, before = ZoomingRotation(hypotheses, np.zeros(len(zooms)), still), math.inf
+    sigma_px = _NO_SHIFT_PX if lowest is None else SHIFTS[-1][0] * tracks.camera.width
+    zooms, shifts, rays = np.zeros(len(state.R)), np.zeros((len(state.R), 2)), None
+    if lowest is not None and lowest.zooms.any():
+        zooms, state = lowest.zooms, lowest.hypotheses.rotation_only.state
+        rays = state.rays
+    state, zooms, shifts = _located(tracks, state, zooms, shifts, sigma_px, rays)
+    lowest, before = lowest or ZoomingRotation(hypotheses, np.zeros(len(zooms)), np.zeros_like(shifts)), math.inf
     for _ in range(_ROUNDS):
         part = zoomed(tracks, zooms, shifts)
         fit = fit_window(part, _again(part, state), priors, rotation_only=True, max_steps=_MAX_STEPS)
         cost = fit.cost + min(float(np.sum((zooms / LARGEST_ZOOM) ** 2)), ZOOMED_COST)
-        cost += float(np.sum((shifts / _largest_shift_px(tracks.camera)) ** 2))
+        cost += float(np.sum((shifts / sigma_px) ** 2))
         if cost < lowest.cost:
             fit_with_price = replace(fit, cost=cost)
             found = replace(hypotheses, tracks=part, rotation_only=fit_with_price, rotation_priors=priors)
@@ -112,7 +125,7 @@ def _alternated(hypotheses: WindowHypotheses, state: WindowState, priors: Priors
         if before - cost < _LEAST_PROGRESS * (cost - best.cost):
             break
         before = cost
-        state, zooms, shifts = _located(tracks, fit.state, zooms, shifts, fit.state.rays)
+        state, zooms, shifts = _located(tracks, fit.state, zooms, shifts, sigma_px, fit.state.rays)
     return lowest
 
 
@@ -136,20 +149,16 @@ def zoomed(tracks: WindowTracks, zooms: Floats, shifts: Floats | None = None) ->
     return replace(tracks, pixels=pixels, sigma_px=tracks.sigma_px / factors[:, None], places=places)
 
 
-def _largest_shift_px(camera: Camera) -> float:
-    """The largest standard deviation of the shifts of a stabilizer."""
-    return SHIFTS[-1][0] * camera.width
-
-
 def _centre(camera: Camera) -> Floats:
     return np.array([camera.cx, camera.cy])
 
 
 def _located(
-    tracks: WindowTracks, state: WindowState, zooms: Floats, shifts: Floats, rays: Floats | None = None
+    tracks: WindowTracks, state: WindowState, zooms: Floats, shifts: Floats, shift_px: float, rays: Floats | None = None
 ) -> tuple[WindowState, Floats, Floats]:
     """The rotations, the zooms (V,) and the shifts (V, 2) of the views, one view after another.
 
+    * ``shift_px``: Standard deviation of the shifts.
     * ``rays``: (T, 3) In the anchor views; by default as measured, with those of the views located before.
     """
     camera = tracks.camera.refocused(state.log_scale, state.k1)
@@ -167,7 +176,8 @@ def _located(
         if used.sum() >= _LEAST_TRACKS:
             world = np.einsum("tji,tj->ti", R[anchor[used]], from_anchor[used])
             starts = [(R[k], zooms[k], shifts[k]), (*_similar(camera, world, measured[used], R[k]), np.zeros(2))]
-            found = [_located_view(camera, world, measured[used], *one, tracks.sigma_px[k, used]) for one in starts]
+            sigma_px = tracks.sigma_px[k, used]
+            found = [_located_view(camera, world, measured[used], *one, shift_px, sigma_px) for one in starts]
             R[k], zooms[k], shifts[k], _ = min(found, key=lambda one: one[3])
     return replace(state, R=R), zooms, shifts
 
@@ -202,7 +212,14 @@ def _similar(camera: Camera, world: Floats, pixels: Floats, R: Floats) -> tuple[
 
 
 def _located_view(
-    camera: Camera, world: Floats, pixels: Floats, R: Floats, zoom: float, shift: Floats, sigma_px: Floats
+    camera: Camera,
+    world: Floats,
+    pixels: Floats,
+    R: Floats,
+    zoom: float,
+    shift: Floats,
+    shift_px: float,
+    sigma_px: Floats,
 ) -> tuple[Floats, float, Floats, float]:
     """The rotation, the zoom and the shift of a view by rays of the world (N, 3) and their pixels (N, 2).
 
@@ -210,7 +227,7 @@ def _located_view(
     """
     centre, log_zoom, sigma_px, median = _centre(camera), math.log1p(zoom), sigma_px[:, None], math.inf
     # The shift has a prior, since a small rotation moves the pixels alike.
-    precision = np.diag([0.0, 0.0, 0.0, 0.0, 1.0, 1.0]) / _largest_shift_px(camera) ** 2
+    precision = np.diag([0.0, 0.0, 0.0, 0.0, 1.0, 1.0]) / shift_px**2
     for _ in range(_STEPS):
         rays = world @ np.swapaxes(_TURNS @ R, 1, 2)
         projected = camera.project(rays.reshape(-1, 3)).reshape(len(_TURNS), *pixels.shape)
