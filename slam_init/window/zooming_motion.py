@@ -29,6 +29,7 @@ from slam_init.window.other_motion import bearings_of_best
 from slam_init.window.second_look import look_again
 from slam_init.window.state import Priors, start_at
 from slam_init.window.tails import two_directions
+from slam_init.window.tracker_errors import gain_of_lasting_errors
 from slam_init.window.tracks import WindowTracks
 from slam_init.window.uncertainty import direction_derivatives, shrunk_noise, zooms_and_shifts
 from slam_init.window.zooming_rotation import ZoomingRotation, zoomed
@@ -40,6 +41,9 @@ _ZOOM_SIGMAS = (0.03, 0.1, 0.3)
 #: each time at this share of its length. It ends where zooms move by less than a tenth of a pixel at the border of an
 #: image, or where a round gains less than this (nats).
 _ROUNDS, _STEPS, _TRIES, _SHORTER, _CONVERGED, _LEAST_GAIN = 10, 8, 3, 0.3, 2e-4, 0.2
+#: Zooms are told from this probability on.
+#: Class: level.
+_TOLD = 0.5
 #: Longest step of a zoom: its effect on the pixels is expanded to the first order.
 _LONGEST_STEP = 0.15
 
@@ -61,20 +65,21 @@ class ZoomingMotion:
 def wrong_by_zooms(hypotheses: WindowHypotheses, rotation: ZoomingRotation) -> float:
     """Probability that the camera moves and zooms, and that the best motion is wrong then.
 
-    A motion is wrong where the direction of the zooming one is far from it, or unknown; or where the zooms exceed those
-    of a lens that focuses, as a map knows one focal length only.
+    A motion is wrong where the direction of the zooming one is far from it, or unknown; or where the tracks tell zooms
+    beyond those of a lens that focuses, as a map knows one focal length only.
 
     * ``rotation``: The rotation-only camera with zooms.
     """
     log_prior = -0.5 * ZOOMED_COST + math.log(max(hypotheses.priors.lens_changes, 1e-300))
     best, wrong = hypotheses.motions[0], 0.0
     for found in zooming_motions(hypotheses, rotation):
-        odds = log_prior + found.log_evidence / best.fit.dispersion
+        odds = log_prior + found.log_evidence
         probability = 1 / (1 + math.exp(min(max(-odds, -700.0), 700.0)))
         pair = replace(best, fit=found.fit)
         aside_deg = math.hypot(found.direction_sigma_deg, pair.difference_deg(best)[1])
         far = float(two_directions(WRONG_DIRECTION_DEG, np.array([aside_deg]))[0])
-        wrong = max(wrong, probability * (1.0 if np.abs(found.zooms).max() > LARGEST_ZOOM else far))
+        told = probability > _TOLD and np.abs(found.zooms).max() > LARGEST_ZOOM
+        wrong = max(wrong, probability * (1.0 if told else far))
     return wrong
 
 
@@ -83,9 +88,11 @@ def zooming_motions(hypotheses: WindowHypotheses, rotation: ZoomingRotation) -> 
     best, priors = hypotheses.motions[0], hypotheses.priors
     # The fit without zooms goes on as far as those with zooms.
     held = fit_window(best.tracks, best.fit.state, priors, max_steps=_ROUNDS * _STEPS)
+    # What a tracker keeps from view to view grows with the displacement of the image, as the effect of a zoom does.
+    dispersion = held.dispersion * gain_of_lasting_errors(best.tracks, held.state.R)
     for tracks, fit, zooms in _starts(hypotheses, held, rotation):
-        found = _optimum(tracks, fit, zooms, priors)
-        yield replace(found, log_evidence=found.log_evidence + 0.5 * held.cost)
+        found = _optimum(tracks, fit, zooms, priors, dispersion)
+        yield replace(found, log_evidence=found.log_evidence + 0.5 * held.cost / dispersion)
 
 
 def _starts(
@@ -107,7 +114,7 @@ def _starts(
         yield zoomed(found.tracks, 1 / (1 + zooms) - 1, -shifts / (1 + zooms[:, None])), found.fit, zooms
 
 
-def _optimum(tracks: WindowTracks, fit: JointFit, zooms: Floats, priors: Priors) -> ZoomingMotion:
+def _optimum(tracks: WindowTracks, fit: JointFit, zooms: Floats, priors: Priors, dispersion: float) -> ZoomingMotion:
     """Fit the zooms and the motion in turn; the motion follows each step of the zooms as its expansion says."""
     covariances = [_covariance(tracks.times_s, sigma) for sigma in _ZOOM_SIGMAS]
     precision = np.asarray(np.linalg.inv(covariances[-1]), np.float64)
@@ -139,7 +146,7 @@ def _optimum(tracks: WindowTracks, fit: JointFit, zooms: Floats, priors: Priors)
             step *= _SHORTER
         if gained < _LEAST_GAIN:
             break
-    evidence = [-0.5 * fit.cost + expanded.log_evidence(zooms, one) for one in covariances]
+    evidence = [-0.5 * fit.cost / dispersion + expanded.log_evidence(zooms, one, dispersion) for one in covariances]
     mean = float(np.logaddexp.reduce(evidence)) - math.log(len(evidence))
     return ZoomingMotion(fit, zooms, mean, expanded.direction_sigma_deg(precision))
 
@@ -182,13 +189,13 @@ class _Expansion:
         step = -_solved(self._with(precision), gradient[:, None])[1 - views :, 0]
         return np.concatenate([[0.0], step])
 
-    def log_evidence(self, zooms: Floats, covariance: Floats) -> float:
+    def log_evidence(self, zooms: Floats, covariance: Floats, dispersion: float) -> float:
         """What the prior of the zooms and their uncertainty add to the log likelihood of the fit."""
         own = len(self.gradient) - len(covariance)
         H = self.information
         left = H[own:, own:] - H[own:, :own] @ _solved(H[:own, :own], H[:own, own:])
         root = np.linalg.cholesky(covariance)
-        told = np.linalg.eigvalsh(root.T @ (0.5 * (left + left.T)) @ root)
+        told = np.linalg.eigvalsh(root.T @ (0.5 * (left + left.T)) @ root) / dispersion
         by_prior = float(zooms[1:] @ np.linalg.solve(covariance, zooms[1:]))
         return -0.5 * (by_prior + float(np.log1p(np.maximum(told, 0.0)).sum()))
 
