@@ -145,7 +145,7 @@ def test_with_another_start_frames_are_counted_from_the_start_and_named_by_absol
 
 @pytest.mark.slow
 def test_a_wall_gives_a_correct_map_or_is_ambiguous():
-    wall = synth("wall")
+    wall = synth("wall", frames=40, **SMALL)
     _, summary = run(wall, wall.camera, Config())
     if summary.status == "initialized":
         assert_correct(summary)

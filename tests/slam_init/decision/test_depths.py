@@ -188,7 +188,7 @@ def test_stricter_targets_are_waited_for():
 
 
 def test_a_target_that_is_never_met_gives_no_map_and_keeps_the_provisional_one():
-    initializer, attempts = initialized(point_source("room", 1, baseline=0.3), min_parallax_deg=80)
+    initializer, attempts = initialized(point_source("room", 1, baseline=0.3, views=6), min_parallax_deg=80)
     result = initializer.finish()
     assert (result.map, result.reason) == (None, Verdict.LOW_PARALLAX)
     assert attempts[-1].failed_gates[-1].name == GateName.PARALLAX_DEG

@@ -222,8 +222,8 @@ def test_before_a_motion_is_known_a_frame_without_a_chosen_pair_is_not_judged():
 
 
 def test_motions_live_on_in_frames_without_a_chosen_pair_and_can_be_accepted_there():
-    frames = Frames(point_source("wall", 0, baseline=0.3))
-    outcomes = [frames.judge(1, chosen=True), *(frames.judge(k, chosen=False) for k in range(2, 12))]
+    frames = Frames(point_source("wall", 0, views=8, baseline=0.3))
+    outcomes = [frames.judge(1, chosen=True), *(frames.judge(k, chosen=False) for k in range(2, 8))]
     for k, outcome in enumerate(outcomes, 1):
         attempt = outcome.attempt
         assert attempt.frames[:2] == (0, k)
