@@ -21,8 +21,10 @@ from slam_init.types.camera import Camera
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import fit_window
 from slam_init.window.levels import LARGEST_ZOOM, SHIFTS, ZOOMED_COST
+from slam_init.window.projection import camera_vector
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
+from slam_init.window.zoomed_view import locate_view
 
 #: Views are located and fitted in turn so often. It ends where a round lowers the cost by less than this share of what
 #: is left to the best motion: zooms do not explain it then.
@@ -32,18 +34,6 @@ _ROUNDS, _MAX_STEPS, _LEAST_PROGRESS = 8, 30, 0.1
 #: reference: the fit from the stated focal length left 41 %, and with these starts 1 %.
 #: Class: assumption.
 _ZOOMS_LEAVE, _REFERENCE_ZOOM = 0.7, 0.3
-#: Steps of a view, and the change of a rotation (rad) and of a zoom below which they end: a hundredth of a pixel.
-_STEPS, _CONVERGED = 20, 1e-5
-#: Longest step of a rotation (rad) and of the logarithm of a zoom: outliers must not throw a view away.
-_LONGEST_STEP = 0.2
-#: Step of the numerical derivatives by a rotation, in radians, and the rotations that have it: none, and one about each
-#: axis.
-_DERIVATIVE_RAD = 1e-6
-_TURNS: Floats = np.stack(
-    [rotation_from_vector(_DERIVATIVE_RAD * axis) for axis in np.vstack([np.zeros(3), np.eye(3)])]
-)
-#: The weights of the residuals are those of Geman and McClure, at twice the scale of the median residual.
-_OF_MEDIAN, _OF_SCALE = 1.4826, 2.0
 #: A similarity by two tracks is tried so often: where two fifths of the tracks are at rest, all fail once in 70 000
 #: times. So many tracks vote. The two tracks lie this far apart, over the width of the image. No view is zoomed by more
 #: than this factor.
@@ -163,7 +153,7 @@ def _located(
     """
     camera = tracks.camera.refocused(state.log_scale, state.k1)
     R, zooms, shifts, columns = state.R.copy(), zooms.copy(), shifts.copy(), np.arange(len(tracks.anchor))
-    anchor = np.maximum(tracks.anchor, 0)
+    anchor, lens = np.maximum(tracks.anchor, 0), camera_vector(camera)
     for k in range(1, len(R)):
         used = tracks.seen[k] & (tracks.anchor >= 0) & (tracks.anchor < k)
         measured = tracks.pixels[k] - state.principal_px
@@ -177,7 +167,7 @@ def _located(
             world = np.einsum("tji,tj->ti", R[anchor[used]], from_anchor[used])
             starts = [(R[k], zooms[k], shifts[k]), (*_similar(camera, world, measured[used], R[k]), np.zeros(2))]
             sigma_px = tracks.sigma_px[k, used]
-            found = [_located_view(camera, world, measured[used], *one, shift_px, sigma_px) for one in starts]
+            found = [locate_view(lens, world, measured[used], *one, shift_px, sigma_px) for one in starts]
             R[k], zooms[k], shifts[k], _ = min(found, key=lambda one: one[3])
     return replace(state, R=R), zooms, shifts
 
@@ -209,45 +199,3 @@ def _similar(camera: Camera, world: Floats, pixels: Floats, R: Floats) -> tuple[
     zoom, turned = float(np.abs(factor[best])), float(np.angle(factor[best]))
     tilt = shift[best] / (zoom * camera.focal_px)
     return rotation_from_vector(np.array([-tilt.imag, tilt.real, turned])) @ R, zoom - 1
-
-
-def _located_view(
-    camera: Camera,
-    world: Floats,
-    pixels: Floats,
-    R: Floats,
-    zoom: float,
-    shift: Floats,
-    shift_px: float,
-    sigma_px: Floats,
-) -> tuple[Floats, float, Floats, float]:
-    """The rotation, the zoom and the shift of a view by rays of the world (N, 3) and their pixels (N, 2).
-
-    Robust least squares: up to half of the tracks may be outliers. The last value is the median residual.
-    """
-    centre, log_zoom, sigma_px, median = _centre(camera), math.log1p(zoom), sigma_px[:, None], math.inf
-    # The shift has a prior, since a small rotation moves the pixels alike.
-    precision = np.diag([0.0, 0.0, 0.0, 0.0, 1.0, 1.0]) / shift_px**2
-    for _ in range(_STEPS):
-        rays = world @ np.swapaxes(_TURNS @ R, 1, 2)
-        projected = camera.project(rays.reshape(-1, 3)).reshape(len(_TURNS), *pixels.shape)
-        left, *turned = (pixels - centre - shift - math.exp(log_zoom) * (projected - centre)) / sigma_px
-        if not np.isfinite(left).all():
-            break
-        by_rotation = [(left - one) / _DERIVATIVE_RAD for one in turned]
-        by_zoom = (pixels - centre - shift) / sigma_px - left
-        by_shift = [np.broadcast_to(axis, left.shape) / sigma_px for axis in np.eye(2)]
-        J = np.stack([*by_rotation, by_zoom, *by_shift], axis=-1)
-        lengths = np.linalg.norm(left, axis=1)
-        median = float(np.median(lengths))
-        scale = _OF_SCALE * max(1.0, _OF_MEDIAN * median)
-        weights = (1 + (lengths / scale) ** 2) ** -2
-        J, weighted = J.reshape(-1, 6), (weights[:, None, None] * J).reshape(-1, 6)
-        pulled = weighted.T @ left.ravel() - precision @ np.concatenate([np.zeros(4), shift])
-        step = np.linalg.solve(weighted.T @ J + precision + 1e-9 * np.eye(6), pulled)
-        largest = float(np.abs(step[:4]).max())
-        step *= min(1.0, _LONGEST_STEP / max(largest, _CONVERGED))
-        R, log_zoom, shift = rotation_from_vector(step[:3]) @ R, log_zoom + float(step[3]), shift + step[4:]
-        if largest < _CONVERGED:
-            break
-    return R, math.expm1(log_zoom), shift, median
