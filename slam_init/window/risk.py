@@ -321,7 +321,7 @@ def _against_bodies(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRis
 def _against_zooming_rotation(hypotheses: WindowHypotheses, risk: WindowRisk, zooming: ZoomingRotation) -> WindowRisk:
     """The risk with the rival that the camera only rotates, and that its images zoom and shift from view to view."""
     explained = 0.5 * (hypotheses.rotation_only.cost - zooming.cost)
-    best = expand(hypotheses, hypotheses.motions[0], evidence_only=True)
+    best = expand(hypotheses, hypotheses.motions[0])
     _, probability, _ = _rotation_probability(zooming.hypotheses, best, ZOOM_LEAVES * explained)
     # A zoom looks like a motion toward a plane, so that a few bodies before it look like its relief.
     if explained > zooming.hypotheses.gain_over_rotation[0]:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from slam_init.window.levels import (
 )
 from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX
 from slam_init.window.motion import FittedMotion
+from slam_init.window.state import Priors
 from slam_init.window.tails import at_any_look
 from slam_init.window.uncertainty import ExpandedFit, expand, places_of
 
@@ -38,6 +40,8 @@ _STEPS_WITH_FIELDS = 5
 #: A rival that is further behind than this is not looked at with error fields: they explain less.
 #: Class: level, in nats.
 _FAR_BEHIND_NATS = 300.0
+#: So many costs with fields are kept: the risk of the same motions is stated two or three times before a map.
+_KEPT = 16
 
 
 def rival_term(
@@ -49,7 +53,6 @@ def rival_term(
     """
     best, *rivals = hypotheses.motions
     margins = [_margin(hypotheses, best, rival) for rival in rivals]
-    costs = _CostsWithFields(hypotheses)
 
     def probability(*, fit: bool) -> float:
         odds = [
@@ -57,7 +60,7 @@ def rival_term(
                 hypotheses,
                 rival,
                 max(
-                    _rival_probability(costs, expanded, rival, margin, fit=fit),
+                    _rival_probability(hypotheses, expanded, rival, margin, fit=fit),
                     _rival_by_bodies(hypotheses, best, rival),
                 ),
             )
@@ -77,11 +80,10 @@ def rival_odds(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> list[floa
 
     The risk always leaves out the region with the largest vote. Here a moving body fills it with a prior probability.
     """
-    best, costs = hypotheses.motions[0], _CostsWithFields(hypotheses)
-    odds = []
+    best, odds = hypotheses.motions[0], []
     for rival in hypotheses.motions[1:]:
         without, of_all = (
-            _rival_probability(costs, expanded, rival, _margin(hypotheses, best, rival, of_all=of_all), fit=False)
+            _rival_probability(hypotheses, expanded, rival, _margin(hypotheses, best, rival, of_all=of_all), fit=False)
             for of_all in (False, True)
         )
         probability = BODIES_MOVE * without + (1 - BODIES_MOVE) * of_all
@@ -124,13 +126,12 @@ def _rival_by_bodies(hypotheses: WindowHypotheses, best: FittedMotion, rival: Fi
 
 
 def _rival_probability(
-    costs: _CostsWithFields, best: ExpandedFit, rival: FittedMotion, margin: Margin, *, fit: bool
+    hypotheses: WindowHypotheses, best: ExpandedFit, rival: FittedMotion, margin: Margin, *, fit: bool
 ) -> float:
     """Probability that the rival is right after all: the odds of the votes, less what error fields explain of them.
 
     Without ``fit``, by the expansions alone.
     """
-    hypotheses = costs.hypotheses
     behind = margin.log_likelihood
     if behind <= 0.0 or behind > _FAR_BEHIND_NATS:
         return 0.5 if behind <= 0.0 else 0.0
@@ -138,7 +139,7 @@ def _rival_probability(
     missing = int(seen[list(motion.rows)].sum()) - int(seen[list(rival.rows)].sum())
     outliers = hypotheses.priors.gate_sigmas**2 * missing
     ahead = max(0.5 * (rival.fit.cost + outliers - best.fit.cost), 1e-9)
-    expanded = costs.expanded(rival)
+    expanded = expand(hypotheses, rival, evidence_only=True)
     # The fields explain a share of the difference of the costs, and the same share of the votes. A wrong motion absorbs
     # a part of the fields, so that it seems to need smaller ones. The fields belong to the tracker and not to the
     # motion: the motions are compared at each scale that is likely with both.
@@ -152,8 +153,8 @@ def _rival_probability(
     if both.max() > _UNLIKELY:
         scales.append((np.argmax(both), np.argmax(both), float(both.max())))
     for of_best, of_rival, weight in scales:
-        cost = costs.of(motion, best, float(FIELD_SCALES_PX[of_best]))
-        rival_cost = costs.of(rival, expanded, float(FIELD_SCALES_PX[of_rival]))
+        cost = _cost_with_fields(motion, hypotheses.priors, best, float(FIELD_SCALES_PX[of_best]))
+        rival_cost = _cost_with_fields(rival, hypotheses.priors, expanded, float(FIELD_SCALES_PX[of_rival]))
         left = 0.5 * (rival_cost + outliers - cost) / ahead
         probability = max(probability, weight * float(_odds(margin, np.array([left]))[0]))
     return probability
@@ -166,32 +167,17 @@ def _odds(margin: Margin, left: Floats) -> Floats:
     return np.asarray(np.maximum(1 / (1 + np.exp(margin.log_likelihood * left)), twin))
 
 
-class _CostsWithFields:
-    """Costs of motions that are fitted with fields of a scale, with the cost of that many unknowns and of the scale."""
+def _cost_with_fields(motion: FittedMotion, priors: Priors, expanded: ExpandedFit, scale_px: float) -> float:
+    """The cost of a motion that is fitted with fields of a scale, with the cost of that many unknowns and the scale."""
+    unknowns = float(np.log1p(scale_px**2 * expanded.marginal.strength).sum())
+    unknowns -= 2 * math.log(float(FIELD_PRIOR[scale_px == FIELD_SCALES_PX][0]))
+    return unknowns + (_fitted_cost(motion, priors, scale_px) if scale_px else motion.fit.cost)
 
-    def __init__(self, hypotheses: WindowHypotheses) -> None:
-        self.hypotheses = hypotheses
-        self._known: dict[tuple[int, float], float] = {}
-        self._expanded: dict[int, ExpandedFit] = {}
 
-    def expanded(self, motion: FittedMotion) -> ExpandedFit:
-        """The expansion of a motion for its evidence, computed once."""
-        if id(motion) not in self._expanded:
-            self._expanded[id(motion)] = expand(self.hypotheses, motion, evidence_only=True)
-        return self._expanded[id(motion)]
-
-    def of(self, motion: FittedMotion, expanded: ExpandedFit, scale_px: float) -> float:
-        """The cost of a motion; each motion is fitted once with the fields of a scale."""
-        unknowns = float(np.log1p(scale_px**2 * expanded.marginal.strength).sum())
-        unknowns -= 2 * math.log(float(FIELD_PRIOR[scale_px == FIELD_SCALES_PX][0]))
-        if scale_px == 0.0:
-            return motion.fit.cost + unknowns
-        key = (id(motion), scale_px)
-        if key not in self._known:
-            priors = replace(self.hypotheses.priors, field_sigma_px=scale_px)
-            fit = fit_window(motion.tracks, motion.fit.state, priors, max_steps=_STEPS_WITH_FIELDS)
-            self._known[key] = fit.cost
-        return self._known[key] + unknowns
+@lru_cache(maxsize=_KEPT)
+def _fitted_cost(motion: FittedMotion, priors: Priors, scale_px: float) -> float:
+    with_fields = replace(priors, field_sigma_px=scale_px)
+    return fit_window(motion.tracks, motion.fit.state, with_fields, max_steps=_STEPS_WITH_FIELDS).cost
 
 
 def _wrong_if_right(best: FittedMotion, rival: FittedMotion, sigma_deg: float) -> float:

@@ -18,8 +18,8 @@ The covariance of such functions does not depend on which baseline is held.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -48,6 +48,8 @@ _TOLD_READOUT_SIGMAS = 3.0
 #: The stated distortion is suspected at five standard deviations, as errors that tracks share double them, and from
 #: 0.02 on: in the corner of a view of 70 degrees that moves a pixel by a hundredth of its distance from the centre.
 _DOUBTFUL_SIGMAS, _LEAST_DISTORTION = 5.0, 0.02
+#: So many expansions are kept: before a map is accepted, the risk of the same motions is stated two or three times.
+_KEPT = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,12 +218,20 @@ def expand(hypotheses: WindowHypotheses, motion: FittedMotion, *, evidence_only:
 
     * ``evidence_only``: Whether only the evidence is wanted: covariances then count information by chance too.
     """
-    linearization = linearize_with_fields(motion.tracks, motion.fit, hypotheses.priors)
-    marginal = marginalize_fields(linearization)
-    if not evidence_only:
-        by_chance = information_by_chance(motion.tracks, motion.fit, hypotheses.priors)
-        marginal = marginal.without_chance(by_chance)
-    return ExpandedFit(motion.tracks, motion.fit, linearization, marginal)
+    return (_expanded_for_evidence if evidence_only else _expanded)(motion, hypotheses.priors)
+
+
+@lru_cache(maxsize=_KEPT)
+def _expanded_for_evidence(motion: FittedMotion, priors: Priors) -> ExpandedFit:
+    linearization = linearize_with_fields(motion.tracks, motion.fit, priors)
+    return ExpandedFit(motion.tracks, motion.fit, linearization, marginalize_fields(linearization))
+
+
+@lru_cache(maxsize=_KEPT)
+def _expanded(motion: FittedMotion, priors: Priors) -> ExpandedFit:
+    expanded = _expanded_for_evidence(motion, priors)
+    by_chance = information_by_chance(motion.tracks, motion.fit, priors)
+    return replace(expanded, marginal=expanded.marginal.without_chance(by_chance))
 
 
 def camera_estimate(expanded: ExpandedFit, optimism: float = 1.0) -> CameraEstimate:
