@@ -178,9 +178,9 @@ def test_a_lens_moves_the_pixels_towards_or_away_from_the_centre_and_the_stated_
 
 
 def test_a_stabilized_frame_is_the_view_of_the_virtual_camera():
-    options = {"fps": 30.0, "views": 40, "speed": 0.2, "turning_deg_s": 40.0}
+    options = {"fps": 30.0, "views": 20, "speed": 0.2, "turning_deg_s": 40.0}
     shaken, steady = (make_points("handheld", 2, PointOptions(**EXACT, **options, stabilized=s)) for s in (0, 1))
-    for index in range(40):
+    for index in range(20):
         # With a global shutter, the poses of the pixels are that of the frame.
         pixels, projected, _ = static_reprojections(steady, index)
         np.testing.assert_allclose(projected, pixels, atol=1e-8)

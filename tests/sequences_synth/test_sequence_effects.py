@@ -41,7 +41,7 @@ def transfer(sequence, i, j, depth):
 @pytest.mark.parametrize("name", ["room", "wall", "desk"])
 @pytest.mark.parametrize("by_columns", [False, True])
 def test_a_render_with_one_pose_per_row_is_the_usual_render_where_all_poses_are_equal(name, by_columns):
-    sequence = make_sequence(name, 1, SynthOptions(**CLEAN))
+    sequence = make_sequence(name, 1, SynthOptions(**CLEAN, frames=31))
     K, path = sequence.true_camera.K, sequence.world.path
     usual = render(sequence.world.quads, K, np.linalg.inv(path.world_from_cam(30)), 30, 320, 240)
     lines = render_lines(
@@ -70,7 +70,7 @@ def test_a_render_with_one_pose_per_row_is_the_usual_render_where_all_poses_are_
 def test_images_agree_with_depth_and_the_poses_of_the_rows(name, options):
     import cv2
 
-    sequence = make_sequence(name, 1, SynthOptions(**CLEAN, **options))
+    sequence = make_sequence(name, 1, SynthOptions(**SMALL, frames=27, **options))
     i, j = 20, 26
     (image, depth_of_image), (other, depth_of_other) = sequence.render(i), sequence.render(j)
     pixels, there, depth = transfer(sequence, i, j, depth_of_image)
@@ -79,7 +79,7 @@ def test_images_agree_with_depth_and_the_poses_of_the_rows(name, options):
     def at(source, shift=0.0, flag=cv2.INTER_LINEAR):
         return cv2.remap(source, where + np.float32(shift), None, flag)[:, 0]
 
-    inside = (there > 2).all(axis=1) & (there < (317, 237)).all(axis=1)
+    inside = (there > 2).all(axis=1) & (there < (157, 117)).all(axis=1)
     visible = inside & (np.abs(at(depth_of_other, flag=cv2.INTER_NEAREST) - depth) < 0.02 * depth)
     assert visible.mean() > 0.3
     colours = image[pixels[:, 1].astype(int), pixels[:, 0].astype(int)].astype(float)
@@ -102,7 +102,7 @@ def test_a_rolling_shutter_slants_what_a_pan_shows_and_the_middle_row_stays():
 def test_the_views_of_a_hand_held_camera_are_filled(name, seed):
     options = SynthOptions(**SMALL, frames=300, turning_deg_s=150, speed=0.2, k1=-0.1, stabilized=True, readout_ms=30)
     sequence = make_sequence(name, seed, options)
-    for index in (0, 77, 150, 299):
+    for index in (0, 150, 299):
         assert (sequence.render(index)[1] > 0).all()
 
 
@@ -112,7 +112,7 @@ def test_the_views_of_a_hand_held_camera_are_filled(name, seed):
 def test_the_bodies_fill_their_share_of_the_view(name, share, bodies):
     options = SynthOptions(**SMALL, moving=share, bodies=bodies, body_turn_deg_s=40.0)
     sequence = make_sequence(name, 5, options)
-    shares = [sequence.moving_mask(index).mean() for index in range(0, 100, 9)]
+    shares = [sequence.moving_mask(index).mean() for index in range(0, 100, 18)]
     assert np.mean(shares) == pytest.approx(share, abs=0.08)
     assert np.ptp(shares) < 0.3
     assert len([quad for quad in sequence.world.quads if quad.moves]) == bodies
