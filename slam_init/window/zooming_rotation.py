@@ -105,7 +105,8 @@ def _alternated(
     lowest, before = lowest or ZoomingRotation(hypotheses, np.zeros(len(zooms)), np.zeros_like(shifts)), math.inf
     for _ in range(_ROUNDS):
         part = zoomed(tracks, zooms, shifts)
-        fit = fit_window(part, _again(part, state), priors, rotation_only=True, max_steps=_MAX_STEPS)
+        start = _again(part, state)
+        fit = fit_window(part, start, priors, rotation_only=True, max_steps=_MAX_STEPS, hopeless=lowest.cost)
         cost = fit.cost + min(float(np.sum((zooms / LARGEST_ZOOM) ** 2)), ZOOMED_COST)
         cost += float(np.sum((shifts / sigma_px) ** 2))
         if cost < lowest.cost:
