@@ -87,12 +87,13 @@ class FieldMarginal:
     def of(self, J: Floats) -> tuple[Floats, Floats]:
         """Posterior of linear functions of the unknowns, for each scale.
 
-        Shapes: ``J`` (M, X), returns ``shifts`` (S, M), returns ``covariances`` (S, M, M).
+        Shapes: ``J`` (..., M, X), returns ``shifts`` (..., S, M), returns ``covariances`` (..., S, M, M).
         """
-        follow = J @ self.coupling
-        shifts = J @ self.shift + (self.spread * self.pull) @ follow.T
-        covariances = J @ self.covariance @ J.T + (follow * self.spread[:, None]) @ follow.T
-        return np.asarray(shifts), np.asarray(covariances)
+        follow, fixed = J @ self.coupling, J @ self.covariance @ np.swapaxes(J, -1, -2)
+        across = np.swapaxes(follow, -1, -2)
+        shifts = (J @ self.shift)[..., None, :] + (self.spread * self.pull) @ across
+        by_fields = (follow[..., None, :, :] * self.spread[:, None]) @ across[..., None, :, :]
+        return np.asarray(shifts), np.asarray(fixed[..., None, :, :] + by_fields)
 
     def without_chance(self, by_chance: Floats) -> FieldMarginal:
         """The marginal if a part of the information is none.

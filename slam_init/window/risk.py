@@ -200,15 +200,10 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
     factor, weights = optimism.factor(lens_held=calibrated), expanded.scale_weights
     # The map of a calibrated camera keeps the stated lens.
     moved = moved_by_lens(expanded, hypotheses.priors, held=calibrated)
-    by_tracks_deg = [direction_sigmas_deg(expanded, view) for view in range(1, len(best.rows))]
+    by_tracks_deg = direction_sigmas_deg(expanded)
     # What the fit does not know widens its deviations, but not that of the principal point with its own prior.
-    of_views = [
-        np.hypot(
-            _widened(sigmas_deg, factor, direction_by_principal_point_deg(expanded, 1 + view)),
-            moved.directions_deg[view],
-        )
-        for view, sigmas_deg in enumerate(by_tracks_deg)
-    ]
+    by_point_deg = direction_by_principal_point_deg(expanded)[:, None]
+    of_views = np.hypot(_widened(by_tracks_deg, factor, by_point_deg), moved.directions_deg[:, None])
     varying = varying_lens(expanded, hypotheses.priors)
     rotation_deg = math.hypot(factor * _largest_sigma_deg(rotation_covariance(expanded)), moved.rotation_deg)
     rotated = three_directions(WRONG_ROTATION_DEG, rotation_deg)
@@ -370,7 +365,7 @@ def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> _Optimism:
     return _Optimism(few_views, pull2 / PULL_FREEDOM, bodies + shared - 1)
 
 
-def _widened(sigmas_deg: Floats, factor: float, fixed_deg: float) -> Floats:
+def _widened(sigmas_deg: Floats, factor: float, fixed_deg: Floats) -> Floats:
     """Standard deviations with a factor on all but a part that has a deviation of its own."""
     return np.asarray(np.hypot(factor * np.sqrt(np.maximum(sigmas_deg**2 - fixed_deg**2, 0.0)), fixed_deg))
 

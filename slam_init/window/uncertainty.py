@@ -76,6 +76,14 @@ class ExpandedFit:
         return float(np.logaddexp.reduce(self.marginal.log_evidence + np.log(FIELD_PRIOR)))
 
     @cached_property
+    def directions(self) -> Floats:
+        """Derivatives of the directions of the baselines of all views but the first, in radians.
+
+        Shapes: returns (V - 1, 2, X).
+        """
+        return direction_derivatives(self.fit.state, len(self.marginal.shift))[1]
+
+    @cached_property
     def scores(self) -> Floats:
         """How the unknowns follow the scores of each region of the image, for their scatter.
 
@@ -243,7 +251,7 @@ def camera_estimate(expanded: ExpandedFit, optimism: float = 1.0) -> CameraEstim
     # The focal length stands before the distortion.
     J = np.zeros((1, len(marginal.shift)))
     J[0, linearization.k1_column - 1] = 1.0
-    sigma = max(_sigma_of(linearization.k1_column - 1, marginal), _scattered_sigma(expanded, J))
+    sigma = max(_sigma_of(linearization.k1_column - 1, marginal), float(_scattered_sigmas(expanded, J)))
     focal = FocalEstimate(fit.state.log_scale, optimism * sigma)
     distortion = DistortionEstimate(fit.state.k1, _sigma_of(linearization.k1_column, marginal))
     if linearization.readout_column is None:
@@ -275,25 +283,24 @@ def rotation_covariance(expanded: ExpandedFit) -> Floats:
 
 def direction_uncertainty(expanded: ExpandedFit, view: int = 1) -> DirectionUncertainty:
     """Uncertainty of the direction of a baseline by the expansion alone, without the scatter of the scores."""
-    basis, J = _direction_derivatives(expanded, view)
-    return DirectionUncertainty(basis, _second_moment(expanded, J))
+    bases, J = direction_derivatives(expanded.fit.state, len(expanded.marginal.shift))
+    return DirectionUncertainty(bases[view - 1], _second_moment(expanded, J[view - 1]))
 
 
-def direction_sigmas_deg(expanded: ExpandedFit, view: int = 1) -> Floats:
-    """Largest standard deviation of the direction of a baseline: by the expansion or by the scatter of the scores.
+def direction_sigmas_deg(expanded: ExpandedFit) -> Floats:
+    """Largest standard deviations of the directions: by the expansion or by the scatter of the scores.
 
-    Shapes: returns (S,).
+    Shapes: returns (V - 1, S).
     """
-    _, J = _direction_derivatives(expanded, view)
-    shifts, covariances = expanded.marginal.of(J)
-    covariances = covariances + shifts[:, :, None] * shifts[:, None, :]
-    sigmas = deviations(np.linalg.eigvalsh(covariances))[:, -1]
-    return np.asarray(np.degrees(np.maximum(sigmas, _scattered_sigma(expanded, J))))
+    shifts, covariances = expanded.marginal.of(expanded.directions)
+    covariances = covariances + shifts[..., :, None] * shifts[..., None, :]
+    scattered = _scattered_sigmas(expanded, expanded.directions)[:, None]
+    return np.asarray(np.degrees(np.maximum(deviations(np.linalg.eigvalsh(covariances))[..., -1], scattered)))
 
 
 def sigma_with_known_lens(expanded: ExpandedFit, view: int = 1) -> float:
     """How much of the standard deviation of a direction is left if focal length and distortion were known."""
-    _, J = _direction_derivatives(expanded, view)
+    J = expanded.directions[view - 1]
     k1 = expanded.linearization.k1_column
     J = np.vstack([J, np.eye(2, J.shape[1], k1 - 1)])
     covariance = J @ expanded.marginal.covariance @ J.T
@@ -303,16 +310,18 @@ def sigma_with_known_lens(expanded: ExpandedFit, view: int = 1) -> float:
     return math.sqrt(min(max(left / max(largest, 1e-300), 0.0), 1.0))
 
 
-def direction_by_principal_point_deg(expanded: ExpandedFit, view: int = 1) -> float:
-    """Largest standard deviation of a direction by the error of the principal point alone."""
+def direction_by_principal_point_deg(expanded: ExpandedFit) -> Floats:
+    """Largest standard deviations of the directions by the error of the principal point alone.
+
+    Shapes: returns (V - 1,).
+    """
     columns = expanded.linearization.principal_columns
     if columns is None:
-        return 0.0
-    _, J = _direction_derivatives(expanded, view)
+        return np.zeros(len(expanded.directions))
     covariance = expanded.marginal.covariance
-    mixed = J @ covariance[:, columns]
-    by_point = mixed @ np.linalg.solve(covariance[columns, columns], mixed.T)
-    return math.degrees(math.sqrt(max(float(np.linalg.eigvalsh(by_point)[-1]), 0.0)))
+    mixed = expanded.directions @ covariance[:, columns]
+    by_point = mixed @ np.linalg.solve(covariance[columns, columns], np.swapaxes(mixed, 1, 2))
+    return np.asarray(np.degrees(np.sqrt(np.maximum(np.linalg.eigvalsh(by_point)[:, -1], 0.0))))
 
 
 def moved_by_lens(expanded: ExpandedFit, priors: Priors, *, held: bool) -> MovedByLens:
@@ -334,10 +343,8 @@ def moved_by_lens(expanded: ExpandedFit, priors: Priors, *, held: bool) -> Moved
     if not columns:
         return MovedByLens(0.0, np.zeros(len(state.R) - 1))
     moved = covariance[:, columns] @ np.linalg.solve(covariance[np.ix_(columns, columns)], np.array(offsets))
-    directions = [_direction_derivatives(expanded, view)[1] @ moved for view in range(1, len(state.R))]
-    return MovedByLens(
-        math.degrees(float(np.linalg.norm(moved[:3]))), np.degrees(np.linalg.norm(np.array(directions), axis=1))
-    )
+    directions_deg = np.degrees(np.linalg.norm(expanded.directions @ moved, axis=1))
+    return MovedByLens(math.degrees(float(np.linalg.norm(moved[:3]))), directions_deg)
 
 
 def varying_lens(expanded: ExpandedFit, priors: Priors) -> VaryingLens:
@@ -363,9 +370,9 @@ def varying_lens(expanded: ExpandedFit, priors: Priors) -> VaryingLens:
     B -= given @ (left @ B)
     information, gradient = B.T @ left @ zooms_and_shifts(expanded.tracks.camera, views), B.T @ gradient
     gradient[::3] += shrunk_noise(expanded.tracks, expanded.fit, priors)
-    derivatives = [_direction_derivatives(expanded, view)[1] for view in range(1, views)]
-    along = [J @ follow for J in derivatives]
-    fixed = [J @ covariance @ J.T + F @ given @ F.T for J, F in zip(derivatives, along, strict=True)]
+    J, along = expanded.directions, expanded.directions @ follow
+    fixed = J @ covariance @ np.swapaxes(J, 1, 2) + along @ given @ np.swapaxes(along, 1, 2)
+    by_mode, largest_fixed = along @ B, np.maximum(np.linalg.eigvalsh(fixed)[:, -1], 1e-300)
     log_weights, factors, moved_deg = (
         [math.log(1 - priors.lens_changes * sum(prior for _, prior in (*ZOOMS, *SHIFTS)))],
         [np.ones(views - 1)],
@@ -382,13 +389,9 @@ def varying_lens(expanded: ExpandedFit, priors: Priors) -> VaryingLens:
         mean = -posterior @ gradient
         evidence = 0.5 * float(gradient @ posterior @ gradient) - 0.5 * float(np.linalg.slogdet(scaled)[1])
         log_weights.append(math.log(priors.lens_changes * prior) + evidence)
-        moved = [F @ B @ posterior @ B.T @ F.T for F in along]
-        largest = [
-            float(np.linalg.eigvalsh(a + b)[-1] / max(np.linalg.eigvalsh(a)[-1], 1e-300))
-            for a, b in zip(fixed, moved, strict=True)
-        ]
-        factors.append(np.sqrt(np.maximum(largest, 1.0)))
-        moved_deg.append(np.degrees([float(np.linalg.norm(F @ (B @ mean))) for F in along]))
+        moved = by_mode @ posterior @ np.swapaxes(by_mode, 1, 2)
+        factors.append(np.sqrt(np.maximum(np.linalg.eigvalsh(fixed + moved)[:, -1] / largest_fixed, 1.0)))
+        moved_deg.append(np.degrees(np.linalg.norm(by_mode @ mean, axis=1)))
     return VaryingLens(np.array(log_weights), np.array(factors), np.array(moved_deg))
 
 
@@ -446,34 +449,33 @@ def _second_moment(expanded: ExpandedFit, J: Floats) -> Floats:
     return np.asarray(np.einsum("s,sij->ij", expanded.scale_weights, moments))
 
 
-def _direction_derivatives(expanded: ExpandedFit, view: int) -> tuple[Floats, Floats]:
-    return direction_derivatives(expanded.fit.state, view, len(expanded.marginal.shift))
+def direction_derivatives(state: WindowState, unknowns: int) -> tuple[Floats, Floats]:
+    """Bases across the directions of the baselines of all views but the first, and their derivatives in radians.
 
-
-def direction_derivatives(state: WindowState, view: int, unknowns: int) -> tuple[Floats, Floats]:
-    """A basis across the direction of a view's baseline, and its derivatives in radians.
-
-    Shapes: returns (2, 3), returns (2, X).
+    Shapes: returns (V - 1, 2, 3), returns (V - 1, 2, X).
 
     * ``unknowns``: The rotations and translations of the views come first among them.
     """
-    R, t = state.R[view], state.t[view]
-    cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])
-    length = max(float(np.linalg.norm(t)), 1e-300)
-    across = np.linalg.svd((R.T @ t / length)[None])[2][1:]
-    J = np.zeros((2, unknowns))
+    t, world_from_view = state.t[1:], np.swapaxes(state.R[1:], 1, 2)
+    lengths = np.maximum(np.linalg.norm(t, axis=1), 1e-300)[:, None, None]
+    across = np.linalg.svd(np.swapaxes(world_from_view @ t[:, :, None], 1, 2) / lengths)[2][:, 1:]
     # Derivatives of R^T t by the rotation vector (from the left) and by t.
-    J[:, 6 * (view - 1) : 6 * view] = across @ np.hstack([R.T @ cross, R.T]) / length
+    by_turn = world_from_view @ np.cross(np.eye(3), t[:, None])
+    own = across @ np.concatenate([by_turn, world_from_view], axis=2) / lengths
+    J = np.zeros((len(t), 2, unknowns))
+    for view, block in enumerate(own):
+        J[view, :, 6 * view : 6 * view + 6] = block
     return np.asarray(across), J
 
 
-def _scattered_sigma(expanded: ExpandedFit, J: Floats) -> float:
-    """Standard deviation of the direction by the scatter of the scores (a sandwich estimate).
+def _scattered_sigmas(expanded: ExpandedFit, J: Floats) -> Floats:
+    """Standard deviations (...,) of linear functions (..., M, X) by the scatter of the scores (a sandwich estimate).
 
     The larger one of the scatter over regions, which knows what neighbouring tracks share, and of that over tracks. The
     latter knows a noise that differs between tracks or between directions of the image.
     """
-    lin = expanded.linearization
-    by_track = lin.shares[:, ~lin.is_field] @ (expanded.marginal.response.T @ J.T)
-    scatters = (sums.T @ sums for sums in (expanded.scores @ J.T, by_track))
-    return math.sqrt(max(0.0, *(float(np.linalg.eigvalsh(one)[-1]) for one in scatters)))
+    lin, across = expanded.linearization, np.swapaxes(J, -1, -2)
+    by_track = lin.shares[:, ~lin.is_field] @ (expanded.marginal.response.T @ across)
+    scatters = (np.swapaxes(sums, -1, -2) @ sums for sums in (expanded.scores @ across, by_track))
+    by_regions, by_tracks = (np.linalg.eigvalsh(one)[..., -1] for one in scatters)
+    return np.asarray(np.sqrt(np.maximum(np.maximum(by_regions, by_tracks), 0.0)))

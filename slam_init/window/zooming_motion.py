@@ -201,7 +201,7 @@ class _Expansion:
 
     def direction_sigma_deg(self, precision: Floats) -> float:
         """Largest standard deviation of the direction of the pair, whatever the zooms are."""
-        _, J = direction_derivatives(self.fit.state, 1, len(self.gradient))
+        J = direction_derivatives(self.fit.state, len(self.gradient))[1][0]
         covariance = J @ _solved(self._with(precision), J.T)
         return math.degrees(math.sqrt(max(float(np.linalg.eigvalsh(0.5 * (covariance + covariance.T))[-1]), 0.0)))
 

@@ -99,7 +99,7 @@ def test_without_fields_the_direction_has_the_covariance_of_the_fit(window_and_f
 def test_the_direction_of_the_risk_is_at_least_that_of_the_expansion(window_and_fit):
     found = expanded(*window_and_fit)
     for view in range(1, 5):
-        by_scale = direction_sigmas_deg(found, view)
+        by_scale = direction_sigmas_deg(found)[view - 1]
         largest = np.linalg.eigvalsh(direction_uncertainty(found, view).covariance)[-1]
         assert np.sqrt(found.scale_weights @ by_scale**2) >= 0.999999 * np.degrees(np.sqrt(largest))
         assert (np.diff(by_scale) > -1e-3 * by_scale[1:]).all()
