@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache
 from itertools import islice
 
+import numpy as np
 import pytest
 from hypothesis import settings
 from make_source import KeptSource, synth
 from runs import Fed, Run
 
+from sequences_synth.texture import Texture
 from slam_init.bundle.focal import camera_with_focal_factor
 from slam_init.config import Config
 from slam_init.initializer import Initializer
@@ -20,6 +24,24 @@ from slam_init.runner import run
 # No test checks a time, and a first call may compile.
 settings.register_profile("same", derandomize=True, deadline=None)
 settings.load_profile("same")
+
+paint = Texture.levels.func
+
+
+@lru_cache(maxsize=64)  # the surfaces of two rooms
+def painted(seed: tuple[int, ...], width: int, height: int, look: str) -> list[np.ndarray]:
+    """The levels of a surface."""
+    return paint(Texture(seed, width, height, look))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def surfaces_are_painted_once(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Worlds of one seed have the same surfaces, which take longer to paint than a run. Tests of worlds paint each."""
+    with pytest.MonkeyPatch.context() as patch:
+        if "sequences_synth" not in request.path.parts:
+            kept = property(lambda one: painted(tuple(one.seed), one.width, one.height, one.look))
+            patch.setattr(Texture, "levels", kept)
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -40,7 +40,7 @@ HISTORY = inspect.signature(Tracker).parameters["history_limit"].default + CONFI
 
 def planar_views(poses, seed=2, noise_px=0.5):
     rng = np.random.default_rng(seed)
-    return observe(CAMERA, poses, plane(rng, 300), noise_px, rng)
+    return observe(CAMERA, poses, plane(rng, 200), noise_px, rng)
 
 
 def seen_from(poses, noise_px=0.3, count=300):
@@ -168,20 +168,19 @@ def test_the_result_can_be_read_at_any_time_without_a_change():
 
 
 def test_images_give_the_same_map_as_frames_and_initializers_share_nothing(room, room_fed_once):
-    """Three initializers run side by side, one of them on another scene; each gives its own map."""
+    """Two initializers run side by side, one of them on another scene; each gives the map that it gives alone."""
     whole = Config()
-    framed, plain, other = Initializer(room.camera, whole), Initializer(room.camera, whole), Initializer(CAMERA, whole)
+    plain, other, framed = Initializer(room.camera, whole), Initializer(CAMERA, whole), room_fed_once.result
     for frame, observed in zip_longest(room.frames(0, 40), seen_from(make_poses(4))):
-        framed.process(frame)
         plain.process(frame.image, frame.timestamp_s)
         if observed is not None:
             other.process_tracks(observed)
-        if framed.map is not None:
+        if plain.map is not None:
             break
     assert other.map is not None
-    assert bytes_of(framed.map) == bytes_of(plain.map) == bytes_of(room_fed_once.result.map)
+    assert bytes_of(framed.map) == bytes_of(plain.map)
     assert [k.timestamp_s for k in plain.map.keyframes] == [k.timestamp_s for k in framed.map.keyframes]
-    assert [a.gates for a in plain.result.attempts] == [a.gates for a in framed.result.attempts]
+    assert [a.gates for a in plain.result.attempts] == [a.gates for a in framed.attempts]
 
 
 @pytest.mark.parametrize("name", ["quest", "orb-slam3"])
@@ -194,12 +193,12 @@ def test_an_array_that_is_not_an_image_is_refused_and_changes_nothing(name):
 
 
 def test_views_of_other_arrays_and_read_only_images_are_images():
-    wide = np.random.default_rng(0).integers(0, 255, (480, 1280, 3), np.uint8)
+    wide = np.random.default_rng(0).integers(0, 255, (120, 320, 3), np.uint8)
     wide.setflags(write=False)
-    views = (wide[:, ::-2], wide[::-1, ::2, ::-1], wide[:, :640, 0])
+    views = (wide[:, ::-2], wide[::-1, ::2, ::-1], wide[:, :160, 0])
     found = []
     for images in (views, [view.copy() for view in views]):
-        initializer = Initializer(CAMERA, CONFIG)
+        initializer = Initializer(CAMERA.scaled(0.25), CONFIG)
         for k, image in enumerate(images):
             initializer.process(image, 0.1 * k)
         found.append([observed.pixels.tobytes() for observed in initializer.history])
@@ -226,7 +225,7 @@ def all_of(result):
 def jumping_frames():
     """Windows on a texture that are too far apart for optical flow; descriptors add tracks to earlier frames."""
     image = texture(0, 480, 1500)
-    return [window(image, 170 * k, 0, 640, 480, k) for k in range(5)]
+    return [window(image, 170 * k, 0, 640, 480, k) for k in range(3)]
 
 
 @pytest.mark.parametrize(("name", "jumping"), [("quest", False), ("orb-slam3", False), ("quest", True)])
@@ -353,7 +352,7 @@ def _bytes_reached(root):
 @pytest.mark.parametrize("turn_rad", [0.0, 2e-3])
 def test_the_memory_of_a_waiting_initializer_does_not_grow_but_for_a_few_bytes_of_statistics(turn_rad):
     """A camera that stands, and one that turns to and fro, for longer than frames and candidates are kept."""
-    period, begin, frames = 100, 320, 480
+    period, begin, frames = 100, 260, 360
     turns = [rotation_from_vector(np.array([0.0, turn_rad * abs(k - period // 2), 0.0])) for k in range(period)]
     shown = seen_from([Pose(turn, np.zeros(3)) for turn in turns], count=40)
     initializer = Initializer(CAMERA)

@@ -145,7 +145,7 @@ def test_with_another_start_frames_are_counted_from_the_start_and_named_by_absol
 
 @pytest.mark.slow
 def test_a_wall_gives_a_correct_map_or_is_ambiguous():
-    wall = synth("wall", frames=40, **SMALL)
+    wall = synth("wall", frames=12, **SMALL)
     _, summary = run(wall, wall.camera, Config())
     if summary.status == "initialized":
         assert_correct(summary)
@@ -158,13 +158,13 @@ def test_a_wall_gives_a_correct_map_or_is_ambiguous():
 
 @pytest.mark.parametrize(("scene", "reason"), [("static", "static_camera"), ("rotation", "pure_rotation")])
 def test_a_camera_that_does_not_translate_never_initializes(tmp_path, scene, reason):
-    source = synth(scene, frames=30, **SMALL)
+    source = synth(scene, frames=15, **SMALL)
     result, summary = run(source, source.camera, Config(), out=tmp_path)
     assert not result
     assert result.map is None
     assert result.frames_to_init is None
     assert (result.status, result.reason) == ("not_initialized", reason)
-    assert result.frames_read == 30
+    assert result.frames_read == 15
     assert {attempt.verdict for attempt in result.attempts} <= set(REASONS)
     assert json.loads((tmp_path / "summary.json").read_text()) == summary.as_dict()
     assert set(contents(tmp_path)) == {"summary.json", "config.toml", "overview.png", "recording.rrd"}
@@ -264,9 +264,8 @@ def test_a_stated_focal_length_that_the_motion_corrects_is_told_beside_the_estim
     assert f"{stated.fx:.0f} +- {0.05 * stated.fx:.0f} px" in note and f"{result.map.camera.fx:.0f} px" in note
 
 
-def test_a_run_lets_the_map_grow_by_the_frames_that_are_asked_for(room):
-    at_once, _ = run(room, room.camera, Config())
-    later, _ = run(room, room.camera, Config(refine_frames=20))
+def test_a_run_lets_the_map_grow_by_the_frames_that_are_asked_for(room, room_run):
+    at_once, (later, _) = room_run.result, run(room, room.camera, Config(refine_frames=10))
     assert later.frames_to_init == at_once.frames_to_init
-    assert later.frames_read == at_once.frames_read + 20
-    assert later.map.depth_sigma < 0.5 * at_once.map.depth_sigma
+    assert later.frames_read == at_once.frames_read + 10
+    assert later.map.depth_sigma < 0.7 * at_once.map.depth_sigma

@@ -293,12 +293,12 @@ def fitted_window(scene: str, seed: int, views: int) -> tuple[WindowTracks, Join
 VIEWS_OF_CHANGING_LENS = 8
 
 
-def hypotheses_of_changing_lens(scene, seed=0, zoom=0.0, shift=0.0, ramp=0.0, **options):
+def hypotheses_of_changing_lens(scene, seed=0, zoom=0.0, shift=0.0, ramp=0.0, points=150, **options):
     """A window whose views but the first are zoomed about the centre of the image, and shifted over its width.
 
     * ``ramp``: A steady zoom, from the first view to the last one in time.
     """
-    source = point_source(scene, seed, **options)
+    source = point_source(scene, seed, points=points, **options)
     camera, random = source.camera, np.random.default_rng(seed)
     centre, views = np.array([camera.width, camera.height]) / 2, []
     chosen = pair_and_further(list(source.observations()), VIEWS_OF_CHANGING_LENS)

@@ -1,6 +1,7 @@
 """Laws of a lens that the window estimates: its prior stays, its estimate is followed, and no motion is made up."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -53,10 +54,19 @@ def test_a_lens_that_moves_takes_its_prior_along():
     np.testing.assert_allclose(lens.camera.fx, CAMERA.fx)
 
 
+def room():
+    return point_source("room", 1, baseline=0.1, views=16)
+
+
+@cache
+def uncalibrated(factor):
+    """The result of the room without its calibration."""
+    return initialized(room(), withheld(room(), factor))
+
+
 @pytest.mark.parametrize("factor", [0.65, 1.5])
 def test_a_map_without_a_calibration_has_the_true_focal_length_within_three_sigmas(factor):
-    source = point_source("room", 1, baseline=0.1, views=16)
-    result = initialized(source, withheld(source, factor))
+    source, result = room(), uncalibrated(factor)
     camera = result.map.camera
     assert camera.source == "estimated"
     assert camera.focal_sigma <= 0.06
@@ -77,15 +87,13 @@ def test_a_camera_that_only_turns_has_no_map_and_tells_its_focal_length():
 
 
 def test_the_tracks_of_the_user_are_seen_through_the_lens_in_use():
-    source = point_source("room", 1, baseline=0.1, views=16)
-    camera = withheld(source, 0.65)
-    rays_of_another = [replace(seen, bearings=camera.bearings(seen.pixels)) for seen in source.observations()]
-    with_own = initialized(source, camera)
+    camera = withheld(room(), 0.65)
+    rays_of_another = [replace(seen, bearings=camera.bearings(seen.pixels)) for seen in room().observations()]
     initializer = Initializer(camera, WINDOW_CONFIG)
     for observed in rays_of_another:
         if initializer.process_tracks(observed):
             break
-    np.testing.assert_array_equal(initializer.map.points, with_own.map.points)
+    np.testing.assert_array_equal(initializer.map.points, uncalibrated(0.65).map.points)
 
 
 def test_the_sum_of_two_lenses_is_one():

@@ -150,7 +150,7 @@ def run(seed, **options):
 @pytest.mark.slow
 @pytest.mark.parametrize("direction", ["down", "up"])
 def test_a_hand_held_rolling_shutter_is_found_together_with_the_map(direction):
-    source, initializer = run(40, readout_ms=30.0, readout_direction=direction, speed=0.03, noise_px=0.3)
+    source, initializer = run(40, readout_ms=30.0, readout_direction=direction, speed=0.03, noise_px=0.3, points=200)
     map_ = initializer.map
     assert map_ is not None
     assert map_.camera.readout_direction == direction
@@ -170,9 +170,9 @@ def test_a_hand_held_rolling_shutter_is_found_together_with_the_map(direction):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("readout_ms", [0.0, 15.0, 30.0])
+@pytest.mark.parametrize("readout_ms", [0.0, 30.0])
 def test_a_camera_that_only_turns_is_told_from_one_that_translates(readout_ms):
-    _, initializer = run(41, readout_ms=readout_ms, views=25)
+    _, initializer = run(41, readout_ms=readout_ms, views=15)
     assert initializer.map is None
     assert initializer.result.reason == Verdict.PURE_ROTATION
     estimates = [a.window.readout_ms for a in initializer.result.attempts if a.window is not None]

@@ -41,7 +41,7 @@ def test_the_other_way_round_gives_the_inverse():
 def test_the_error_of_the_scale_is_as_large_as_stated():
     """With noise of a pixel or two in all rays of both maps, whose points are those that the rays were drawn from."""
     errors = []
-    for seed in range(8):
+    for seed in range(5):
         place, again = make_place(seed, noise_rad=0.002), make_place(seed, noise_rad=0.002)
         rays = again.observation_bearings + 0.002 * np.random.default_rng(99 + seed).normal(size=(480, 3))
         again = replace(again, observation_bearings=rays / np.linalg.norm(rays, axis=1, keepdims=True))
@@ -50,7 +50,7 @@ def test_the_error_of_the_scale_is_as_large_as_stated():
     assert 0.2 < np.sqrt(np.mean(np.square(errors))) < 3
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_points_that_lie_elsewhere_are_not_joined_though_they_look_alike(seed):
     place = make_place(seed)
     other = rearranged(place, np.random.default_rng(100 + seed).permutation(place.points))

@@ -243,7 +243,7 @@ def test_the_direction_of_the_pair_is_the_first_of_the_views_and_that_of_a_near_
 def test_the_relative_errors_of_the_depths_have_the_stated_size(scene):
     """The focal length is known, since that of the drawn worlds has no error."""
     ratios = []
-    for seed in range(16):
+    for seed in range(12):
         found = hypotheses(scene, seed, 8, priors=Priors(1e-6), baseline=0.2, outliers=0.0)
         truth = make_points(scene, seed, PointOptions(baseline=0.2, outliers=0.0))
         best, tracks = found.motions[0].fit.state, found.tracks

@@ -67,7 +67,7 @@ def test_a_lens_that_is_said_to_be_fixed_has_no_other_modes():
 
 def test_the_direction_of_a_rigid_scene_knows_that_the_lens_may_change():
     """Otherwise a lens that changes would be taken for moving bodies."""
-    risk = risk_of(hypotheses("wall", zoom=0.02, baseline=0.05))
+    risk = risk_of(hypotheses("wall", zoom=0.02, baseline=0.05, points=300))
     assert risk.direction_if_lens_fixed < 0.2 * risk.direction_if_rigid
 
 
@@ -91,8 +91,7 @@ def test_a_person_who_zooms_does_not_move_toward_a_plane(scene, seed, ramp):
     assert risk.total > 0.005
 
 
-@pytest.mark.parametrize("scene", ["rotation", "static"])
-@pytest.mark.parametrize("ramp", [-0.3, 0.3, 0.6])
+@pytest.mark.parametrize(("scene", "ramp"), [("rotation", -0.3), ("static", 0.3), ("rotation", 0.6)])
 def test_a_zoom_and_a_rotation_leave_noise_only(scene, ramp):
     """The rival reaches the cost of the motion toward a plane, although it starts without any zoom."""
     found = hypotheses(scene, 4, ramp=ramp)
@@ -104,10 +103,10 @@ def test_zooms_do_not_explain_a_room():
     assert with_zooms(found).hypotheses.gain_over_rotation[0] > 0.5 * found.gain_over_rotation[0]
 
 
-@pytest.mark.parametrize(("scene", "seed"), [("static", 2), ("static", 4), ("rotation", 4), ("rotation", 5)])
+@pytest.mark.parametrize(("scene", "seed"), [("static", 4), ("rotation", 4), ("rotation", 5)])
 def test_a_stabilizer_that_shifts_the_frames_of_a_camera_at_rest_makes_no_map(scene, seed):
     """A shift of a view looks like a motion along a plane."""
-    found = hypotheses(scene, seed, shift=0.005)
+    found = hypotheses(scene, seed, shift=0.005, points=300)
     shifted = with_zooms(found)
     assert shifted.cost < 1.02 * found.motions[0].fit.cost
     assert np.abs(shifted.shifts).max() > 0.001 * found.tracks.camera.width

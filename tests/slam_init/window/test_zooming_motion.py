@@ -38,7 +38,7 @@ def test_no_map_of_a_zooming_lens_is_confirmed(ramp):
 
 def test_what_cannot_be_told_from_a_zoom_keeps_the_probability_of_one():
     """Level flight at a short baseline: a zoom moves the tracks as a climb does, so that its evidence is near 0."""
-    found = hypotheses("nadir", 2, baseline=0.05)
+    found = hypotheses("nadir", 2, baseline=0.05, points=300)
     motions = list(zooming_motions(found, with_zooms(found)))
     assert -12 < max(one.log_evidence for one in motions) < 1
     assert max(one.direction_sigma_deg for one in motions) > 15
