@@ -69,7 +69,7 @@ def active(node):
 
 @pytest.mark.slow
 def test_a_run_publishes_the_map_of_the_api_with_the_stamps_of_the_images(graph, tmp_path):
-    source = open_source("synth:room")
+    source = open_source("synth:room?width=320&height=240&slow_start=1")
     frames = list(source.frames(max_frames=12))
     initializer = Initializer(source.camera, load_config(None, {"refine_frames": 0}))
     count = next(k for k, frame in enumerate(frames, 1) if initializer.process(frame.image, START_NS / 1e9 + k / 30))

@@ -145,7 +145,7 @@ def test_with_another_start_frames_are_counted_from_the_start_and_named_by_absol
 
 @pytest.mark.slow
 def test_a_wall_gives_a_correct_map_or_is_ambiguous():
-    wall = synth("wall", frames=12, **SMALL)
+    wall = synth("wall", frames=12, slow_start=1, **SMALL)
     _, summary = run(wall, wall.camera, Config())
     if summary.status == "initialized":
         assert_correct(summary)
@@ -158,7 +158,7 @@ def test_a_wall_gives_a_correct_map_or_is_ambiguous():
 
 @pytest.mark.parametrize(("scene", "reason"), [("static", "static_camera"), ("rotation", "pure_rotation")])
 def test_a_camera_that_does_not_translate_never_initializes(tmp_path, scene, reason):
-    source = synth(scene, frames=15, **SMALL)
+    source = synth(scene, frames=15, slow_start=1, **SMALL)
     result, summary = run(source, source.camera, Config(), out=tmp_path)
     assert not result
     assert result.map is None

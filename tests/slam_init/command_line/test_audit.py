@@ -18,7 +18,7 @@ from slam_init.output.results import tum_text
 from slam_init.types.initial_map import Keyframe
 
 POINTS = 200
-ROOM = "synth:room?frames=16&width=320&height=240"
+ROOM = "synth:room?frames=10&width=320&height=240&slow_start=1"
 
 
 @pytest.fixture

@@ -288,7 +288,7 @@ def test_an_error_of_a_library_is_one_line(error, world, pipeline, capsys):
 @pytest.mark.parametrize("threads", ["0", "x"])
 def test_a_wrong_variable_of_numba_is_one_line(threads, tmp_path):
     code = "from slam_init.cli import entry_point; entry_point()"
-    words = [sys.executable, "-c", code, "run", "synth:room", "--max-frames", "3"]
+    words = [sys.executable, "-c", code, "run", "synth:static?frames=2&width=96&height=64"]
     done = subprocess.run(
         words, env=os.environ | {"NUMBA_NUM_THREADS": threads}, cwd=tmp_path, capture_output=True, text=True
     )

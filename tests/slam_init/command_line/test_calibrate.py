@@ -38,16 +38,13 @@ def test_images_without_texture_or_motion_are_told_before_the_lens(name, told, t
     assert json.loads((tmp_path / "lens" / "calibration.json").read_text())["advice"] in text
 
 
-@pytest.mark.parametrize(
-    ("sigma", "method", "told"),
-    [(0.009, "quest", False), (0.009, "essential-8pt", False), (0.05, "essential-8pt", True)],
-)
-def test_a_camera_that_calibrate_wrote_is_a_calibration(sigma, method, told, tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize(("sigma", "told"), [(0.009, False), (0.05, True)])
+def test_a_camera_that_calibrate_wrote_is_a_calibration(sigma, told, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     camera = replace(prior_camera((320, 240)), fx=262.5, fy=262.5, source="estimated", focal_sigma=sigma)
     (tmp_path / "camera.yaml").write_text(camera_yaml(camera))
     words = ["run", "synth:room?frames=24&width=320&height=240", "--camera", "camera.yaml", "--no-overview"]
-    assert main([*words, "--method", method]) == 0
+    assert main([*words, "--method", "essential-8pt"]) == 0
     assert ("expect a bent map" in capsys.readouterr().out) == told
 
 

@@ -1,6 +1,7 @@
 """Masks: no track uses an ignored pixel, by flow or by descriptors, and what such pixels show changes nothing."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -25,10 +26,10 @@ MASK = np.full(SIZE[::-1], 255, np.uint8)
 MASK[170:] = 0
 MASK[:, 150:154] = 0
 #: Flow follows small steps; descriptors link the frames that are far apart.
-STEPS = {"flow": [(100 + 5 * k, 60 + k) for k in range(6)], "descriptors": [(100 + 60 * k, 60) for k in range(4)]}
+STEPS = {"flow": [(100 + 5 * k, 60 + k) for k in range(6)], "descriptors": [(100 + 60 * k, 60) for k in range(3)]}
 
 
-def frames_of(steps, mask, behind=0):
+def frames_of(steps, mask, behind=1):
     """Frames whose ignored pixels show noise of this seed."""
     frames = []
     for k, (x, y) in enumerate(STEPS[steps]):
@@ -37,6 +38,12 @@ def frames_of(steps, mask, behind=0):
         image = frame.image if mask is None else np.where(mask > 0, frame.image, noise)
         frames.append(replace(frame, image=image, mask=mask))
     return frames
+
+
+@cache
+def followed(steps, behind):
+    """The history of the frames whose ignored pixels show noise of this seed."""
+    return follow(frames_of(steps, MASK, behind))[1]
 
 
 def follow(frames):
@@ -54,7 +61,7 @@ def distances_px(pixels):
 @pytest.mark.parametrize("steps", STEPS)
 def test_no_track_comes_near_an_ignored_pixel(steps):
     free, _ = follow(frames_of(steps, None))
-    _, history = follow(frames_of(steps, MASK))
+    history = followed(steps, 1)
     assert any((distances_px(observed.pixels) < 1).any() for observed in free)
     for observed in history:
         least = RADIUS if steps == "flow" else 1
@@ -63,9 +70,7 @@ def test_no_track_comes_near_an_ignored_pixel(steps):
 
 @pytest.mark.parametrize("steps", STEPS)
 def test_what_ignored_pixels_show_changes_nothing(steps):
-    _, a = follow(frames_of(steps, MASK, behind=1))
-    _, b = follow(frames_of(steps, MASK, behind=2))
-    for one, other in zip(a, b, strict=True):
+    for one, other in zip(followed(steps, 1), followed(steps, 2), strict=True):
         assert np.array_equal(one.track_ids, other.track_ids)
         assert np.array_equal(one.pixels, other.pixels)
         assert np.array_equal(one.drifts, other.drifts)

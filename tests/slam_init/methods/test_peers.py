@@ -82,7 +82,7 @@ def test_two_calls_of_superansac_give_nearly_the_same_rotation():
 @pytest.mark.parametrize(("scene", "seed"), [("room", 1), ("wall", 2), ("rotation", 3), ("static", 4)])
 def test_the_window_judges_the_poses_of_poselib(scene, seed):
     pytest.importorskip("poselib")
-    source = point_source(scene, seed, baseline=0.2)
+    source = point_source(scene, seed, baseline=0.2, points=150)
     initializer = make_initializer("poselib-window", source.camera, Config())
     for observed in source.observations():
         if initializer.process_tracks(observed):

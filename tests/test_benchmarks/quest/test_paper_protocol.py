@@ -87,7 +87,7 @@ def test_the_five_point_solver_equals_that_of_opencv():
 
 def test_the_program_writes_what_it_prints_and_a_plot(tmp_path, capsys):
     pytest.importorskip("matplotlib", reason="the plot needs the extra bench")
-    paper_protocol.main(["--problems", "3", "--refined", "1", "--out", str(tmp_path)])
+    paper_protocol.main(["--problems", "2", "--refined", "1", "--out", str(tmp_path)])
     shown = capsys.readouterr().out
     assert shown == (tmp_path / "paper_protocol.md").read_text()
     assert "| QuEst 6 fast " in shown

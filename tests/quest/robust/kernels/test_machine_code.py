@@ -12,8 +12,8 @@ import pytest
 from quest.robust.kernels import machine_code
 
 ROTATION = (
-    "import sys, numpy as np; from quest.robust import kernels; R = np.eye(3); m = np.eye(3);"
-    "kernels.refine_rotation(m, m[[1, 2, 0]], R, 10.0, 1); print(*R.ravel(), 'scipy.linalg' in sys.modules)"
+    "import sys, numpy as np; from quest.robust.kernels import small_algebra; R = np.eye(3);"
+    "small_algebra.turn(R, 0.1, *small_algebra.tangents(R[2])[:2]); print(*R.ravel(), 'scipy.linalg' in sys.modules)"
 )
 
 
@@ -60,7 +60,7 @@ def test_a_later_process_loads_the_machine_code_without_what_the_compiler_needs(
 
 def test_damaged_machine_code_is_made_anew(compiled_folder):
     folder, answers = compiled_folder
-    (loop,) = (folder / "quest").glob("*.refine_rotation-*")
+    (loop,) = (folder / "quest").glob("*.turn-*")
     whole = loop.read_bytes()
     loop.write_bytes(whole[: len(whole) // 2])
     assert answer(start(folder))[:-1] == answers[0][:-1]
