@@ -129,7 +129,8 @@ class WindowTracks:
         """
         readout = readout or Readout.none(*seen.shape)
         anchor = np.where(seen.sum(axis=0) >= 2, np.argmax(seen, axis=0), -1).astype(np.int64)
-        rays = camera.bearings(pixels[np.maximum(anchor, 0), np.arange(pixels.shape[1])])
+        first = pixels[np.maximum(anchor, 0), np.arange(pixels.shape[1])]
+        rays = measured_rays(camera, first[None], np.ones((1, len(first)), bool))[0]
         anchor[~np.isfinite(rays).all(axis=1)] = -1
         sigma_px, whitening = np.full(seen.shape, float(noise_px)), np.broadcast_to(np.eye(2), (*seen.shape, 2, 2))
         if drifts is not None and seen.any():

@@ -21,6 +21,7 @@ from slam_init.types.camera import Camera
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import fit_window
 from slam_init.window.levels import LARGEST_ZOOM, SHIFTS, ZOOMED_COST
+from slam_init.window.measured_rays import measured_rays
 from slam_init.window.projection import camera_vector
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
@@ -160,7 +161,7 @@ def _located(
         measured = tracks.pixels[k] - state.principal_px
         if rays is None:
             of_anchor = zoomed(tracks, zooms, shifts).pixels[anchor, columns] - state.principal_px
-            from_anchor = camera.bearings(of_anchor)
+            from_anchor = measured_rays(camera, of_anchor[None], used[None])[0]
         else:
             from_anchor = rays
         used &= np.isfinite(from_anchor).all(axis=1)
