@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quest.geometry.quaternion import rotation_from_vector
+from quest.robust.kernels.small_algebra import turn
 from slam_init.types.arrays import Floats, evenly_spaced
 from slam_init.types.camera import Camera
 from slam_init.window.hypotheses import WindowHypotheses
@@ -200,4 +200,6 @@ def _similar(camera: Camera, world: Floats, pixels: Floats, R: Floats) -> tuple[
         return R, 0.0
     zoom, turned = float(np.abs(factor[best])), float(np.angle(factor[best]))
     tilt = shift[best] / (zoom * camera.focal_px)
-    return rotation_from_vector(np.array([-tilt.imag, tilt.real, turned])) @ R, zoom - 1
+    R = R.copy()
+    turn(R, -tilt.imag, tilt.real, turned)
+    return R, zoom - 1
