@@ -30,7 +30,7 @@ from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX
 from slam_init.window.motion import FittedMotion
 from slam_init.window.state import Priors
 from slam_init.window.tails import at_any_look
-from slam_init.window.uncertainty import ExpandedFit, expand, places_of
+from slam_init.window.uncertainty import ExpandedFit, expand_for_evidence, places_of
 
 #: A scale of the fields with a smaller probability changes nothing.
 #: Class: level.
@@ -139,7 +139,7 @@ def _rival_probability(
     missing = int(seen[list(motion.rows)].sum()) - int(seen[list(rival.rows)].sum())
     outliers = hypotheses.priors.gate_sigmas**2 * missing
     ahead = max(0.5 * (rival.fit.cost + outliers - best.fit.cost), 1e-9)
-    expanded = expand(hypotheses, rival, evidence_only=True)
+    expanded = expand_for_evidence(rival, hypotheses.priors)
     # The fields explain a share of the difference of the costs, and the same share of the votes. A wrong motion absorbs
     # a part of the fields, so that it seems to need smaller ones. The fields belong to the tracker and not to the
     # motion: the motions are compared at each scale that is likely with both.

@@ -221,25 +221,23 @@ class CameraEstimate:
     readout: ReadoutEstimate | None
 
 
-def expand(hypotheses: WindowHypotheses, motion: FittedMotion, *, evidence_only: bool = False) -> ExpandedFit:
-    """Expand the cost of a fitted motion, and integrate the error fields out.
-
-    * ``evidence_only``: Whether only the evidence is wanted: covariances then count information by chance too.
-    """
-    return (_expanded_for_evidence if evidence_only else _expanded)(motion, hypotheses.priors)
-
-
-@lru_cache(maxsize=_KEPT)
-def _expanded_for_evidence(motion: FittedMotion, priors: Priors) -> ExpandedFit:
-    linearization = linearize_with_fields(motion.tracks, motion.fit, priors)
-    return ExpandedFit(motion.tracks, motion.fit, linearization, marginalize_fields(linearization))
+def expand(hypotheses: WindowHypotheses, motion: FittedMotion) -> ExpandedFit:
+    """Expand the cost of a fitted motion, and integrate the error fields out."""
+    return _expanded(motion, hypotheses.priors)
 
 
 @lru_cache(maxsize=_KEPT)
 def _expanded(motion: FittedMotion, priors: Priors) -> ExpandedFit:
-    expanded = _expanded_for_evidence(motion, priors)
+    expanded = expand_for_evidence(motion, priors)
     by_chance = information_by_chance(motion.tracks, motion.fit, priors)
     return replace(expanded, marginal=expanded.marginal.without_chance(by_chance))
+
+
+@lru_cache(maxsize=_KEPT)
+def expand_for_evidence(motion: FittedMotion, priors: Priors) -> ExpandedFit:
+    """The same where only the evidence is wanted: covariances count information by chance too."""
+    linearization = linearize_with_fields(motion.tracks, motion.fit, priors)
+    return ExpandedFit(motion.tracks, motion.fit, linearization, marginalize_fields(linearization))
 
 
 def camera_estimate(expanded: ExpandedFit, optimism: float = 1.0) -> CameraEstimate:

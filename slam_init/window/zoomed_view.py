@@ -43,16 +43,29 @@ def locate_view(
     left, J, lengths = np.empty((len(world), 2)), np.empty((len(world), 2, 6)), np.empty(len(world))
     normal, step = np.empty((6, 6)), np.empty(6)
     for _ in range(_STEPS):
-        if not _residuals(camera, world, pixels, R, np.exp(log_zoom), shift, sigma_px, left, J, lengths):
+        factor, visible, turned = np.exp(log_zoom), True, R.reshape(1, 3, 3)
+        for i in range(len(world)):
+            z, inverse = to_view(turned, 0, vector_of(world, i)), 1.0 / sigma_px[i]
+            seen, x, y, a0, a1, a2, b0, b1, b2, _, _ = project_point(camera, 1.0, 0.0, z[0], z[1], z[2])
+            visible &= seen
+            projected = (factor * (x - camera[3]), factor * (y - camera[4]))
+            by_turn = (cross(z, (a0, a1, a2)), cross(z, (b0, b1, b2)))
+            # The derivatives of the projection by the rotation vector, the logarithm of the zoom, and the shift.
+            for q in range(2):
+                left[i, q] = (pixels[i, q] - camera[3 + q] - shift[q] - projected[q]) * inverse
+                for p in range(3):
+                    J[i, q, p] = factor * by_turn[q][p] * inverse
+                J[i, q, 3], J[i, q, 4], J[i, q, 5] = projected[q] * inverse, 0.0, 0.0
+                J[i, q, 4 + q] = inverse
+            lengths[i] = np.hypot(left[i, 0], left[i, 1])
+        if not visible:
             break
         median = median_in_place(lengths.copy())
         scale = _OF_SCALE * max(1.0, _OF_MEDIAN * median)
-        normal[:], step[:] = 0.0, 0.0
-        for p in range(6):
-            normal[p, p] = 1e-9
-        for p in range(2):
-            normal[4 + p, 4 + p] += 1.0 / shift_px**2
-            step[4 + p] = -shift[p] / shift_px**2
+        normal[:], step[:] = 1e-9 * np.eye(6), 0.0
+        for q in range(2):
+            normal[4 + q, 4 + q] += 1.0 / shift_px**2
+            step[4 + q] = -shift[q] / shift_px**2
         for i in range(len(world)):
             weight = (1.0 + (lengths[i] / scale) ** 2) ** -2
             for q in range(2):
@@ -63,45 +76,10 @@ def locate_view(
                         normal[p, r] += weighted * J[i, q, r]
         solve_in_place(normal, step)
         largest = max(max(abs(step[0]), abs(step[1])), max(abs(step[2]), abs(step[3])))
-        length = min(1.0, _LONGEST_STEP / max(largest, _CONVERGED))
-        turn(R, length * step[0], length * step[1], length * step[2])
-        log_zoom += length * step[3]
-        shift[0], shift[1] = shift[0] + length * step[4], shift[1] + length * step[5]
+        step *= min(1.0, _LONGEST_STEP / max(largest, _CONVERGED))
+        turn(R, step[0], step[1], step[2])
+        log_zoom += step[3]
+        shift += step[4:]
         if largest < _CONVERGED:
             break
     return R, np.expm1(log_zoom), shift, median
-
-
-@compiled
-def _residuals(
-    camera: Floats,
-    world: Floats,
-    pixels: Floats,
-    R: Floats,
-    factor: float,
-    shift: Floats,
-    sigma_px: Floats,
-    left: Floats,
-    J: Floats,
-    lengths: Floats,
-) -> bool:
-    """Fill the residuals (N, 2), their derivatives (N, 2, 6) and their lengths (N,); False where a ray has no pixel.
-
-    The derivatives are those of the projection by rotation vector, logarithm of the zoom, and shift.
-    """
-    turned = R.reshape(1, 3, 3)
-    for i in range(len(world)):
-        z, inverse = to_view(turned, 0, vector_of(world, i)), 1.0 / sigma_px[i]
-        seen, x, y, a0, a1, a2, b0, b1, b2, _, _ = project_point(camera, 1.0, 0.0, z[0], z[1], z[2])
-        if not seen:
-            return False
-        projected = (factor * (x - camera[3]), factor * (y - camera[4]))
-        by_turn = (cross(z, (a0, a1, a2)), cross(z, (b0, b1, b2)))
-        for q in range(2):
-            left[i, q] = (pixels[i, q] - camera[3 + q] - shift[q] - projected[q]) * inverse
-            for p in range(3):
-                J[i, q, p] = factor * by_turn[q][p] * inverse
-            J[i, q, 3], J[i, q, 4], J[i, q, 5] = projected[q] * inverse, 0.0, 0.0
-            J[i, q, 4 + q] = inverse
-        lengths[i] = np.hypot(left[i, 0], left[i, 1])
-    return True
