@@ -20,14 +20,14 @@ from slam_init.types.initial_map import InitialMap
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import ProvisionalMap
-from slam_init.window.levels import (
-    CERTAIN_FOCAL_SIGMAS,
-    EVEN,
-    RISK_OF_A_VIEW,
-)
+from slam_init.window.levels import CERTAIN_FOCAL_SIGMAS, RISK_OF_A_VIEW
 from slam_init.window.motion import FittedMotion, difference_deg
 from slam_init.window.other_motion import fit_other_motion
 from slam_init.window.risk import WindowRisk
+
+#: Bundle adjustment has left the motion of a provisional map where that is as likely wrong as right.
+#: Class: level.
+_EVEN = 0.5
 
 
 class WindowMaps:
@@ -67,7 +67,7 @@ class WindowMaps:
 
     def provisional(self) -> ProvisionalMap | None:
         """The map of the best motion with its risk; None where it cannot be built."""
-        bundle, _ = self._agreeing(self._window.risk.total, EVEN)
+        bundle, _ = self._agreeing(self._window.risk.total, _EVEN)
         if not isinstance(bundle, BundleSolution):
             return None
         risk = self.risk_of(bundle).total

@@ -176,16 +176,11 @@ NEIGHBOURHOOD = 0.1
 
 # -- a motion of other tracks ----------------------------------------------------------------------------
 
-#: A motion of other tracks is a rival from this share of the tracks that the best motion explains. Bodies that hold a
-#: tenth of the tracks more are rarer by a factor of e, so that a body with 77 % of them beside a scene with 23 % has
-#: odds of 0.005, the largest risk that is accepted: 0.3 where the other tracks are compact. A quarter where they extend
-#: over half of the area or more. So two bodies that hold a sixth of the tracks each do not prevent a map of the rest.
-#: Class: assumption.
-SHARE_OF_COMPACT, SHARE_OF_WIDE, WIDE = 0.3, 0.25, 0.5
-
-#: With such a motion it is an even chance which of the two is the camera's.
-#: Class: assumption.
-EVEN = 0.5
+#: Of two rigid motions of the tracks either may be that of the camera, and the other one that of a body. Bodies that
+#: hold a tenth of the tracks more are rarer by a factor of e: a scene at rest that holds half as many tracks as a body
+#: of equal area has odds of 1 to 28.
+#: Class: assumption, over the share of the tracks.
+RARER_BY_SHARE = 10.0
 
 #: Outlier threshold of the other motion, in standard deviations of the noise; fewer tracks than this have none.
 #: Class: level, in standard deviations and tracks.

@@ -3,7 +3,8 @@
 Where a body fills a large part of the view, its motion relative to the camera explains as many tracks as the motion of
 the scene at rest does. Images alone do not tell which of the two motions is that of the camera. Two cues remain. The
 scene at rest mostly holds more tracks than a body does. And a body is compact: a scene that extends around it is behind
-it.
+it. Distant tracks and tracks that move by little follow both motions, so that only those count which one motion
+explains far better than the other.
 """
 
 from __future__ import annotations
@@ -13,12 +14,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from quest.estimate import RelativePose, estimate_relative_pose
+from quest.estimate import Hypothesis, RelativePose, estimate_relative_pose
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.pose import Pose
 from slam_init.window.equations import explained_at_most
 from slam_init.window.hypotheses import WindowHypotheses
-from slam_init.window.levels import EVEN, LEAST_OTHER_TRACKS, OTHER_SIGMAS, SHARE_OF_COMPACT, SHARE_OF_WIDE, WIDE
+from slam_init.window.joint_fit import costs_off_plane
+from slam_init.window.levels import LARGEST_VOTE, LEAST_OTHER_TRACKS, OTHER_SIGMAS, RARER_BY_SHARE
 from slam_init.window.locating import locate_views
 from slam_init.window.motion import FittedMotion, fit_motion
 from slam_init.window.uncertainty import places_of
@@ -51,17 +53,60 @@ def other_motion(hypotheses: WindowHypotheses) -> OtherMotion:
     tracks, explained = hypotheses.tracks, explained_tracks(hypotheses)
     rays = bearings_of_best(hypotheses)[:2]
     rest = (tracks.anchor >= 0) & ~explained & np.isfinite(rays).all(axis=(0, 2))
-    count = int(explained.sum())
-    if rest.sum() < max(LEAST_OTHER_TRACKS, SHARE_OF_WIDE * count):
+    if rest.sum() < LEAST_OTHER_TRACKS:
         return OtherMotion()
     threshold_rad = OTHER_SIGMAS * tracks.noise_px / tracks.camera.focal_px
     pose = estimate_relative_pose(rays[0, rest], rays[1, rest], threshold_rad=threshold_rad)
     if not isinstance(pose, RelativePose):
         return OtherMotion()
-    places, others = places_of(hypotheses.motions[0].fit), np.flatnonzero(rest)[pose.inliers]
-    wide = _extent(places[others]) > WIDE * _extent(places[explained])
-    enough = max(LEAST_OTHER_TRACKS, (SHARE_OF_WIDE if wide else SHARE_OF_COMPACT) * count)
-    return OtherMotion(EVEN if len(others) >= enough else 0.0, tracks.track_ids[others], Pose(pose.R, pose.t))
+    others = tracks.track_ids[np.flatnonzero(rest)[pose.inliers]]
+    if len(others) < LEAST_OTHER_TRACKS:
+        return OtherMotion(0.0, others, Pose(pose.R, pose.t))
+    # Tracks of one plane have two motions in a pair.
+    proposed: list[Hypothesis | RelativePose] = [pose, *pose.alternatives]
+    starts = [OtherMotion(0.0, others, Pose(one.R, one.t)) for one in proposed]
+    return max((_with_probability(hypotheses, start, rest) for start in starts), key=lambda other: other.probability)
+
+
+def _with_probability(hypotheses: WindowHypotheses, other: OtherMotion, rest: Bools) -> OtherMotion:
+    """A motion with all tracks that follow it, and the probability that it is that of the camera.
+
+    * ``rest``: (T,) The tracks that the best motion does not explain. The pair tells the motion of some of them.
+    """
+    fitted = fit_other_motion(hypotheses, other)
+    if fitted is None:
+        return other
+    tracks = hypotheses.tracks
+    more = np.flatnonzero(rest | (_votes(hypotheses, fitted) < 0))
+    fitted = fit_motion(tracks.of_tracks(more), fitted.motion, hypotheses.priors)
+    votes = _votes(hypotheses, fitted)
+    others = tracks.track_ids[votes < -LARGEST_VOTE]
+    return OtherMotion(_probability(hypotheses, votes), others, fitted.cam2_from_cam1)
+
+
+def _votes(hypotheses: WindowHypotheses, other: FittedMotion) -> Floats:
+    """The votes (T,) of the tracks for the best motion, against another one at its poses; 0 where neither explains."""
+    tracks = hypotheses.tracks
+    everywhere = fit_motion(tracks, other.motion, hypotheses.priors, max_steps=0)
+    missing = tracks.seen.sum(axis=0) - tracks.seen[list(everywhere.rows)].sum(axis=0)
+    costs = costs_off_plane(everywhere.tracks, everywhere.fit, hypotheses.priors)
+    costs += hypotheses.priors.gate_sigmas**2 * missing
+    bound = explained_at_most(np.maximum(2 * tracks.seen.sum(axis=0) - 3, 0))
+    votes = np.minimum(costs, bound) - np.minimum(hypotheses.costs_of(hypotheses.motions[0]), bound)
+    return np.where(tracks.anchor >= 0, votes, 0.0)
+
+
+def _probability(hypotheses: WindowHypotheses, votes: Floats) -> float:
+    """Probability that the other motion is that of the camera, and the best one that of a body.
+
+    Bodies on the ground at any distance have areas in the image whose density falls with the square of the area.
+    """
+    of_best, of_other = votes > LARGEST_VOTE, votes < -LARGEST_VOTE
+    more = float(of_best.sum() - of_other.sum()) / float((hypotheses.tracks.anchor >= 0).sum())
+    places = places_of(hypotheses.motions[0].fit)
+    larger = _extent(places[of_other]) / max(_extent(places[of_best]), 1e-9)
+    odds = math.exp(-more * RARER_BY_SHARE) * larger**2
+    return odds / (1 + odds)
 
 
 def fit_other_motion(hypotheses: WindowHypotheses, other: OtherMotion) -> FittedMotion | None:

@@ -25,14 +25,10 @@ def test_a_scene_at_rest_has_no_other_motion_however_many_outliers_there_are(see
     assert 0.5 < explained_tracks(found).mean() < 0.7
 
 
-def test_a_body_that_holds_as_many_tracks_as_the_scene_at_rest_may_be_the_scene():
-    probabilities = []
-    for seed in range(4):
-        found = hypotheses(seed, views=10, moving=0.45, bodies=1, body_turn_deg_s=30, outliers=0.05)
-        probabilities.append(other_motion(found).probability)
-        if probabilities[-1]:
-            assert risk_of(found).moving == probabilities[-1] > 0.1
-    assert np.count_nonzero(probabilities) >= 2
+@pytest.mark.parametrize("seed", range(4))
+def test_a_body_that_holds_as_many_tracks_as_the_scene_around_it_may_be_the_scene_but_less_likely_so(seed):
+    found = hypotheses(seed, views=10, moving=0.45, bodies=1, body_turn_deg_s=30, outliers=0.05)
+    assert 0.05 < risk_of(found).moving == other_motion(found).probability < 0.5
 
 
 def test_the_tracks_of_the_other_motion_lie_on_the_body_or_the_body_is_taken_for_the_scene():
