@@ -3,8 +3,8 @@
 Where a body fills a large part of the view, its motion relative to the camera explains as many tracks as the motion of
 the scene at rest does. Images alone do not tell which of the two motions is that of the camera. Two cues remain. The
 scene at rest mostly holds more tracks than a body does. And a body is compact: a scene that extends around it is behind
-it. Distant tracks and tracks that move by little follow both motions, so that only those count which one motion
-explains far better than the other.
+it. Distant tracks and tracks that move by little follow both motions, so that only those count for the other motion
+which it explains far better than the best one.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from slam_init.types.pose import Pose
 from slam_init.window.equations import explained_at_most
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import costs_off_plane
-from slam_init.window.levels import LARGEST_VOTE, LEAST_OTHER_TRACKS, OTHER_SIGMAS, RARER_BY_SHARE
+from slam_init.window.levels import FLOOR, LARGEST_VOTE, LEAST_OTHER_TRACKS, OTHER_SIGMAS, RARER_BY_SHARE
 from slam_init.window.locating import locate_views
 from slam_init.window.motion import FittedMotion, fit_motion
 from slam_init.window.uncertainty import places_of
@@ -53,7 +53,7 @@ def other_motion(hypotheses: WindowHypotheses) -> OtherMotion:
     tracks, explained = hypotheses.tracks, explained_tracks(hypotheses)
     rays = bearings_of_best(hypotheses)[:2]
     rest = (tracks.anchor >= 0) & ~explained & np.isfinite(rays).all(axis=(0, 2))
-    if rest.sum() < LEAST_OTHER_TRACKS:
+    if rest.sum() < LEAST_OTHER_TRACKS or _odds(hypotheses, explained.sum(), rest.sum()) < FLOOR:
         return OtherMotion()
     threshold_rad = OTHER_SIGMAS * tracks.noise_px / tracks.camera.focal_px
     pose = estimate_relative_pose(rays[0, rest], rays[1, rest], threshold_rad=threshold_rad)
@@ -101,12 +101,17 @@ def _probability(hypotheses: WindowHypotheses, votes: Floats) -> float:
 
     Bodies on the ground at any distance have areas in the image whose density falls with the square of the area.
     """
-    of_best, of_other = votes > LARGEST_VOTE, votes < -LARGEST_VOTE
-    more = float(of_best.sum() - of_other.sum()) / float((hypotheses.tracks.anchor >= 0).sum())
+    of_other = votes < -LARGEST_VOTE
+    of_best = explained_tracks(hypotheses) & ~of_other
     places = places_of(hypotheses.motions[0].fit)
-    larger = _extent(places[of_other]) / max(_extent(places[of_best]), 1e-9)
-    odds = math.exp(-more * RARER_BY_SHARE) * larger**2
+    smaller = min(_extent(places[of_other]) / max(_extent(places[of_best]), 1e-300), 1.0)
+    odds = _odds(hypotheses, of_best.sum(), of_other.sum()) * smaller**2
     return odds / (1 + odds)
+
+
+def _odds(hypotheses: WindowHypotheses, of_best: int, of_other: int) -> float:
+    """Odds that the best motion is that of a body, by the numbers of tracks that follow it and the other motion."""
+    return math.exp(-RARER_BY_SHARE * float(of_best - of_other) / float((hypotheses.tracks.anchor >= 0).sum()))
 
 
 def fit_other_motion(hypotheses: WindowHypotheses, other: OtherMotion) -> FittedMotion | None:

@@ -66,7 +66,8 @@ def wrong_by_zooms(hypotheses: WindowHypotheses, rotation: ZoomingRotation) -> f
     """Probability that the camera moves and zooms, and that the best motion is wrong then.
 
     A motion is wrong where the direction of the zooming one is far from it, or unknown; or where the tracks tell zooms
-    beyond those of a lens that focuses, as a map knows one focal length only.
+    beyond those of a lens that focuses, as a map knows one focal length only. The zoom of a second view alone takes up
+    what a body does, and has no other one to agree with.
 
     * ``rotation``: The rotation-only camera with zooms.
     """
@@ -78,7 +79,7 @@ def wrong_by_zooms(hypotheses: WindowHypotheses, rotation: ZoomingRotation) -> f
         pair = replace(best, fit=found.fit)
         aside_deg = math.hypot(found.direction_sigma_deg, pair.difference_deg(best)[1])
         far = float(two_directions(WRONG_DIRECTION_DEG, np.array([aside_deg]))[0])
-        told = probability > _TOLD and np.abs(found.zooms).max() > LARGEST_ZOOM
+        told = probability > _TOLD and len(found.zooms) > 2 and np.abs(found.zooms).max() > LARGEST_ZOOM
         wrong = max(wrong, probability * (1.0 if told else far))
     return wrong
 
