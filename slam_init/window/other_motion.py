@@ -20,9 +20,17 @@ from slam_init.types.pose import Pose
 from slam_init.window.equations import explained_at_most
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import costs_off_plane
-from slam_init.window.levels import FLOOR, LARGEST_VOTE, LEAST_OTHER_TRACKS, OTHER_SIGMAS, RARER_BY_SHARE
+from slam_init.window.levels import (
+    FLOOR,
+    LARGEST_VOTE,
+    LEAST_OTHER_TRACKS,
+    OTHER_SIGMAS,
+    RARER_BY_SHARE,
+    WRONG_DIRECTION_DEG,
+    WRONG_ROTATION_DEG,
+)
 from slam_init.window.locating import locate_views
-from slam_init.window.motion import FittedMotion, fit_motion
+from slam_init.window.motion import FittedMotion, Motion, difference_deg, fit_motion
 from slam_init.window.uncertainty import places_of
 
 
@@ -81,7 +89,17 @@ def _with_probability(hypotheses: WindowHypotheses, other: OtherMotion, rest: Bo
     fitted = fit_motion(tracks.of_tracks(more), fitted.motion, hypotheses.priors)
     votes = _votes(hypotheses, fitted)
     others = tracks.track_ids[votes < -LARGEST_VOTE]
-    return OtherMotion(_probability(hypotheses, votes), others, fitted.cam2_from_cam1)
+    # A motion that explains all tracks is a rival, and shows no body.
+    shows_body = np.count_nonzero(votes > LARGEST_VOTE) >= LEAST_OTHER_TRACKS
+    shows_body &= not _agree(hypotheses.motions[0].motion, fitted.motion)
+    return OtherMotion(_probability(hypotheses, votes) if shows_body else 0.0, others, fitted.cam2_from_cam1)
+
+
+def _agree(best: Motion, other: Motion) -> bool:
+    """Whether a map by one of two motions is right where that by the other one is, in all views that both know."""
+    known = [frame for frame in best.cam_from_world if frame in other.cam_from_world][1:]
+    apart = [difference_deg(best.cam_from_world[frame], other.cam_from_world[frame]) for frame in known]
+    return all(rotation < WRONG_ROTATION_DEG and direction < WRONG_DIRECTION_DEG for rotation, direction in apart)
 
 
 def _votes(hypotheses: WindowHypotheses, other: FittedMotion) -> Floats:
