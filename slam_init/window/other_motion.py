@@ -106,11 +106,11 @@ def _votes(hypotheses: WindowHypotheses, other: FittedMotion) -> Floats:
     """The votes (T,) of the tracks for the best motion, against another one at its poses; 0 where neither explains."""
     tracks = hypotheses.tracks
     everywhere = fit_motion(tracks, other.motion, hypotheses.priors, max_steps=0)
-    missing = tracks.seen.sum(axis=0) - tracks.seen[list(everywhere.rows)].sum(axis=0)
     costs = costs_off_plane(everywhere.tracks, everywhere.fit, hypotheses.priors)
-    costs += hypotheses.priors.gate_sigmas**2 * missing
+    rival = replace(everywhere, fit=replace(everywhere.fit, track_costs=costs))
     bound = explained_at_most(np.maximum(2 * tracks.seen.sum(axis=0) - 3, 0))
-    votes = np.minimum(costs, bound) - np.minimum(hypotheses.costs_of(hypotheses.motions[0]), bound)
+    of_best, of_rival = (hypotheses.costs_of(one) for one in (hypotheses.motions[0], rival))
+    votes = np.minimum(of_rival, bound) - np.minimum(of_best, bound)
     return np.where(tracks.anchor >= 0, votes, 0.0)
 
 
