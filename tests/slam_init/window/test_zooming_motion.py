@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import make_window
 import numpy as np
 import pytest
 from make_window import hypotheses_of_changing_lens as hypotheses
@@ -42,3 +43,11 @@ def test_what_cannot_be_told_from_a_zoom_keeps_the_probability_of_one():
     motions = list(zooming_motions(found, with_zooms(found)))
     assert -12 < max(one.log_evidence for one in motions) < 1
     assert max(one.direction_sigma_deg for one in motions) > 15
+
+
+def test_the_zoom_of_a_second_view_alone_refuses_no_map_whose_direction_it_leaves(monkeypatch):
+    monkeypatch.setattr(make_window, "VIEWS_OF_CHANGING_LENS", 2)
+    found = hypotheses("room", 1, ramp=0.05, baseline=0.4, points=300)
+    told = max(zooming_motions(found, with_zooms(found)), key=lambda one: one.log_evidence)
+    assert abs(told.zooms[1]) > 0.04 and told.direction_sigma_deg < 1
+    assert wrong_by_zooms(found, with_zooms(found)) < 1e-3
