@@ -25,10 +25,11 @@ def as_floats(values: ArrayLike, name: str) -> Floats:
 
     * ``values``: Booleans, integers, floats of any precision, or objects that are real numbers. Masked arrays without
       masked entries are arrays.
-    * Returns: Not checked for NaN and infinity. A number too large for a double becomes infinity.
+    * Returns: In rows. Not checked for NaN and infinity. A number too large for a double becomes infinity.
     """
+    # The loops are compiled for each layout of an array, which takes seconds.
     if type(values) is np.ndarray and values.dtype == np.float64:
-        return values
+        return np.asarray(values, order="C")
     if isinstance(values, np.ma.MaskedArray) and np.ma.is_masked(values):
         raise InputError(f"{name} has masked entries: remove those rows")
     try:
@@ -38,7 +39,7 @@ def as_floats(values: ArrayLike, name: str) -> Floats:
         if array.dtype == object and not all(isinstance(number, Real) for number in array.flat):
             raise TypeError
         with np.errstate(over="ignore"):  # of a long double
-            return array.astype(np.float64, copy=False)
+            return array.astype(np.float64, order="C", copy=False)
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} is no array of real numbers: give floats in a regular shape") from None
 

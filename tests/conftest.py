@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import gc
 import os
 from collections.abc import Iterator
 from dataclasses import replace
@@ -31,6 +32,12 @@ def pytest_configure() -> None:
     """Workers start with one thread each: further threads of libraries wait for one another, and double the work."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+
+
+def pytest_collection_finish() -> None:
+    """The collector of garbage need not look at thousands of collected tests and at libraries again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 paint = Texture.levels.func

@@ -24,7 +24,7 @@ def window(scene, seed, **options):
     frames = [3, 7, 4, 5, 6]
     tracks = gather_tracks(camera, [history[frame] for frame in frames], 0.5)
     cam_from_world = np.linalg.inv(sequence.poses[frames]) @ sequence.poses[frames[0]]
-    R, t = cam_from_world[:, :3, :3], cam_from_world[:, :3, 3]
+    R, t = cam_from_world[:, :3, :3].copy(), cam_from_world[:, :3, 3].copy()
     first = sequence.poses[frames[0]]
     points = (sequence.points[tracks.track_ids] - first[:3, 3]) @ first[:3, :3]
     anchor = np.maximum(tracks.anchor, 0)

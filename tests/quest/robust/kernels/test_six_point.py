@@ -196,7 +196,7 @@ def test_the_poses_depend_on_the_rows_of_the_sample_only(seed):
 
 def test_the_search_keeps_distinct_modes_ordered_by_cost():
     _, _, m, n = pose_and_matches(1, 120, wrong=40, planar=True)
-    samples = np.random.default_rng(1).permuted(np.tile(np.arange(120), (300, 1)), axis=1)[:, :6]
+    samples = np.random.default_rng(1).permuted(np.tile(np.arange(120), (300, 1)), axis=1)[:, :6].copy()
     pool = np.zeros((8, 3, 3)), np.zeros((8, 3)), np.full(8, np.inf), np.zeros(8, np.int64)
     six_point.try_samples_of_six(m, n, samples, THRESHOLD_RAD, (*pool, np.zeros(2)))
     R, t, costs, inliers = pool
