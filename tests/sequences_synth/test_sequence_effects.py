@@ -102,7 +102,7 @@ def test_a_rolling_shutter_slants_what_a_pan_shows_and_the_middle_row_stays():
 def test_the_views_of_a_hand_held_camera_are_filled(name, seed):
     options = SynthOptions(**SMALL, frames=300, turning_deg_s=150, speed=0.2, k1=-0.1, stabilized=True, readout_ms=30)
     sequence = make_sequence(name, seed, options)
-    for index in (0, 150, 299):
+    for index in (0, 299):
         assert (sequence.render(index)[1] > 0).all()
 
 

@@ -8,7 +8,7 @@ from paths import ROOT
 
 #: A plane with two conjugate motions, which may stay undecided, a general scene with many outliers, and images.
 SOURCES = (
-    "points:wall?seed=2&noise_px=1.0&views=6&points=150",
+    "points:wall?seed=2&noise_px=1.0&views=5&points=150",
     "points:room?seed=3&outliers=0.3&points=200",
     "synth:room?width=320&height=240&seed=1&slow_start=1",
 )

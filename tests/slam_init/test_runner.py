@@ -158,13 +158,13 @@ def test_a_wall_gives_a_correct_map_or_is_ambiguous():
 
 @pytest.mark.parametrize(("scene", "reason"), [("static", "static_camera"), ("rotation", "pure_rotation")])
 def test_a_camera_that_does_not_translate_never_initializes(tmp_path, scene, reason):
-    source = synth(scene, frames=15, slow_start=1, **SMALL)
+    source = synth(scene, frames=10, slow_start=1, **SMALL)
     result, summary = run(source, source.camera, Config(), out=tmp_path)
     assert not result
     assert result.map is None
     assert result.frames_to_init is None
     assert (result.status, result.reason) == ("not_initialized", reason)
-    assert result.frames_read == 15
+    assert result.frames_read == 10
     assert {attempt.verdict for attempt in result.attempts} <= set(REASONS)
     assert json.loads((tmp_path / "summary.json").read_text()) == summary.as_dict()
     assert set(contents(tmp_path)) == {"summary.json", "config.toml", "overview.png", "recording.rrd"}

@@ -11,7 +11,7 @@ DATA_SET = "python:docs/examples/add_a_data_set.py:Poster"
 
 def test_the_command_writes_tables_a_page_and_recordings_of_the_example_data_set_and_method(tmp_path, capsys):
     methods = ["quest", "add_a_method:MedianParallax"]
-    options = ["--every", "30", "--min-left", "15", "--limit-frames", "20", "--backend", "sequential", "--recordings"]
+    options = ["--every", "30", "--min-left", "15", "--limit-frames", "16", "--backend", "sequential", "--recordings"]
     assert main(["compare", DATA_SET, *options, "--methods", ",".join(methods), "--out", str(tmp_path)]) == 0
     assert "images, moving camera" in capsys.readouterr().out
     rows = rows_of(tmp_path)

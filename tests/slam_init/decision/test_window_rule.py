@@ -73,8 +73,9 @@ def followed(scene, seed, baseline):
     )
 
     def noting_risk_of(hypotheses, max_risk):
-        judged.append((hypotheses.motions[0].frames, risk_of(hypotheses).direction_of_views))
-        return risk_of(hypotheses, max_risk)
+        risk = risk_of(hypotheses, max_risk)
+        judged.append((hypotheses.motions[0].frames, risk.direction_of_views))
+        return risk
 
     initializer, steps = Initializer(source.camera, WINDOW_CONFIG), []
     assert initializer.provisional is None

@@ -118,7 +118,7 @@ def outcomes(source, depth_of):
 
 
 def test_depths_that_are_unknown_everywhere_change_nothing():
-    source = point_source("wall", 2, baseline=0.05, views=8)
+    source = point_source("wall", 2, baseline=0.05, views=6)
     without, _ = outcomes(source, lambda _: None)
     unknown, _ = outcomes(source, lambda observed: Depth(np.full(len(observed), np.nan)))
     assert unknown == without

@@ -192,7 +192,7 @@ def test_a_gain_tells_less_where_the_image_moved_further_for_a_tracker_keeps_err
     assert most > 0.9
 
 
-@pytest.mark.parametrize("seed", range(0, 12, 2))
+@pytest.mark.parametrize("seed", range(0, 8, 2))
 def test_a_rotation_only_camera_of_wrong_focal_length_never_has_a_small_risk(seed):
     """Where the focal length is wrong, quest takes some rotation-only cameras for moving ones."""
     for views in (8, 10, 12):
@@ -243,7 +243,7 @@ def test_the_direction_of_the_pair_is_the_first_of_the_views_and_that_of_a_near_
 def test_the_relative_errors_of_the_depths_have_the_stated_size(scene):
     """The focal length is known, since that of the drawn worlds has no error."""
     ratios = []
-    for seed in range(12):
+    for seed in range(8):
         found = hypotheses(scene, seed, 8, priors=Priors(1e-6), baseline=0.2, outliers=0.0)
         truth = make_points(scene, seed, PointOptions(baseline=0.2, outliers=0.0))
         best, tracks = found.motions[0].fit.state, found.tracks
