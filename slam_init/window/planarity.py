@@ -64,12 +64,20 @@ def _has_relief(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> b
     """
     count = int((fitted.fit.state.on_plane & (tracks.anchor >= 0)).sum())
     left = int((tracks.anchor >= 0).sum()) - count
-    # From measured rays: distances that start on the plane gain more, and the level is for those that do not.
-    free = fit_motion(tracks, replace(fitted.motion, plane=None, points=None), priors)
-    gain = fitted.fit.cost - OFF_PLANE_COST * left - free.fit.cost
+    of_plane = fitted.fit.cost - OFF_PLANE_COST * left
+    # From measured rays: distances that start on the plane gain more, and the level is for those that do not. Only
+    # whether the gain exceeds chance is asked.
+    start, chance = replace(fitted.motion, plane=None, points=None), _chance(count, RELIEF_SIGMAS)
+    free = fit_motion(tracks, start, priors, hopeless=of_plane - chance)
+    gain = of_plane - free.fit.cost
     return not _is_chance(gain / max(free.fit.noise_factor, 1.0) ** 2, count, RELIEF_SIGMAS)
 
 
 def _is_chance(gain: float, count: int, sigmas: float) -> bool:
     """Whether chance lowers the cost by as much where this number of tracks gets a distance each."""
-    return gain <= count + sigmas * math.sqrt(2 * count)
+    return gain <= _chance(count, sigmas)
+
+
+def _chance(count: int, sigmas: float) -> float:
+    """The largest gain that is chance."""
+    return count + sigmas * math.sqrt(2 * count)
