@@ -30,7 +30,7 @@ from slam_init.window.levels import (
     WRONG_ROTATION_DEG,
 )
 from slam_init.window.locating import locate_views
-from slam_init.window.motion import FittedMotion, Motion, difference_deg, fit_motion
+from slam_init.window.motion import FittedMotion, Motion, farthest_deg, fit_motion
 from slam_init.window.uncertainty import places_of
 
 
@@ -97,9 +97,8 @@ def _with_probability(hypotheses: WindowHypotheses, other: OtherMotion, rest: Bo
 
 def _agree(best: Motion, other: Motion) -> bool:
     """Whether a map by one of two motions is right where that by the other one is, in all views that both know."""
-    known = [frame for frame in best.cam_from_world if frame in other.cam_from_world][1:]
-    apart = [difference_deg(best.cam_from_world[frame], other.cam_from_world[frame]) for frame in known]
-    return all(rotation < WRONG_ROTATION_DEG and direction < WRONG_DIRECTION_DEG for rotation, direction in apart)
+    rotation_deg, direction_deg = farthest_deg(best, other)
+    return rotation_deg < WRONG_ROTATION_DEG and direction_deg < WRONG_DIRECTION_DEG
 
 
 def _votes(hypotheses: WindowHypotheses, other: FittedMotion) -> Floats:

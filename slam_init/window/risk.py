@@ -27,7 +27,7 @@ confirmed by a second look (:mod:`~slam_init.window.second_look`). ``docs/how/ri
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -37,6 +37,7 @@ from slam_init.types.evidence import Margin
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 from slam_init.window.hypotheses import CERTAIN_SIGMAS, EXPLAINED_BY_FIELDS, WindowHypotheses, with_rotation_anew
 from slam_init.window.joint_fit import fit_window
+from slam_init.window.left_out import wrong_by_a_half
 from slam_init.window.levels import (
     AGREES_SIGMAS,
     CHANCE_GAIN,
@@ -139,11 +140,13 @@ class WindowRisk:
     moved: MovedByLens
     #: The motion of the tracks that the best motion does not explain; none where the camera merely rotates.
     other: OtherMotion
+    #: Of :func:`slam_init.window.left_out.wrong_by_a_half`; 0 before a second look.
+    by_a_half: float = field(default=0.0, kw_only=True)
 
     @property
     def moving(self) -> float:
-        """The term of the other motion."""
-        return self.other.probability
+        """The term of bodies: of another motion, or of one that holds the best motion."""
+        return min(1.0, self.other.probability + self.by_a_half)
 
     def of_map(self, rotation_deg: float, direction_deg: float) -> WindowRisk:
         """The risk of a map whose pair is that far from the fitted one."""
@@ -279,6 +282,8 @@ def confirmed(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -
             return hypotheses, risk
         free = look_again(hypotheses)
         hypotheses, risk = _with_free_depths(hypotheses, risk, free)
+        if risk.total <= max_risk:
+            risk = _against_a_half(hypotheses, risk)
         if risk.total > max_risk or not hypotheses.priors.lens_changes:
             return hypotheses, risk
         direction = min(1.0, risk.direction + wrong_by_zooms(hypotheses, rotation))
@@ -311,6 +316,12 @@ def _against_bodies(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRis
     if not hypotheses.planar:
         rotation = max(rotation, _bodies_probability(hypotheses, ON_BODIES, anew=True))
     return replace(risk, rotation=rotation, total=_total(risk.direction, risk.rival, rotation, risk.moving))
+
+
+def _against_a_half(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk:
+    """The risk with the rival that a body on one half of the view holds the best motion."""
+    risk = replace(risk, by_a_half=wrong_by_a_half(hypotheses))
+    return replace(risk, total=_total(risk.direction, risk.rival, risk.rotation, risk.moving))
 
 
 def _against_zooming_rotation(hypotheses: WindowHypotheses, risk: WindowRisk, zooming: ZoomingRotation) -> WindowRisk:

@@ -1,0 +1,86 @@
+"""Whether the best motion stands on one half of the view: the rest prefers another motion, far from it.
+
+A body that fills a large part of the view can pull the fit to a motion that explains body and scene together, with few
+tracks left that would tell a motion of their own. Then the scene alone prefers another motion. Which tracks are the
+scene is not known, but a body is compact. So compact halves of the tracks are left out in turn, and the motion is
+fitted to the other half.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from quest.uncertainty.tails import gaussian_tail
+from slam_init.types.arrays import Floats, Ints
+from slam_init.window.hypotheses import WindowHypotheses
+from slam_init.window.levels import (
+    BODIES_MOVE,
+    HELD_BY_A_BODY,
+    LARGEST_TENSION,
+    ON_BODIES,
+    WRONG_DIRECTION_DEG,
+    WRONG_ROTATION_DEG,
+)
+from slam_init.window.motion import FittedMotion, farthest_deg, fit_motion
+from slam_init.window.neighbours import variance_by_neighbours
+from slam_init.window.uncertainty import places_of
+
+#: Centres of the halves, in parts of the extent of the tracks, across and down; and the quantiles that bound it.
+_CENTRES, _EXTENT = (0.0, 0.5, 1.0), (0.15, 0.85)
+#: Steps of a fit: it starts at the best motion.
+_STEPS = 15
+#: A largest gain that chance exceeds more often than not shows no body.
+#: Class: level.
+_NO_TENSION = 0.5
+
+
+def wrong_by_a_half(hypotheses: WindowHypotheses) -> float:
+    """Probability that a body on one half of the view holds the best motion, and that it is wrong.
+
+    It is wrong where the other half has a motion that is far from it; and a body shows by a cost of that half that
+    falls by more than by chance. By chance it falls as chi-square does, with the degrees of freedom of the share that
+    was left out.
+    """
+    best, priors = hypotheses.motions[0], hypotheses.priors
+    places = places_of(best.fit)
+    scale = best.fit.dispersion * variance_by_neighbours(best.tracks, best.fit, priors, places)
+    freedom = ON_BODIES * (6 * (len(best.rows) - 1) - 1)
+    far, largest, count = False, -math.inf, 0
+    for rest in _rests(best, places):
+        fitted = fit_motion(best.tracks.of_tracks(rest), best.motion, priors, max_steps=_STEPS)
+        rotation_deg, direction_deg = farthest_deg(best.motion, fitted.motion)
+        far |= rotation_deg > WRONG_ROTATION_DEG or direction_deg > WRONG_DIRECTION_DEG
+        gain = float(best.fit.track_costs[rest].sum()) - fitted.fit.cost
+        largest, count = max(largest, _as_gaussian(gain / scale, freedom)), count + 1
+    return _probability(largest, count) if far else 0.0
+
+
+def _as_gaussian(gain: float, freedom: float) -> float:
+    """The standard deviations of a chi-square beyond its mean: its cube root is nearly Gaussian (Wilson, Hilferty)."""
+    spread = 2 / (9 * freedom)
+    return float(((max(gain, 0.0) / freedom) ** (1 / 3) - (1 - spread)) / math.sqrt(spread))
+
+
+def _probability(largest: float, count: int) -> float:
+    """Probability of a body that holds the best motion, by the largest of the gains, in standard deviations."""
+    below = 1 - gaussian_tail(largest)
+    if below**count < _NO_TENSION:
+        return 0.0
+    by_chance = count * math.exp(-0.5 * largest**2) / math.sqrt(2 * math.pi) * below ** (count - 1)
+    by_body = BODIES_MOVE * HELD_BY_A_BODY / LARGEST_TENSION
+    return float(by_body / (by_body + by_chance))
+
+
+def _rests(best: FittedMotion, places: Floats) -> Iterator[Ints]:
+    """The tracks without the half of them that is nearest to a centre, for each centre."""
+    used = np.flatnonzero(best.tracks.anchor >= 0)
+    low, high = np.quantile(places[used], _EXTENT, axis=0)
+    units = np.maximum(high - low, 1e-12)
+    for across in _CENTRES:
+        for down in _CENTRES:
+            apart = np.sum(((places[used] - low) / units - (across, down)) ** 2, axis=1)
+            order = np.argsort(apart, kind="stable")
+            yield np.sort(used[order[int(ON_BODIES * len(used)) :]])
