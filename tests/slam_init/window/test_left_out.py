@@ -1,0 +1,45 @@
+"""Laws of a motion that stands on one half of the view."""
+
+import pytest
+from make_window import PRIORS, hypotheses_of, pair_and_further, point_source
+
+from slam_init.window import left_out
+from slam_init.window.left_out import wrong_by_a_half
+from slam_init.window.levels import ON_BODIES
+
+
+def hypotheses(seed, baseline, **options):
+    source = point_source("room", seed, baseline=baseline, noise_px=0.3, points=150, **options)
+    return hypotheses_of(source.camera, pair_and_further(list(source.observations()), 6), PRIORS)
+
+
+@pytest.mark.parametrize("baseline", [0.05, 0.3])
+@pytest.mark.parametrize("seed", range(3))
+def test_each_half_of_a_rigid_scene_agrees_however_short_the_baseline_and_however_many_outliers(seed, baseline):
+    assert wrong_by_a_half(hypotheses(seed, baseline, outliers=0.3)) == 0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_body_on_half_of_the_tracks_of_a_short_baseline_shows_where_one_motion_explains_it_and_the_scene(seed):
+    body = {"moving": 0.5, "bodies": 1, "body_turn_deg_s": 0}
+    assert wrong_by_a_half(hypotheses(seed, 0.1, **body)) > 0.5
+
+
+def test_the_probability_grows_with_the_gain_from_none_to_certainty():
+    values = [left_out._probability(z, 9) for z in (0.0, 1.5, 2.0, 3.0, 4.0, 6.0, 12.0)]
+    assert values == sorted(values)
+    assert values[0] == 0
+    assert values[2] < 0.005 < values[3]
+    assert values[-1] > 0.999
+
+
+def test_each_rest_lacks_the_half_of_the_tracks_around_one_centre():
+    best = hypotheses(0, 0.3).motions[0]
+    places = left_out.places_of(best.fit)
+    used = int((best.tracks.anchor >= 0).sum())
+    rests = list(left_out._rests(best, places))
+    assert len(rests) == 9
+    for rest in rests:
+        assert len(rest) == used - int(ON_BODIES * used)
+    corner = places[rests[0]].mean(axis=0)
+    assert (corner > places[rests[-1]].mean(axis=0)).all()
