@@ -21,6 +21,7 @@ from slam_init.window.levels import (
     HELD_BY_A_BODY,
     LARGEST_TENSION,
     ON_BODIES,
+    UNDECIDED,
     WRONG_DIRECTION_DEG,
     WRONG_ROTATION_DEG,
 )
@@ -48,14 +49,17 @@ def wrong_by_a_half(hypotheses: WindowHypotheses) -> float:
     places = places_of(best.fit)
     scale = best.fit.dispersion * variance_by_neighbours(best.tracks, best.fit, priors, places)
     freedom = ON_BODIES * (6 * (len(best.rows) - 1) - 1)
-    far, largest, count = False, -math.inf, 0
+    far, largest, wrong = False, -math.inf, 0.0
     for rest in _rests(best, places):
         fitted = fit_motion(best.tracks.of_tracks(rest), best.motion, priors, max_steps=_STEPS)
         rotation_deg, direction_deg = farthest_deg(best.motion, fitted.motion)
         far |= rotation_deg > WRONG_ROTATION_DEG or direction_deg > WRONG_DIRECTION_DEG
         gain = float(best.fit.track_costs[rest].sum()) - fitted.fit.cost
-        largest, count = max(largest, _as_gaussian(gain / scale, freedom)), count + 1
-    return _probability(largest, count) if far else 0.0
+        largest = max(largest, _as_gaussian(gain / scale, freedom))
+        wrong = _probability(largest) if far else 0.0
+        if wrong > UNDECIDED:
+            break
+    return wrong
 
 
 def _as_gaussian(gain: float, freedom: float) -> float:
@@ -64,9 +68,9 @@ def _as_gaussian(gain: float, freedom: float) -> float:
     return float(((max(gain, 0.0) / freedom) ** (1 / 3) - (1 - spread)) / math.sqrt(spread))
 
 
-def _probability(largest: float, count: int) -> float:
+def _probability(largest: float) -> float:
     """Probability of a body that holds the best motion, by the largest of the gains, in standard deviations."""
-    below = 1 - gaussian_tail(largest)
+    below, count = 1 - gaussian_tail(largest), len(_CENTRES) ** 2
     if below**count < _NO_TENSION:
         return 0.0
     by_chance = count * math.exp(-0.5 * largest**2) / math.sqrt(2 * math.pi) * below ** (count - 1)
