@@ -27,7 +27,7 @@ from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.motion import fit_motion
 from slam_init.window.other_motion import bearings_of_best
 from slam_init.window.second_look import look_again
-from slam_init.window.state import Priors, start_at
+from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tails import two_directions
 from slam_init.window.tracker_errors import gain_of_lasting_errors
 from slam_init.window.tracks import WindowTracks
@@ -110,9 +110,10 @@ def _starts(
         on_plane = with_plane(found.motion, tracks, bearings_of_best(rotation.hypotheses))
         found = fit_motion(tracks, on_plane, hypotheses.priors)
     if found.rows == best.rows:
-        rows = list(best.rows)
-        zooms, shifts = rotation.zooms[rows], rotation.shifts[rows]
-        yield zoomed(found.tracks, 1 / (1 + zooms) - 1, -shifts / (1 + zooms[:, None])), found.fit, zooms
+        zooms = rotation.zooms[list(best.rows)]
+        # The fit has the shifts undone too.
+        fit = _fitted(zoomed(best.tracks, zooms), found.fit.state, hypotheses.priors)
+        yield best.tracks, fit, zooms
 
 
 def _optimum(tracks: WindowTracks, fit: JointFit, zooms: Floats, priors: Priors, dispersion: float) -> ZoomingMotion:
@@ -133,12 +134,7 @@ def _optimum(tracks: WindowTracks, fit: JointFit, zooms: Floats, priors: Priors,
         for _ in range(_TRIES if largest > _CONVERGED else 0):
             moved = (1 + zooms) * (1 + step) - 1
             again = zoomed(tracks, moved)
-            state = fit.state
-            start = start_at(
-                again, state.R, state.t, state.plane, log_scale=state.log_scale, k1=state.k1, readout_s=state.readout_s,
-                principal_px=state.principal_px,
-            )  # fmt: skip
-            fitted = fit_window(again, start, priors, max_steps=_STEPS)
+            fitted = _fitted(again, fit.state, priors)
             gained = log_likelihood(fitted, moved) - value
             if gained > 0:
                 part, fit, zooms, value = again, fitted, moved, value + gained
@@ -150,6 +146,15 @@ def _optimum(tracks: WindowTracks, fit: JointFit, zooms: Floats, priors: Priors,
     evidence = [-0.5 * fit.cost / dispersion + expanded.log_evidence(zooms, one, dispersion) for one in covariances]
     mean = float(np.logaddexp.reduce(evidence)) - math.log(len(evidence))
     return ZoomingMotion(fit, zooms, mean, expanded.direction_sigma_deg(precision))
+
+
+def _fitted(tracks: WindowTracks, state: WindowState, priors: Priors) -> JointFit:
+    """The fit from the motion and the lens of a state, with the rays as measured."""
+    start = start_at(
+        tracks, state.R, state.t, state.plane, log_scale=state.log_scale, k1=state.k1, readout_s=state.readout_s,
+        principal_px=state.principal_px,
+    )  # fmt: skip
+    return fit_window(tracks, start, priors, max_steps=_STEPS)
 
 
 def _covariance(times_s: Floats, sigma: float) -> Floats:
