@@ -17,7 +17,8 @@ causes add their probabilities:
   the cost by chance: twice the gain has a chi-square distribution then, with a noise that may be larger than measured.
   Or the camera only rotates, and up to half of the tracks lie on bodies that move.
 * **moving**: the tracks that the best motion does not explain have a rigid motion of their own, and they may be the
-  scene at rest (:mod:`~slam_init.window.other_motion`).
+  scene at rest (:mod:`~slam_init.window.other_motion`); or a body holds the best motion, and the half of the view
+  without it prefers another one (:mod:`~slam_init.window.left_out`).
 * **floor**: what is not modelled.
 
 A window is judged at each frame: tails hold for any stopping time (:mod:`~slam_init.window.tails`). A small risk is
