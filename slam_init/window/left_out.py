@@ -9,12 +9,10 @@ fitted to the other half.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 
 import numpy as np
 
 from quest.uncertainty.tails import gaussian_tail
-from slam_init.types.arrays import Floats, Ints
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.levels import (
     BODIES_MOVE,
@@ -25,12 +23,10 @@ from slam_init.window.levels import (
     WRONG_DIRECTION_DEG,
     WRONG_ROTATION_DEG,
 )
-from slam_init.window.motion import FittedMotion, farthest_deg, fit_motion
-from slam_init.window.neighbours import variance_by_neighbours
+from slam_init.window.motion import farthest_deg, fit_motion
+from slam_init.window.neighbours import HALVES, far_halves, variance_by_neighbours
 from slam_init.window.uncertainty import places_of
 
-#: Centres of the halves, in parts of the extent of the tracks, across and down; and the quantiles that bound it.
-_CENTRES, _EXTENT = (0.0, 0.5, 1.0), (0.15, 0.85)
 #: Steps of a fit: it starts at the best motion.
 _STEPS = 15
 #: A largest gain that chance exceeds more often than not shows no body.
@@ -50,7 +46,9 @@ def wrong_by_a_half(hypotheses: WindowHypotheses) -> float:
     scale = best.fit.dispersion * variance_by_neighbours(best.tracks, best.fit, priors, places)
     freedom = ON_BODIES * (6 * (len(best.rows) - 1) - 1)
     far, largest, wrong = False, -math.inf, 0.0
-    for rest in _rests(best, places):
+    used = np.flatnonzero(best.tracks.anchor >= 0)
+    for half in far_halves(places[used]):
+        rest = used[half]
         fitted = fit_motion(best.tracks.of_tracks(rest), best.motion, priors, max_steps=_STEPS)
         rotation_deg, direction_deg = farthest_deg(best.motion, fitted.motion)
         far |= rotation_deg > WRONG_ROTATION_DEG or direction_deg > WRONG_DIRECTION_DEG
@@ -70,21 +68,9 @@ def _as_gaussian(gain: float, freedom: float) -> float:
 
 def _probability(largest: float) -> float:
     """Probability of a body that holds the best motion, by the largest of the gains, in standard deviations."""
-    below, count = 1 - gaussian_tail(largest), len(_CENTRES) ** 2
+    below, count = 1 - gaussian_tail(largest), HALVES
     if below**count < _NO_TENSION:
         return 0.0
     by_chance = count * math.exp(-0.5 * largest**2) / math.sqrt(2 * math.pi) * below ** (count - 1)
     by_body = BODIES_MOVE * HELD_BY_A_BODY / LARGEST_TENSION
     return float(by_body / (by_body + by_chance))
-
-
-def _rests(best: FittedMotion, places: Floats) -> Iterator[Ints]:
-    """The tracks without the half of them that is nearest to a centre, for each centre."""
-    used = np.flatnonzero(best.tracks.anchor >= 0)
-    low, high = np.quantile(places[used], _EXTENT, axis=0)
-    units = np.maximum(high - low, 1e-12)
-    for across in _CENTRES:
-        for down in _CENTRES:
-            apart = np.sum(((places[used] - low) / units - (across, down)) ** 2, axis=1)
-            order = np.argsort(apart, kind="stable")
-            yield np.sort(used[order[int(ON_BODIES * len(used)) :]])

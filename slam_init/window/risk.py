@@ -33,15 +33,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from slam_init.system.linear_algebra import deviations, single_threaded
-from slam_init.types.arrays import Floats, Ints
+from slam_init.types.arrays import Floats
 from slam_init.types.evidence import Margin
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
+from slam_init.window.half_at_rest import bodies_probability
 from slam_init.window.hypotheses import CERTAIN_SIGMAS, EXPLAINED_BY_FIELDS, WindowHypotheses, with_rotation_anew
-from slam_init.window.joint_fit import fit_window
 from slam_init.window.left_out import wrong_by_a_half
 from slam_init.window.levels import (
     AGREES_SIGMAS,
-    CHANCE_GAIN,
     FEW_VIEWS,
     FLOOR,
     LENS_ZOOMS,
@@ -57,14 +56,12 @@ from slam_init.window.levels import (
     ZOOM_LEAVES,
 )
 from slam_init.window.linearization import linearize_with_fields
-from slam_init.window.locating import align_views
 from slam_init.window.marginal import marginalize_fields
 from slam_init.window.motion import FittedMotion
 from slam_init.window.neighbours import agreement_of_neighbours, variance_by_neighbours
 from slam_init.window.other_motion import OtherMotion, explained_tracks, other_motion
 from slam_init.window.rival import rival_term
 from slam_init.window.second_look import look_again
-from slam_init.window.state import start_at
 from slam_init.window.tails import at_any_look, three_directions, two_directions
 from slam_init.window.tracker_errors import (
     gain_of_lasting_errors,
@@ -226,7 +223,7 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
     if rotation <= MERE_ROTATION:
         camera = camera_estimate(expanded, optimism.factor(lens_held=False))
     # Points at infinity lie on no plane, so that a plane needs no such test.
-    rotation = max(rotation, 0.0 if hypotheses.planar else _bodies_probability(hypotheses, ON_BODIES))
+    rotation = max(rotation, 0.0 if hypotheses.planar else bodies_probability(hypotheses, ON_BODIES))
     other = other_motion(hypotheses) if rotation <= MERE_ROTATION else OtherMotion()
     left = max_risk - _total(direction, 0.0, rotation, other.probability)
     refused = rotation > UNDECIDED or direction > _UNKNOWN
@@ -315,7 +312,7 @@ def _against_bodies(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRis
     """The risk with the rival that the camera only rotates as half of the tracks say, and that the others move."""
     rotation = risk.rotation
     if not hypotheses.planar:
-        rotation = max(rotation, _bodies_probability(hypotheses, ON_BODIES, anew=True))
+        rotation = max(rotation, bodies_probability(hypotheses, ON_BODIES, anew=True))
     return replace(risk, rotation=rotation, total=_total(risk.direction, risk.rival, rotation, risk.moving))
 
 
@@ -332,7 +329,7 @@ def _against_zooming_rotation(hypotheses: WindowHypotheses, risk: WindowRisk, zo
     _, probability, _ = _rotation_probability(zooming.hypotheses, best, ZOOM_LEAVES * explained)
     # A zoom looks like a motion toward a plane, so that a few bodies before it look like its relief.
     if explained > zooming.hypotheses.gain_over_rotation[0]:
-        probability = max(probability, _bodies_probability(zooming.hypotheses, SHARE_OF_BODIES))
+        probability = max(probability, bodies_probability(zooming.hypotheses, SHARE_OF_BODIES))
     rotation = risk.rotation + hypotheses.priors.lens_changes * LENS_ZOOMS * probability
     return replace(risk, rotation=rotation, total=_total(risk.direction, risk.rival, rotation, risk.moving))
 
@@ -424,33 +421,3 @@ def _rotation_probability(
     gains = np.maximum(gain - 0.5 * np.maximum(explained, 0.0), 0.0) / dispersion
     probability = float(expanded.scale_weights @ [at_any_look(float(one)) for one in z_of(gains)])
     return gain, probability, camera_estimate(ExpandedFit(tracks, hypotheses.rotation_only, rotation, marginal))
-
-
-def _bodies_probability(hypotheses: WindowHypotheses, share: float, *, anew: bool = False) -> float:
-    """Probability of the gains over the rotation-only camera if this share of the tracks, which gain most, moves.
-
-    * ``anew``: Whether the camera that only rotates is fitted once more, to the rest of the tracks: bodies pull it.
-    """
-    best, costs = hypotheses.motions[0], hypotheses.costs_of(hypotheses.motions[0])
-    explained = np.flatnonzero(explained_tracks(hypotheses))
-    rotating = hypotheses.rotation_only.track_costs
-    order = np.argsort(rotating[explained] - costs[explained], kind="stable")
-    rest = np.sort(explained[order[: len(order) - int(share * len(order))]])
-    if not len(rest):
-        return 1.0
-    left = _rotation_of(hypotheses, rest) if anew else rotating[rest]
-    gain = float((left - costs[rest]).sum()) / best.fit.dispersion
-    return at_any_look((gain - CHANCE_GAIN * len(rest)) / math.sqrt(2 * len(rest)))
-
-
-def _rotation_of(hypotheses: WindowHypotheses, chosen: Ints) -> Floats:
-    """The costs of some tracks in a camera that only rotates, which they alone locate."""
-    tracks, state = hypotheses.tracks.of_tracks(chosen), hypotheses.rotation_only.state
-    bearings = tracks.bearings(state.log_scale, state.readout_s, state.k1, state.principal_px)
-    bearings[~tracks.seen] = np.nan
-    R = align_views(bearings, [hypotheses.motions[0].motion], tracks.frames[:2])
-    start = start_at(
-        tracks, R, state.t, log_scale=state.log_scale, k1=state.k1, readout_s=state.readout_s,
-        principal_px=state.principal_px, at_infinity=True,
-    )  # fmt: skip
-    return fit_window(tracks, start, hypotheses.rotation_priors, rotation_only=True).track_costs

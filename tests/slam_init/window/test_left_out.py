@@ -5,7 +5,7 @@ from make_window import PRIORS, hypotheses_of, pair_and_further, point_source
 
 from slam_init.window import left_out
 from slam_init.window.left_out import wrong_by_a_half
-from slam_init.window.levels import ON_BODIES, UNDECIDED
+from slam_init.window.levels import UNDECIDED
 
 
 def hypotheses(seed, baseline, **options):
@@ -31,15 +31,3 @@ def test_the_probability_grows_with_the_gain_from_none_to_certainty():
     assert values[0] == 0
     assert values[2] < 0.005 < values[3]
     assert values[-1] > 0.999
-
-
-def test_each_rest_lacks_the_half_of_the_tracks_around_one_centre():
-    best = hypotheses(0, 0.3).motions[0]
-    places = left_out.places_of(best.fit)
-    used = int((best.tracks.anchor >= 0).sum())
-    rests = list(left_out._rests(best, places))
-    assert len(rests) == 9
-    for rest in rests:
-        assert len(rest) == used - int(ON_BODIES * used)
-    corner = places[rests[0]].mean(axis=0)
-    assert (corner > places[rests[-1]].mean(axis=0)).all()

@@ -1,0 +1,101 @@
+"""Whether a camera that only rotates explains the half of the tracks that is at rest, and bodies hold the others.
+
+Before a camera that only rotates, a moving body looks like a near object before points at infinity. Which tracks lie on
+a body is not known: the half that such a camera explains best is searched for by least trimmed squares (Rousseeuw and
+Van Driessen, "Computing LTS regression for large data sets", 2006). The camera is fitted to a half of the tracks, and
+the half that it explains best takes their place, in turn. Bodies may hold the fit to all tracks. They are compact, so
+that a second start is one of the compact halves of the view.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from slam_init.types.arrays import Floats, Ints
+from slam_init.window.hypotheses import WindowHypotheses
+from slam_init.window.joint_fit import JointFit, fit_window
+from slam_init.window.levels import CHANCE_GAIN
+from slam_init.window.locating import align_views
+from slam_init.window.neighbours import far_halves
+from slam_init.window.other_motion import explained_tracks
+from slam_init.window.state import WindowState, start_at
+from slam_init.window.tails import at_any_look
+from slam_init.window.tracks import WindowTracks
+from slam_init.window.uncertainty import places_of
+
+#: Rounds of a fit and a choice of the half; it ends where the half stays.
+_ROUNDS = 3
+
+
+def bodies_probability(hypotheses: WindowHypotheses, share: float, *, anew: bool = False) -> float:
+    """Probability of the gains over the rotation-only camera if this share of the tracks, which gain most, moves.
+
+    * ``anew``: Whether the camera that only rotates is fitted once more, to the rest of the tracks: bodies pull it.
+    """
+    best = hypotheses.motions[0]
+    explained = np.flatnonzero(explained_tracks(hypotheses))
+    costs = hypotheses.costs_of(best)[explained]
+    gains = hypotheses.rotation_only.track_costs[explained] - costs
+    count = len(explained) - int(share * len(explained))
+    if not count:
+        return 1.0
+    least = float(np.partition(gains, count - 1)[:count].sum())
+    if anew:
+        lens = hypotheses.rotation_only.state
+        least = _least_gain(hypotheses, explained, costs, _smallest(gains, count), lens)
+        halves = list(far_halves(places_of(best.fit)[explained]))
+        stated = replace(lens, log_scale=0.0, k1=0.0, principal_px=np.zeros(2))
+        fits = [_rotation_of(hypotheses, explained[half], stated) for half in halves]
+        of_halves = [float((fit.track_costs - costs[half]).sum()) for fit, half in zip(fits, halves, strict=True)]
+        lowest = int(np.argmin(of_halves))
+        again = _smallest(_everywhere(hypotheses, explained, fits[lowest]) - costs, count)
+        least = min(least, _least_gain(hypotheses, explained, costs, again, fits[lowest].state))
+    gain = least / best.fit.dispersion
+    return at_any_look((gain - CHANCE_GAIN * count) / math.sqrt(2 * count))
+
+
+def _smallest(gains: Floats, count: int) -> Ints:
+    return np.sort(np.argsort(gains, kind="stable")[:count])
+
+
+def _least_gain(hypotheses: WindowHypotheses, explained: Ints, costs: Floats, chosen: Ints, lens: WindowState) -> float:
+    """The gain over a camera that only rotates of the half that it explains best, from some half on."""
+    least = math.inf
+    for _ in range(_ROUNDS):
+        fit = _rotation_of(hypotheses, explained[chosen], lens)
+        least = min(least, float((fit.track_costs - costs[chosen]).sum()))
+        again = _smallest(_everywhere(hypotheses, explained, fit) - costs, len(chosen))
+        if np.array_equal(again, chosen):
+            break
+        chosen, lens = again, fit.state
+    return least
+
+
+def _rotation_of(hypotheses: WindowHypotheses, chosen: Ints, lens: WindowState) -> JointFit:
+    """A camera that only rotates, which some tracks alone locate.
+
+    * ``lens``: A state with the lens to start from.
+    """
+    tracks = hypotheses.tracks.of_tracks(chosen)
+    bearings = tracks.bearings(lens.log_scale, lens.readout_s, lens.k1, lens.principal_px)
+    bearings[~tracks.seen] = np.nan
+    R = align_views(bearings, [hypotheses.motions[0].motion], tracks.frames[:2])
+    t = hypotheses.rotation_only.state.t
+    return fit_window(tracks, _started(tracks, R, t, lens), hypotheses.rotation_priors, rotation_only=True)
+
+
+def _everywhere(hypotheses: WindowHypotheses, chosen: Ints, fit: JointFit) -> Floats:
+    """The costs of some tracks in a camera that only rotates, as others have located it."""
+    tracks = hypotheses.tracks.of_tracks(chosen)
+    start = _started(tracks, fit.state.R, fit.state.t, fit.state)
+    return fit_window(tracks, start, hypotheses.rotation_priors, rotation_only=True, max_steps=0).track_costs
+
+
+def _started(tracks: WindowTracks, R: Floats, t: Floats, lens: WindowState) -> WindowState:
+    return start_at(
+        tracks, R, t, log_scale=lens.log_scale, k1=lens.k1, readout_s=lens.readout_s,
+        principal_px=lens.principal_px, at_infinity=True,
+    )  # fmt: skip
