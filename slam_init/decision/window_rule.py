@@ -222,7 +222,9 @@ class WindowRule:
         if hypotheses is None:
             return None
         depths = [history.depths.get(frame) for frame in hypotheses.tracks.frames]
-        hypotheses = replace(hypotheses, depths=GivenDepths.of(hypotheses.tracks, depths))
+        before = None if self._last is None else self._last.risk.other.motion
+        given = GivenDepths.of(hypotheses.tracks, depths)
+        hypotheses = replace(hypotheses, depths=given, other_before=before)
         max_risk = self._config.acceptance.max_risk
         again, risk = confirmed(hypotheses, risk_of(hypotheses, max_risk), max_risk)
         if risk.total <= max_risk and again.tracks.down_weights.any():

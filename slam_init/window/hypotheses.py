@@ -79,6 +79,8 @@ class WindowHypotheses:
     rotation_lives: bool = False
     #: Depths from elsewhere; None without them.
     depths: GivenDepths | None = None
+    #: The rigid motion that tracks had beside the best one in the window before; None without one.
+    other_before: Motion | None = None
 
     def costs_of(self, motion: FittedMotion) -> Floats:
         """The cost of each track in all views; a view that a motion does not locate sees outliers.

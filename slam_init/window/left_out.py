@@ -46,7 +46,7 @@ def wrong_by_a_half(hypotheses: WindowHypotheses) -> float:
     scale = best.fit.dispersion * variance_by_neighbours(best.tracks, best.fit, priors, places)
     freedom = ON_BODIES * (6 * (len(best.rows) - 1) - 1)
     far, largest, wrong = False, -math.inf, 0.0
-    used = np.flatnonzero(best.tracks.anchor >= 0)
+    used = np.flatnonzero(best.fit.explains)
     for half in far_halves(places[used]):
         rest = used[half]
         fitted = fit_motion(best.tracks.of_tracks(rest), best.motion, priors, max_steps=_STEPS)

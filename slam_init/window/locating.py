@@ -56,15 +56,18 @@ def _aligned(R: Floats, m: Floats, n: Floats) -> Floats:
     return R
 
 
-def locate_views(tracks: WindowTracks, motion: Motion, bearings: Floats, rotations: Floats) -> Motion | None:
+def locate_views(
+    tracks: WindowTracks, motion: Motion, bearings: Floats, rotations: Floats, *, current: bool = True
+) -> Motion | None:
     """Extend a motion to all views that its points locate; the reference becomes the world.
 
     Shapes: ``bearings`` (V, T, 3), ``rotations`` (V, 3, 3).
 
+    * ``current``: Whether the current view has to be among them, and not any view beside the reference.
     * Returns: None where reference or current is not among the views that it knows then.
     """
     known = _resected(tracks, motion, bearings, rotations)
-    if 0 not in known or 1 not in known:
+    if 0 not in known or len(known) < 2 or (current and 1 not in known):
         return None
     to_reference = known[0].inverse()
     plane = None if motion.plane is None else _moved_plane(motion.plane, known[0])

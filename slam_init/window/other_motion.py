@@ -54,14 +54,47 @@ class OtherMotion:
     track_ids: Ints = field(default_factory=lambda: np.zeros(0, int))
     #: ``cam2_from_cam1`` of the pair, if these tracks are at rest.
     pose: Pose = field(default_factory=Pose.identity)
+    #: Through all views that these tracks locate; None where it was not fitted.
+    motion: Motion | None = None
 
 
 def other_motion(hypotheses: WindowHypotheses) -> OtherMotion:
     """Find a rigid motion of the tracks that the best motion does not explain."""
     tracks, explained = hypotheses.tracks, explained_tracks(hypotheses)
-    rays = bearings_of_best(hypotheses)[:2]
-    rest = (tracks.anchor >= 0) & ~explained & np.isfinite(rays).all(axis=(0, 2))
+    rest = (tracks.anchor >= 0) & ~explained
     if rest.sum() < LEAST_OTHER_TRACKS or _odds(hypotheses, explained.sum(), rest.sum()) < FLOOR:
+        return OtherMotion()
+    found = _proposed(hypotheses, rest)
+    # The pair may not tell the motion again that was found in the window before.
+    before = _carried(hypotheses, rest)
+    return found if before is None or before.probability <= found.probability else before
+
+
+def _carried(hypotheses: WindowHypotheses, rest: Bools) -> OtherMotion | None:
+    """The motion that was found in the window before, located in this one; None without one."""
+    tracks, before = hypotheses.tracks, hypotheses.other_before
+    if before is None or before.points is None:
+        return None
+    followed = before.points.track_ids[before.points.explained]
+    moving = np.flatnonzero(rest & np.isin(tracks.track_ids, followed))
+    if len(moving) < LEAST_OTHER_TRACKS:
+        return None
+    bearings, rotations = bearings_of_best(hypotheses)[:, moving], hypotheses.rotation_only.state.R
+    # A body may hide them in the newest view.
+    located = locate_views(tracks.of_tracks(moving), before, bearings, rotations, current=False)
+    if located is None:
+        return None
+    return _weighed(hypotheses, fit_motion(tracks.of_tracks(moving), located, hypotheses.priors), rest)
+
+
+def _proposed(hypotheses: WindowHypotheses, rest: Bools) -> OtherMotion:
+    """The motion of the tracks that the best motion does not explain, by the pair.
+
+    Shapes: ``rest`` (T,).
+    """
+    tracks, rays = hypotheses.tracks, bearings_of_best(hypotheses)[:2]
+    rest = rest & np.isfinite(rays).all(axis=(0, 2))
+    if rest.sum() < LEAST_OTHER_TRACKS:
         return OtherMotion()
     threshold_rad = OTHER_SIGMAS * tracks.noise_px / tracks.camera.focal_px
     pose = estimate_relative_pose(rays[0, rest], rays[1, rest], threshold_rad=threshold_rad)
@@ -73,17 +106,16 @@ def other_motion(hypotheses: WindowHypotheses) -> OtherMotion:
     # Tracks of one plane have two motions in a pair.
     proposed: list[Hypothesis | RelativePose] = [pose, *pose.alternatives]
     starts = [OtherMotion(0.0, others, Pose(one.R, one.t)) for one in proposed]
-    return max((_with_probability(hypotheses, start, rest) for start in starts), key=lambda other: other.probability)
+    fits = [(start, fit_other_motion(hypotheses, start)) for start in starts]
+    weighed = [start if fitted is None else _weighed(hypotheses, fitted, rest) for start, fitted in fits]
+    return max(weighed, key=lambda other: other.probability)
 
 
-def _with_probability(hypotheses: WindowHypotheses, other: OtherMotion, rest: Bools) -> OtherMotion:
+def _weighed(hypotheses: WindowHypotheses, fitted: FittedMotion, rest: Bools) -> OtherMotion:
     """A motion with all tracks that follow it, and the probability that it is that of the camera.
 
-    * ``rest``: (T,) The tracks that the best motion does not explain. The pair tells the motion of some of them.
+    * ``rest``: (T,) The tracks that the best motion does not explain. The motion is fitted to some of them.
     """
-    fitted = fit_other_motion(hypotheses, other)
-    if fitted is None:
-        return other
     tracks = hypotheses.tracks
     more = np.flatnonzero(rest | (_votes(hypotheses, fitted) < 0))
     fitted = fit_motion(tracks.of_tracks(more), fitted.motion, hypotheses.priors)
@@ -92,7 +124,9 @@ def _with_probability(hypotheses: WindowHypotheses, other: OtherMotion, rest: Bo
     # A motion that explains all tracks is a rival, and shows no body.
     shows_body = np.count_nonzero(votes > LARGEST_VOTE) >= LEAST_OTHER_TRACKS
     shows_body &= not _agree(hypotheses.motions[0].motion, fitted.motion)
-    return OtherMotion(_probability(hypotheses, votes) if shows_body else 0.0, others, fitted.cam2_from_cam1)
+    probability = _probability(hypotheses, votes) if shows_body else 0.0
+    pose = fitted.cam2_from_cam1 if fitted.rows[1] == 1 else Pose.identity()
+    return OtherMotion(probability, others, pose, fitted.motion)
 
 
 def _agree(best: Motion, other: Motion) -> bool:
