@@ -48,7 +48,7 @@ from slam_init.types.result import Attempt, ProvisionalMap
 from slam_init.types.stopwatch import Stopwatch
 from slam_init.window.depth_evidence import GivenDepths
 from slam_init.window.hypotheses import WindowHypotheses
-from slam_init.window.levels import WRONG_DIRECTION_DEG
+from slam_init.window.levels import UNDECIDED, WRONG_DIRECTION_DEG
 from slam_init.window.live import LiveHypotheses
 from slam_init.window.risk import WindowRisk, confirmed, risk_of
 from slam_init.window.tracks import MAX_VIEWS
@@ -222,9 +222,10 @@ class WindowRule:
         if hypotheses is None:
             return None
         depths = [history.depths.get(frame) for frame in hypotheses.tracks.frames]
-        before = None if self._last is None else self._last.risk.other.motion
-        given = GivenDepths.of(hypotheses.tracks, depths)
-        hypotheses = replace(hypotheses, depths=given, other_before=before)
+        hypotheses = replace(hypotheses, depths=GivenDepths.of(hypotheses.tracks, depths))
+        # What was undecided stays a question in the next window, where the pair may not tell it again.
+        if self._last is not None and self._last.risk.other.probability > UNDECIDED:
+            hypotheses = replace(hypotheses, other_before=self._last.risk.other.motion)
         max_risk = self._config.acceptance.max_risk
         again, risk = confirmed(hypotheses, risk_of(hypotheses, max_risk), max_risk)
         if risk.total <= max_risk and again.tracks.down_weights.any():

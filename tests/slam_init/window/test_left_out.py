@@ -22,7 +22,7 @@ def test_each_half_of_a_rigid_scene_agrees_however_short_the_baseline_and_howeve
 @pytest.mark.parametrize("seed", range(4))
 def test_a_body_on_half_of_the_tracks_of_a_short_baseline_shows_where_one_motion_explains_it_and_the_scene(seed):
     body = {"moving": 0.5, "bodies": 1, "body_turn_deg_s": 0}
-    assert wrong_by_a_half(hypotheses(seed, 0.1, **body)) > UNDECIDED
+    assert wrong_by_a_half(hypotheses(seed, 0.05, **body)) > UNDECIDED
 
 
 def test_the_probability_grows_with_the_gain_from_none_to_certainty():
