@@ -45,7 +45,7 @@ def bodies_probability(hypotheses: WindowHypotheses, share: float, *, anew: bool
     least = float(np.partition(gains, count - 1)[:count].sum())
     if anew:
         lens = hypotheses.rotation_only.state
-        least = _least_gain(hypotheses, explained, costs, _smallest(gains, count), lens)
+        least = min(least, _least_gain(hypotheses, explained, costs, _smallest(gains, count), lens))
         halves = list(far_halves(places_of(best.fit)[explained]))
         stated = replace(lens, log_scale=0.0, k1=0.0, principal_px=np.zeros(2))
         fits = [_rotation_of(hypotheses, explained[half], stated) for half in halves]
