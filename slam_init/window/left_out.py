@@ -18,6 +18,7 @@ from slam_init.window.levels import (
     BODIES_MOVE,
     HELD_BY_A_BODY,
     LARGEST_TENSION,
+    LEAST_OTHER_TRACKS,
     ON_BODIES,
     UNDECIDED,
     WRONG_DIRECTION_DEG,
@@ -47,6 +48,8 @@ def wrong_by_a_half(hypotheses: WindowHypotheses) -> float:
     freedom = ON_BODIES * (6 * (len(best.rows) - 1) - 1)
     far, largest, wrong = False, -math.inf, 0.0
     used = np.flatnonzero(best.fit.explains)
+    if len(used) < LEAST_OTHER_TRACKS:
+        return 0.0
     for half in far_halves(places[used]):
         rest = used[half]
         fitted = fit_motion(best.tracks.of_tracks(rest), best.motion, priors, max_steps=_STEPS)

@@ -112,9 +112,9 @@ def difference_deg(a: Pose, b: Pose) -> tuple[float, float]:
 
 
 def farthest_deg(one: Motion, other: Motion) -> tuple[float, float]:
-    """Largest angles between the rotations and between the directions of two motions, over the views that both know."""
+    """Largest angles between the rotations and the directions of two motions, over the views that both know."""
     known = [frame for frame in one.cam_from_world if frame in other.cam_from_world][1:]
-    apart = [difference_deg(one.cam_from_world[frame], other.cam_from_world[frame]) for frame in known]
+    apart = [(0.0, 0.0), *(difference_deg(one.cam_from_world[frame], other.cam_from_world[frame]) for frame in known)]
     return max(rotation for rotation, _ in apart), max(direction for _, direction in apart)
 
 

@@ -1,5 +1,8 @@
 """Laws of a motion that stands on one half of the view."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 from make_window import PRIORS, hypotheses_of, pair_and_further, point_source
 
@@ -31,3 +34,11 @@ def test_the_probability_grows_with_the_gain_from_none_to_certainty():
     assert values[0] == 0
     assert values[2] < 0.005 < values[3]
     assert values[-1] > 0.999
+
+
+def test_a_half_of_a_few_tracks_tells_no_motion():
+    few = hypotheses(0, 0.3)
+    explains = few.motions[0].fit.explains.copy()
+    explains[np.flatnonzero(explains)[10:]] = False
+    best = replace(few.motions[0], fit=replace(few.motions[0].fit, explains=explains))
+    assert wrong_by_a_half(replace(few, motions=(best,))) == 0
