@@ -33,7 +33,8 @@ _ROUNDS = 3
 def bodies_probability(hypotheses: WindowHypotheses, share: float, *, anew: bool = False) -> float:
     """Probability of the gains over the rotation-only camera if this share of the tracks, which gain most, moves.
 
-    * ``anew``: Whether the camera that only rotates is fitted once more, to the rest of the tracks: bodies pull it.
+    * ``anew``: Whether the rest is searched for, and not taken from the fit of that camera to all tracks, which bodies
+      pull.
     """
     best = hypotheses.motions[0]
     explained = np.flatnonzero(explained_tracks(hypotheses))

@@ -26,6 +26,7 @@ from slam_init.window.levels import (
 )
 from slam_init.window.motion import farthest_deg, fit_motion
 from slam_init.window.neighbours import HALVES, far_halves, variance_by_neighbours
+from slam_init.window.tails import chi_square_as_gaussian
 from slam_init.window.uncertainty import places_of
 
 #: Steps of a fit: it starts at the best motion.
@@ -43,30 +44,24 @@ def wrong_by_a_half(hypotheses: WindowHypotheses) -> float:
     was left out.
     """
     best, priors = hypotheses.motions[0], hypotheses.priors
-    places = places_of(best.fit)
-    scale = best.fit.dispersion * variance_by_neighbours(best.tracks, best.fit, priors, places)
-    freedom = ON_BODIES * (6 * (len(best.rows) - 1) - 1)
-    far, largest, wrong = False, -math.inf, 0.0
     used = np.flatnonzero(best.fit.explains)
     if len(used) < LEAST_OTHER_TRACKS:
         return 0.0
+    places = places_of(best.fit)
+    scale = best.fit.dispersion * variance_by_neighbours(best.tracks, best.fit, priors, places)
+    freedom = ON_BODIES * (6 * (len(best.rows) - 1) - 1)
+    far, gains, wrong = False, list[float](), 0.0
     for half in far_halves(places[used]):
         rest = used[half]
         fitted = fit_motion(best.tracks.of_tracks(rest), best.motion, priors, max_steps=_STEPS)
         rotation_deg, direction_deg = farthest_deg(best.motion, fitted.motion)
         far |= rotation_deg > WRONG_ROTATION_DEG or direction_deg > WRONG_DIRECTION_DEG
-        gain = float(best.fit.track_costs[rest].sum()) - fitted.fit.cost
-        largest = max(largest, _as_gaussian(gain / scale, freedom))
+        gains.append(max(float(best.fit.track_costs[rest].sum()) - fitted.fit.cost, 0.0) / scale)
+        largest = float(chi_square_as_gaussian(np.array(gains) / freedom, freedom).max())
         wrong = _probability(largest) if far else 0.0
         if wrong > UNDECIDED:
             break
     return wrong
-
-
-def _as_gaussian(gain: float, freedom: float) -> float:
-    """The standard deviations of a chi-square beyond its mean: its cube root is nearly Gaussian (Wilson, Hilferty)."""
-    spread = 2 / (9 * freedom)
-    return float(((max(gain, 0.0) / freedom) ** (1 / 3) - (1 - spread)) / math.sqrt(spread))
 
 
 def _probability(largest: float) -> float:

@@ -188,7 +188,7 @@ OTHER_SIGMAS, LEAST_OTHER_TRACKS = 3.0, 20
 
 #: Of the scenes with a body that moves one in four has one that holds the best motion where it is wrong (4 of 16 worlds
 #: of a generator that nobody had seen, with bodies on 30 to 65 % of the tracks). The other half of the view then gains
-#: up to so many standard deviations of what chance gains, alike probable (4 to 19 in those worlds).
+#: up to so many standard deviations of what chance gains, alike probable (4 to 12 in those worlds, over all tracks).
 #: Class: measured, as a probability and in standard deviations.
 HELD_BY_A_BODY, LARGEST_TENSION = 0.25, 16.0
 

@@ -4,7 +4,7 @@ Where a body fills a large part of the view, its motion relative to the camera e
 the scene at rest does. Images alone do not tell which of the two motions is that of the camera. Two cues remain. The
 scene at rest mostly holds more tracks than a body does. And a body is compact: a scene that extends around it is behind
 it. Distant tracks and tracks that move by little follow both motions, so that only those count for the other motion
-which it explains far better than the best one.
+which it explains far better than the best one. A motion that was undecided goes on from window to window.
 """
 
 from __future__ import annotations

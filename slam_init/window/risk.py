@@ -62,7 +62,7 @@ from slam_init.window.neighbours import agreement_of_neighbours, variance_by_nei
 from slam_init.window.other_motion import OtherMotion, explained_tracks, other_motion
 from slam_init.window.rival import rival_term
 from slam_init.window.second_look import look_again
-from slam_init.window.tails import at_any_look, three_directions, two_directions
+from slam_init.window.tails import at_any_look, chi_square_as_gaussian, three_directions, two_directions
 from slam_init.window.tracker_errors import (
     gain_of_lasting_errors,
     gain_of_shared_errors,
@@ -401,15 +401,13 @@ def _rotation_probability(
     gain -= unexplained
     tracks, state = hypotheses.tracks, hypotheses.rotation_only.state
     dispersion = gain_of_lasting_errors(tracks, state.R) * hypotheses.motions[0].fit.dispersion
-    # Shared errors make the distribution a noncentral one, which is that of Patnaik nearly: a scaled chi-square. Its
-    # cube root over its freedom is nearly Gaussian (Wilson and Hilferty).
+    # Shared errors make the distribution a noncentral one, which is that of Patnaik nearly: a scaled chi-square.
     shared = gain_of_shared_errors(tracks) + gain_of_turning_errors(tracks, state.readout_s)
     scale = (freedom + 2 * shared) / (freedom + shared)
     freedom = (freedom + shared) / scale
-    spread = 2 / (9 * freedom)
 
     def z_of(gains: Floats) -> Floats:
-        return np.asarray(((2 * gains / (scale * freedom)) ** (1 / 3) - (1 - spread)) / math.sqrt(spread))
+        return chi_square_as_gaussian(2 * gains / (scale * freedom), freedom)
 
     if z_of(np.array([(1 - EXPLAINED_BY_FIELDS) * max(gain, 0.0) / dispersion]))[0] > CERTAIN_SIGMAS:
         return gain, 0.0, camera_estimate(expanded)

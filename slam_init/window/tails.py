@@ -41,6 +41,15 @@ def three_directions(limit: float, sigma: float) -> float:
     return math.erfc(z / math.sqrt(2)) + math.sqrt(2 / math.pi) * z * math.exp(-0.5 * z * z)
 
 
+def chi_square_as_gaussian(mean_square: Floats, freedom: float) -> Floats:
+    """Chi-square as standard deviations of a Gaussian: its cube root is nearly Gaussian (Wilson and Hilferty, 1931).
+
+    Shapes: ``mean_square`` (N,) chi-square over its degrees of freedom, returns (N,).
+    """
+    spread = 2 / (9 * freedom)
+    return np.asarray((mean_square ** (1 / 3) - (1 - spread)) / math.sqrt(spread))
+
+
 def at_any_look(z: float) -> float:
     """Probability that a statistic exceeds z at any look, where a window is judged again while frames arrive."""
     return min(1.0, gaussian_tail(z) * (1 + 0.5 * max(z * z - 1, 0.0) * math.log(INFORMATION_GROWS)))

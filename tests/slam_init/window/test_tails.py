@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.stats import chi2, norm
 
-from slam_init.window.tails import at_any_look, three_directions, two_directions
+from slam_init.window.tails import at_any_look, chi_square_as_gaussian, three_directions, two_directions
 
 
 @pytest.mark.parametrize("limit", [0.5, 1.5, 3.0])
@@ -34,3 +35,10 @@ def test_looking_often_never_lowers_a_tail():
     levels = [at_any_look(z) for z in np.linspace(-3, 8, 50)]
     assert all(0 <= level <= 1 for level in levels)
     assert levels[-1] < 1e-12
+
+
+@pytest.mark.parametrize("freedom", [2.5, 8.5, 32.5])
+def test_chi_square_as_gaussian_has_the_tails_of_chi_square(freedom):
+    levels = np.array([0.5, 0.05, 1e-3, 1e-5])
+    found = chi_square_as_gaussian(chi2.isf(levels, freedom) / freedom, freedom)
+    assert found == pytest.approx(norm.isf(levels), abs=0.2)

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from make_window import hypotheses_of_changing_lens as hypotheses
 
+from slam_init.window import zooming_motion
+from slam_init.window.joint_fit import fit_window
 from slam_init.window.risk import confirmed, risk_of
 from slam_init.window.zooming_motion import wrong_by_zooms, zooming_motions
-from slam_init.window.zooming_rotation import with_zooms
+from slam_init.window.zooming_rotation import with_zooms, zoomed
 
 
 @pytest.mark.parametrize("ramp", [0.2, -0.2])
@@ -51,3 +53,14 @@ def test_the_zoom_of_a_second_view_alone_refuses_no_map_whose_direction_it_leave
     told = max(zooming_motions(found, with_zooms(found)), key=lambda one: one.log_evidence)
     assert abs(told.zooms[1]) > 0.04 and told.direction_sigma_deg < 1
     assert wrong_by_zooms(found, with_zooms(found)) < 1e-3
+
+
+@pytest.mark.parametrize(("scene", "seed"), [("nadir", 2), ("wall", 1)])
+def test_each_start_costs_what_its_tracks_cost_with_its_zooms_undone_and_nothing_else(scene, seed):
+    """Before a plane the camera that only rotates shifts its images too, which the motion does not."""
+    found = hypotheses(scene, seed, ramp=0.02, baseline=0.1, points=300)
+    rotation = with_zooms(found)
+    assert np.abs(rotation.shifts).max() > 1
+    for tracks, fit, zooms in zooming_motion._starts(found, found.motions[0].fit, rotation):
+        again = fit_window(zoomed(tracks, zooms), fit.state, found.priors, max_steps=0)
+        assert again.cost == pytest.approx(fit.cost, rel=1e-6)
