@@ -11,12 +11,11 @@ import os
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Self, TypeVar, get_type_hints
 
 from quest.display import Described
 from slam_init.errors import ConfigError
-from slam_init.system.regular_file import read_regular
+from slam_init.system.regular_file import read_regular, user_path
 
 _Options = TypeVar("_Options")
 
@@ -307,7 +306,7 @@ def load_config(path: str | os.PathLike[str] | None, overrides: Mapping[str, obj
     """
     table: dict[str, object] = {}
     if path is not None:
-        path = Path(path)
+        path = user_path(path, ConfigError)
         try:
             table = tomllib.loads(read_regular(path, _MAX_BYTES, "a configuration", ConfigError).decode("utf-8"))
         # ValueError: no TOML, no UTF-8, or an integer of thousands of digits.

@@ -70,3 +70,25 @@ class OutputError(SlamInitError):
 
 class ViewerError(SlamInitError):
     """A recording cannot be shown: there is no viewer, no display or no graphics driver."""
+
+
+def check_type(
+    value: object, wanted: type | tuple[type, ...], what: str, give: str, error: type[SlamInitError] = SlamInitError
+) -> None:
+    """Refuse an argument of a wrong type: an attribute that it has not would be told far from the call.
+
+    Parameters
+    ----------
+    value : object
+        The argument.
+    wanted : type or tuple of types
+        What it may be. A truth value is no integer.
+    what : str
+        The name of the argument with its article.
+    give : str
+        What to give.
+    error : type of SlamInitError
+        What is raised.
+    """
+    if not isinstance(value, wanted) or (isinstance(value, bool) and wanted is not bool):
+        raise error(f"{what} is of the type {type(value).__name__}: give {give}")

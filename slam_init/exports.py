@@ -9,7 +9,7 @@ from importlib.util import find_spec
 import numpy as np
 
 from slam_init.datasets.track_source import TrackSource
-from slam_init.errors import SlamInitError, SourceError
+from slam_init.errors import SlamInitError, SourceError, check_type
 from slam_init.frontend.orb import orb_descriptors, orientations
 from slam_init.output.folder import OutputFolder, output_error, staged_names
 from slam_init.output.mcap import mcap_bytes
@@ -54,6 +54,10 @@ def export(
     SlamInitError
         If a format is unknown or cannot hold the map, an image is missing, or a file cannot be written.
     """
+    InitialMap.check(map_)
+    check_type(located, (tuple, list), "located", "a list of the Keyframes of frames with known poses")
+    for one in located:
+        check_type(one, Keyframe, "a located frame", "the Keyframes of frames with known poses")
     check_formats(formats, map_.camera)
     with OutputFolder(folder, "export", [name for one in formats for name in EXPORTS[one]]) as out:
         stage(out, "", map_, formats, images, located)
@@ -62,6 +66,8 @@ def export(
 
 def check_formats(formats: Collection[str], camera: Camera | None = None, source: Source | None = None) -> None:
     """Refuse, before any work, formats that are unknown, or that cannot hold a map of this camera and source."""
+    if isinstance(formats, str) or not isinstance(formats, Collection):
+        raise SlamInitError(f"the formats of an export are {formats!r:.40}: give a list, as in ['scene']")
     for one in formats:
         if one not in EXPORTS:
             raise SlamInitError(f"unknown format {one!r:.40} of an export: use {', '.join(EXPORTS)}")
@@ -129,6 +135,9 @@ def _frames(images: Source | Mapping[int, Image] | None, wanted: Collection[int]
     if isinstance(images, Mapping):
         found = (Frame(i, 0.0, image_name(i), np.asarray(images[i])) for i in sorted(missing) if i in images)
     elif images is not None:
+        if not callable(getattr(images, "frames", None)):
+            kind = type(images).__name__
+            raise SourceError(f"the images are of the type {kind}: give open_source(PATH), or a dict by frame")
         found = (frame for frame in images.frames(start=min(missing)))
     for frame in found:
         if frame.index in missing:

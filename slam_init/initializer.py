@@ -43,7 +43,7 @@ from slam_init.decision.maps_so_far import MapsSoFar
 from slam_init.decision.outcome import Outcome
 from slam_init.decision.pose_so_far import PoseSoFar
 from slam_init.decision.screening import screen
-from slam_init.errors import ConfigError
+from slam_init.errors import ConfigError, check_type
 from slam_init.frontend.keyframes import KeyframeManager, PairPreview
 from slam_init.frontend.matchers import Matcher
 from slam_init.frontend.rolling_shutter import corrected_pixels
@@ -382,6 +382,7 @@ class Initializer:
         * ``since``: Absolute index of the first frame whose tracks the next map may use, among those in the history
           that the tracker has followed. By default the newest frame.
         """
+        check_type(0 if since is None else since, (int, np.integer), "since", "the index of a frame")
         self._maps.restart()
         self.keyframes, self._window = KeyframeManager(self.config), self._window.renewed()
         self._attempts, self._pose, self.status = AttemptLog(), PoseSoFar(), Status()

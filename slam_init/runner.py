@@ -5,11 +5,14 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Collection
+from typing import get_args
+
+import numpy as np
 
 from slam_init.calibration.choosing import GivenCamera, camera_of_source
 from slam_init.config import Config, config_toml
 from slam_init.datasets.inertial import InertialSensor
-from slam_init.errors import OutputError, SlamInitError, SourceError
+from slam_init.errors import ConfigError, OutputError, SlamInitError, SourceError, check_type
 from slam_init.exports import check_formats, stage
 from slam_init.job import Finished, Job, calibrated_by_motion, reduction_of
 from slam_init.methods.external_command import is_external
@@ -105,7 +108,20 @@ def run(
     """
     if not callable(getattr(source, "frames", None)):
         raise SourceError(f"the source is of the type {type(source).__name__}: open it by slam_init.open_source(PATH)")
-    config = config or Config()
+    config = Config() if config is None else config
+    check_type(config, Config, "the configuration", "slam_init.Config, or load_config(FILE)", ConfigError)
+    at_least = {"start": (start, 0), "max_frames": (max_frames, 1), "continue_frames": (continue_frames, 0)}
+    for name, (number, least) in at_least.items():
+        if number is None and name != "start":
+            continue
+        if not isinstance(number, int | np.integer) or number < least:
+            raise SlamInitError(f"{name} is {number!r:.40}: give an integer from {least} on")
+    if not isinstance(notes, tuple | list) or not all(isinstance(note, str) for note in notes):
+        raise SlamInitError(f"notes is {notes!r:.40}: give a tuple of texts")
+    if scale is not None:
+        check_type(scale, get_args(ScaleRequest), "the scale", "parse_scale(TEXT), as in parse_scale('height:1.65')")
+    if not isinstance(imu, bool):
+        check_type(imu, InertialSensor, "imu", "True, or read_inertial_file(FILE) (slam_init.datasets.inertial_file)")
     method_info(config.method)  # an unknown method is an error before anything is written
     if is_external(config.method):
         if restart or scale is not None or export:

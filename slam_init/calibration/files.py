@@ -63,12 +63,13 @@ def load_camera(path: str | os.PathLike[str], image_size: tuple[int, int] | None
         If the file is missing, not a calibration, or an impossible one. The message is one line that names file and
         key.
     """
+    given = user_path(path, CalibrationError)
     text = os.fspath(path)
     if text in AUTO or text.startswith(NUMBERS):
         if image_size is None:
             raise CalibrationError(f"--camera {text!r} needs the size of the images")
         return prior_camera(image_size) if text in AUTO else camera_of_number(text, image_size)
-    path = user_path(path)
+    path = given
     if _NUMBER.fullmatch(text) and not path.exists():
         degrees = f", or fov={text} for degrees" if float(text) <= FIELDS_DEG[1] else ""
         raise CalibrationError(f"--camera {text}: say f={text} for a focal length in pixels{degrees}")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
+
 from slam_init.errors import CalibrationError
 from slam_init.types.camera import Camera
 
@@ -34,7 +36,14 @@ def prior_camera(image_size: tuple[int, int]) -> Camera:
     -------
     Camera
         A pinhole camera with ``source`` ``prior``; its focal length is to be estimated.
+
+    Raises
+    ------
+    CalibrationError
+        If this is no size.
     """
+    if np.shape(image_size) != (2,) or isinstance(image_size[0], str):
+        raise CalibrationError(f"the size of the images is {image_size!r:.40}: give (width, height)")
     return camera_with_focal(image_size, _MEDIAN_FOCAL * max(image_size), _FOCAL_SIGMA, "prior")
 
 

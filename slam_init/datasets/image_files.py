@@ -16,7 +16,7 @@ import numpy as np
 
 from slam_init.datasets.inertial import InertialSensor, WithSensor
 from slam_init.datasets.stamps import image_times
-from slam_init.errors import SourceError
+from slam_init.errors import SourceError, check_type
 from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera
@@ -173,6 +173,8 @@ def check_size(what: str, size: tuple[int, int], expected: tuple[int, int], of: 
 
 def frame_range(length: int, start: int, max_frames: int | None, name: str) -> range:
     """Compute the indices of the requested frames."""
+    for what, number in (("start", start), ("max_frames", 1 if max_frames is None else max_frames)):
+        check_type(number, (int, np.integer), what, "an integer", SourceError)
     if not 0 <= start < length:
         raise SourceError(f"{name}: start is {start}, but the source has frames 0 to {length - 1}")
     if max_frames is not None and max_frames < 1:

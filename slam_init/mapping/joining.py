@@ -26,6 +26,7 @@ import numpy as np
 
 from quest.chance import false_alarms, log_binomial, upper_share
 from quest.geometry.quaternion import rotation_from_vector
+from slam_init.errors import SlamInitError, check_type
 from slam_init.frontend.sift import match_descriptors
 from slam_init.mapping.places import RATIO
 from slam_init.types.arrays import Bools, Floats, Ints
@@ -120,7 +121,17 @@ def join(first: Place, second: Place, seed: int = 0) -> Join:
     -------
     Join
         Falsy with a reason where the maps are not joined.
+
+    Raises
+    ------
+    SlamInitError
+        If one is no place, or the seed is no number.
     """
+    for place in (first, second):
+        check_type(place, Place, "a place to join", "load_place(PATH)")
+    check_type(seed, (int, np.integer), "the seed", "an integer from 0 on")
+    if seed < 0:
+        raise SlamInitError(f"the seed is {seed}: give an integer from 0 on")
     i, j = match_descriptors(first.descriptors, second.descriptors, RATIO)
     total = len(i)
     none = Join(None, NoJoin.NO_COMMON_PLACE, 1.0, math.inf, total, 0)

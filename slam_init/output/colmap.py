@@ -171,6 +171,7 @@ def colmap_model(map_: InitialMap, located: Sequence[Keyframe] = ()) -> ColmapMo
     * ``map_``: Its camera is that of the original images, with the adjusted focal length.
     * ``located``: Further frames. They follow the keyframes, and observe no points.
     """
+    InitialMap.check(map_)
     camera, note = colmap_view(map_.camera)
     all_pixels, used = _observations(map_, camera)
     images = []

@@ -36,14 +36,14 @@ from typing import Any
 
 import numpy as np
 
-from slam_init.errors import OutputError, SourceError
+from slam_init.errors import OutputError, SourceError, check_type
 from slam_init.output.colmap import colmap_model, numbers_text
 from slam_init.output.folder import OutputFolder, output_error, staged_names
 from slam_init.output.handover import handover_bytes
 from slam_init.output.names import COLMAP_FILES, OVERVIEW, run_files, segment_folder
 from slam_init.output.nerfstudio import transforms_text
 from slam_init.output.summary import Summary, summary_of, summary_text
-from slam_init.system.regular_file import read_regular
+from slam_init.system.regular_file import read_regular, user_path
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.initial_map import InitialMap, Keyframe
@@ -98,6 +98,8 @@ def write_results(
     OutputError
         If the folder holds other files, or a file cannot be written.
     """
+    check_type(result, Result, "the result", "what Initializer.finish or slam_init.run returns", OutputError)
+    check_type(summary, Summary, "the summary", "what slam_init.run returns, or call result.save(FOLDER)", OutputError)
     with OutputFolder(out, "run", run_files(restart=bool(result.segments))) as folder:
         publish_results(folder, result, summary, config_toml, continued)
 
@@ -197,9 +199,9 @@ def load_graph(out: str | os.PathLike[str]) -> tuple[Any, Any]:
     SourceError
         If the folder holds no readable graph.
     """
+    out = user_path(out)
     import gtsam
 
-    out = Path(out)
     if not (out / _GRAPH).exists():
         if (out / segment_folder(1)).is_dir():
             raise SourceError(f"{out} has a graph for each map: give {out / segment_folder(1)}")
@@ -300,6 +302,7 @@ def write_colmap(map_: InitialMap, folder: str | os.PathLike[str]) -> None:
     OutputError
         If the folder holds other files, or a file cannot be written.
     """
+    InitialMap.check(map_)
     names = [name.rpartition("/")[2] for name in COLMAP_FILES]
     with OutputFolder(folder, "colmap", names) as out:
         texts = colmap_model(map_).texts()

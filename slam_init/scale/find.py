@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import get_args
 
 import numpy as np
 
 from slam_init.bundle.metric_graph import joint_pose_covariance
+from slam_init.errors import check_type
 from slam_init.evaluation.metrics import align_positions
 from slam_init.scale.ground import Ground, find_ground
 from slam_init.scale.measured_motion import scale_of_motion
@@ -62,6 +64,8 @@ def find_scale(
     * ``grown``: The same map with the keyframes that were added since, for the inertial sensor.
     * Returns: Falsy with a reason where the map or the images do not tell it.
     """
+    InitialMap.check(map_)
+    check_type(request, get_args(ScaleRequest), "the request", "parse_scale(TEXT), as in parse_scale('height:1.65')")
     match request:
         case KnownMarkers():
             return _from_targets(map_, request, find_markers(_of_keyframes(map_, images), request))

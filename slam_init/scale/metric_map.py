@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from slam_init.bundle.metric_graph import metric_graph
-from slam_init.errors import SlamInitError
+from slam_init.errors import SlamInitError, check_type
 from slam_init.types.arrays import Floats
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose
@@ -25,6 +25,8 @@ def in_metres(map_: InitialMap, scale: Scale) -> InitialMap:
     with the standard deviation of the scale. The covariances of the poses are those of this graph, so that they include
     it.
     """
+    InitialMap.check(map_)
+    check_type(scale, Scale, "the scale", "what slam_init.find_scale returns")
     if scale.metres_per_unit is None or scale.sigma is None:
         raise SlamInitError(f"the map stays in its own unit: {scale.reason or 'the scale was not found'}")
     if map_.scale is not None:

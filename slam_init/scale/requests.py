@@ -19,7 +19,7 @@ import re
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-from slam_init.errors import ConfigError
+from slam_init.errors import ConfigError, check_type
 from slam_init.types.scale import ScaleOrigin
 
 _FORMS = (
@@ -141,6 +141,7 @@ def origin_of(request: ScaleRequest) -> ScaleOrigin:
 
 def parse_scale(text: str) -> ScaleRequest:
     """Read a request from its text."""
+    check_type(text, str, "the scale", f"text: {_FORMS}", ConfigError)
     kind, _, rest = text.strip().partition(":")
     try:
         request = _parsed(kind.lower(), rest)

@@ -13,7 +13,7 @@ import stat
 from pathlib import Path
 from typing import BinaryIO
 
-from slam_init.errors import SlamInitError, SourceError
+from slam_init.errors import SlamInitError, SourceError, check_type
 
 _KINDS = (
     (stat.S_ISDIR, "a folder"),
@@ -24,12 +24,14 @@ _KINDS = (
 )
 
 
-def user_path(text: str | os.PathLike[str]) -> Path:
+def user_path(text: str | os.PathLike[str], error: type[SlamInitError] = SourceError) -> Path:
     """Make a path of what a user typed.
 
     * ``text``: ``~`` and ``~name`` at the start stand for a home folder. If there is no such user, they stand for
       themselves.
+    * ``error``: Raised where it is no path.
     """
+    check_type(text, (str, os.PathLike), "the path", "text, or a pathlib.Path", error)
     return Path(os.path.expanduser(text))  # noqa: PTH111 (Path.expanduser raises where there is no such user)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from quest.display import Described
+from slam_init.errors import check_type
 from slam_init.types.arrays import Floats, Image, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
@@ -141,6 +142,22 @@ class InitialMap(Described, Savable):
     scale: Scale | None = None
     risk: float | None = None
     gravity: Gravity | None = None
+
+    @staticmethod
+    def check(thing: object) -> None:
+        """Refuse what is no map.
+
+        Parameters
+        ----------
+        thing : object
+            What the caller gave for one.
+
+        Raises
+        ------
+        SlamInitError
+            A run that does not initialize has no map, and a map is a part of a result.
+        """
+        check_type(thing, InitialMap, "the map", "result.map, of a result that is truthy")
 
     @property
     def depth_sigma(self) -> float:

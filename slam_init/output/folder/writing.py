@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-from slam_init.errors import OutputError
+from slam_init.errors import OutputError, check_type
 from slam_init.output.folder.marker import (
     HOME,
     MARKER,
@@ -24,6 +24,7 @@ from slam_init.output.folder.marker import (
 )
 from slam_init.output.folder.ownership import check_folder, refuse_foreign_files
 from slam_init.system.process_io import InterruptsDeferred
+from slam_init.system.regular_file import user_path
 
 #: Another process may remove the file between opening and locking it. Then the lock is tried again.
 _TRIES = 20
@@ -108,7 +109,9 @@ class OutputFolder:
     """
 
     def __init__(self, path: str | os.PathLike[str], command: str, targets: Collection[str] = ()) -> None:
-        self.path = Path(path)
+        check_type(path, (str, os.PathLike), "the folder", "text, or a pathlib.Path", OutputError)
+        # A path of the command line has its home folder already. "./~" has become "~" there.
+        self.path = user_path(path) if isinstance(path, str) else Path(path)
         self.staging = self.path / HOME / NEW
         self._command = command
         self._targets = targets

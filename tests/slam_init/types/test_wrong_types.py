@@ -3,7 +3,30 @@
 import numpy as np
 import pytest
 
-from slam_init import Camera, Config, Observations, Pose, SlamInitError, Trajectory, open_source, run
+from slam_init import (
+    Camera,
+    Config,
+    Observations,
+    Place,
+    Pose,
+    SlamInitError,
+    Trajectory,
+    export,
+    find_scale,
+    in_metres,
+    join,
+    load_camera,
+    load_config,
+    load_graph,
+    load_place,
+    open_source,
+    parse_scale,
+    prior_camera,
+    pycolmap_reconstruction,
+    run,
+    write_colmap,
+    write_results,
+)
 
 ONE = np.ones((1, 3))
 
@@ -42,3 +65,41 @@ def test_a_wrong_type_is_one_line(make, words):
 def test_numbers_of_numpy_make_a_camera():
     numbers = (np.int64(64), np.int32(48), np.float32(60), np.float64(60), 31.5, np.float16(23.5))
     assert Camera("pinhole", *numbers).fx == 60
+
+
+A_MAP, A_FOLDER = "the map is of the type", "is of the type .*: give text, or a pathlib.Path"
+
+
+@pytest.mark.parametrize("wrong", [None, 1.5, [], object()], ids=["None", "number", "list", "object"])
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda it: join(it, Place.empty()), r"a place to join is of the type .*: give load_place\(PATH\)"),
+        (lambda it: join(Place.empty(), it), r"a place to join is of the type .*: give load_place\(PATH\)"),
+        (load_place, A_FOLDER),
+        (load_graph, A_FOLDER),
+        (load_camera, A_FOLDER),
+        (lambda it: load_config([] if it is None else it), A_FOLDER),
+        (lambda it: export(it, "out"), f"{A_MAP} .*: give result.map"),
+        (lambda it: write_colmap(it, "out"), A_MAP),
+        (pycolmap_reconstruction, A_MAP),
+        (lambda it: find_scale(it, parse_scale("height:1")), A_MAP),
+        (lambda it: in_metres(it, None), A_MAP),
+        (parse_scale, "the scale is of the type .*: give text"),
+        (prior_camera, r"give \(width, height\)"),
+        (lambda it: write_results("out", it, None), "the result is of the type"),
+        (lambda it: run(open_source("synth:room"), start=it or "0"), "start is .*: give an integer from 0 on"),
+        (lambda it: run(open_source("synth:room"), continue_frames=it or "9"), "continue_frames is"),
+        (lambda it: run(open_source("synth:room"), config=it or "x"), "the configuration is of the type"),
+        (lambda it: run(open_source("synth:room"), scale=it or "x"), "the scale is of the type"),
+        (lambda it: run(open_source("synth:room"), imu=it or "x"), "imu is of the type"),
+        (lambda it: run(open_source("synth:room"), notes=it or "x"), "notes is .*: give a tuple of texts"),
+        (lambda it: run(open_source("synth:room"), export=it or "scene"), r"give a list, as in \['scene'\]"),
+    ],
+)
+def test_each_door_refuses_what_it_cannot_take(call, words, wrong, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SlamInitError, match=words) as told:
+        call(wrong)
+    assert "\n" not in str(told.value)
+    assert list(tmp_path.iterdir()) == []
