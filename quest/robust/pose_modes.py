@@ -19,6 +19,8 @@ _SAME_ROTATION_COSINE = cos(0.5 * radians(0.3))
 _SAME_DIRECTION_COSINE = cos(radians(5.0))
 #: Raw models scatter by several degrees about their mode. Only a model farther away than this is worth a refinement.
 _CLEARLY_ELSEWHERE_RAD = radians(15.0)
+#: Number of such models that are refined.
+_MOST_ELSEWHERE = 3
 
 
 def _cosines(a: Floats, b: Floats) -> tuple[float, float]:
@@ -43,8 +45,8 @@ def _distance(a: Floats, b: Floats) -> float:
     return 2 * acos(min(1.0, rotation)) + acos(max(-1.0, min(1.0, direction)))
 
 
-def spread_out(models: Sequence[Floats], best: Floats, count: int = 3) -> list[Floats]:
-    """Models that clearly differ from the best one and from each other.
+def spread_out(models: Sequence[Floats], best: Floats) -> list[Floats]:
+    """Models that clearly differ from the best one and from each other, three at most.
 
     Shapes: ``models`` (7,), ``best`` (7,), returns (7,).
     """
@@ -52,6 +54,6 @@ def spread_out(models: Sequence[Floats], best: Floats, count: int = 3) -> list[F
     for model in models:
         if all(_distance(model, other) > _CLEARLY_ELSEWHERE_RAD for other in [best, *chosen]):
             chosen.append(model)
-        if len(chosen) == count:
+        if len(chosen) == _MOST_ELSEWHERE:
             break
     return chosen

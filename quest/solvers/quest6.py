@@ -54,6 +54,10 @@ LETTERS = {"x": 1, "y": 2, "z": 3}
 # A2 has lost rank where its QR decomposition has a pivot this small relative to the largest one: rounding leaves about
 # 1e-14, a baseline of 1e-6 of the depths leaves 1e-8.
 _SINGULAR = 1e-11
+# Largest residual of a match that a rotation alone explains: a thousandth of a pixel at a focal length of 1000 px. With
+# smaller residuals the quartics, of third order in the parallax, are little more than rounding errors, and the rotation
+# is more accurate than that of QuEst 6.
+_ROTATION_RAD = 1e-6
 
 
 #: For a letter a, the positions of the 20 monomials of ``(a / w) x1`` among the 35 monomials.
@@ -148,7 +152,7 @@ def quaternions_from_monomials(x1: NDArray[np.complex128], ratios: Ints = _RATIO
         return np.asarray(real / np.linalg.norm(real, axis=-1, keepdims=True))
 
 
-def rotation_alone(m: Floats, n: Floats, tolerance_rad: float = 1e-6) -> Floats:
+def rotation_alone(m: Floats, n: Floats) -> Floats:
     """The rotation that turns bearings m into n, for samples without translation.
 
     It is the eigenvector of the largest eigenvalue of Davenport's matrix: ``sum n . R m`` as a form in q.
@@ -157,10 +161,7 @@ def rotation_alone(m: Floats, n: Floats, tolerance_rad: float = 1e-6) -> Floats:
 
     Shapes: ``m, n`` (B, N, 3), returns (B, 4).
 
-    * ``tolerance_rad``: Largest residual of a match. The default is a thousandth of a pixel at a focal length of 1000
-      px. Below it the quartics, of third order in the parallax, are little more than rounding errors, and this rotation
-      is more accurate than that of QuEst 6.
-    * Returns: Unit quaternions of canonical sign; NaN where no rotation fits within the tolerance.
+    * Returns: Unit quaternions of canonical sign; NaN where a match has a residual above ``_ROTATION_RAD``.
     """
     S = np.einsum("bni,bnj->bij", m, n)
     trace = np.trace(S, axis1=-2, axis2=-1)
@@ -172,5 +173,5 @@ def rotation_alone(m: Floats, n: Floats, tolerance_rad: float = 1e-6) -> Floats:
     K[:, 1:, 1:] = S + S.swapaxes(-1, -2) - trace[:, None, None] * np.eye(3)
     q = np.linalg.eigh(K)[1][:, :, -1]
     rotated = m @ matrix_from_quaternion(q).swapaxes(-1, -2)
-    fits = np.linalg.norm(rotated - n, axis=-1).max(axis=-1) < tolerance_rad
+    fits = np.linalg.norm(rotated - n, axis=-1).max(axis=-1) < _ROTATION_RAD
     return np.where(fits[:, None], canonical(q), np.nan)

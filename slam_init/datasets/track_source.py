@@ -124,7 +124,6 @@ def track_source(
     *,
     camera: Camera | None = None,
     timestamps_s: Floats | None = None,
-    groundtruth: Trajectory | None = None,
     notes: tuple[str, ...] = (),
 ) -> TrackSource:
     """Make a source of tracks; check what the formats have in common.
@@ -144,7 +143,7 @@ def track_source(
     if len(table.frames) == 0:
         raise SourceError(f"{path}: holds no track: no point is matched in two images")
     times_s = np.arange(len(image_names)) / PHOTO_RATE_HZ if timestamps_s is None else timestamps_s
-    return TrackSource(path.name, kind, image_names, times_s, size, table, camera, groundtruth, notes)
+    return TrackSource(path.name, kind, image_names, times_s, size, table, camera, notes=notes)
 
 
 def by_name(path: Path, names: list[str]) -> list[int]:

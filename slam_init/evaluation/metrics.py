@@ -35,6 +35,8 @@ _SHORT_BASELINE = 0.3
 #: A path shorter than this (in ground-truth units, usually metres) is that of a static camera. No motion capture
 #: resolves such a length, so the path has neither a direction nor a scale.
 _STATIC_PATH = 1e-6
+#: Largest difference between the time stamps of a keyframe and of its true pose.
+_SAME_TIME_S = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,19 +134,16 @@ def ate_rmse(estimated: Floats, truth: Floats) -> float:
     return float(np.sqrt(np.mean(np.sum(residuals**2, axis=1))))
 
 
-def compare_with_groundtruth(
-    keyframes: Sequence[Keyframe], trajectory: Trajectory | None, tolerance_s: float = 0.02
-) -> GroundTruthErrors | None:
+def compare_with_groundtruth(keyframes: Sequence[Keyframe], trajectory: Trajectory | None) -> GroundTruthErrors | None:
     """Compute the errors of keyframes against the true trajectory: ``ground_truth`` in ``summary.json``.
 
-    * ``trajectory``: The true trajectory. Keyframes without a true pose within the tolerance are left out.
-    * ``tolerance_s``: Largest difference between the time stamps of a keyframe and of its true pose.
+    * ``trajectory``: The true trajectory. Keyframes without a true pose within 0.02 s are left out.
     * Returns: None if fewer than two keyframes have a true pose. The direction and the ATE are None if the true camera
       is static.
     """
     if trajectory is None:
         return None
-    pairs = [(k, truth) for k in keyframes if (truth := trajectory.at(k.timestamp_s, tolerance_s)) is not None]
+    pairs = [(k, truth) for k in keyframes if (truth := trajectory.at(k.timestamp_s, _SAME_TIME_S)) is not None]
     if len(pairs) < 2:
         return None
     (first, first_truth), rest = pairs[0], pairs[1:]
@@ -172,14 +171,13 @@ def compare_with_groundtruth(
     )
 
 
-def scale_error(keyframes: Sequence[Keyframe], trajectory: Trajectory, tolerance_s: float = 0.02) -> float | None:
+def scale_error(keyframes: Sequence[Keyframe], trajectory: Trajectory) -> float | None:
     """Compare the lengths of a map in metres with the true ones.
 
-    * ``tolerance_s``: Largest difference between the time stamps of a keyframe and of its true pose.
     * Returns: Lengths of the map over the true ones, minus 1, by the similarity between the positions. None if fewer
       than two keyframes have a true pose, or one of the cameras does not move.
     """
-    pairs = [(k, truth) for k in keyframes if (truth := trajectory.at(k.timestamp_s, tolerance_s)) is not None]
+    pairs = [(k, truth) for k in keyframes if (truth := trajectory.at(k.timestamp_s, _SAME_TIME_S)) is not None]
     if len(pairs) < 2:
         return None
     estimated, true = np.array([k.world_from_cam.t for k, _ in pairs]), np.array([truth.t for _, truth in pairs])

@@ -55,8 +55,8 @@ class MatchTracker(Tracker):
     * ``matcher``: Matches two images.
     """
 
-    def __init__(self, camera: Camera, config: TrackingConfig, matcher: Matcher, history_limit: int = 150) -> None:
-        super().__init__(camera, config, history_limit)
+    def __init__(self, camera: Camera, config: TrackingConfig, matcher: Matcher) -> None:
+        super().__init__(camera, config)
         self._matcher = matcher
         self._recent: deque[_Matched] = deque(maxlen=max(FRAMES_BACK))
 
@@ -121,19 +121,13 @@ class MatchTracker(Tracker):
         return points_old, points_new, scores
 
 
-def make_tracker(
-    camera: Camera, config: TrackingConfig, matcher: Matcher | None = None, history_limit: int = 150
-) -> Tracker:
+def make_tracker(camera: Camera, config: TrackingConfig, matcher: Matcher | None = None) -> Tracker:
     """Make what follows the points: by a matcher, by that of the configuration, or by the flow."""
     if matcher is None and config.matcher:
         matcher = make_matcher(config.matcher)
     if matcher is not None and not callable(matcher):
         raise ConfigError(f"matcher is {matcher!r:.60}: give a callable of two images; names are for tracking.matcher")
-    return (
-        Tracker(camera, config, history_limit)
-        if matcher is None
-        else MatchTracker(camera, config, matcher, history_limit)
-    )
+    return Tracker(camera, config) if matcher is None else MatchTracker(camera, config, matcher)
 
 
 def _inside(points: Floats, image: Image) -> Any:
