@@ -72,6 +72,7 @@ class Intake:
         self._clock, self._overlay = FrameClock(self.history), StaticOverlay()
         self._thread: int | None = None
         self._gravity_contradicts = False
+        self._depths_given = self._depths_known = 0
 
     @contextmanager
     def alone(self) -> Iterator[None]:
@@ -146,6 +147,9 @@ class Intake:
     ) -> None:
         """Add the tracks of the next frame to the history."""
         self.history.add(current, revised)
+        if depths is not None and len(depths.values):
+            self._depths_given += 1
+            self._depths_known += bool(np.isfinite(depths.values).any())
         if depths is not None:
             self.history.depths[current.frame] = depths
         if gravity is not None:
@@ -176,7 +180,13 @@ class Intake:
         """Notes about the time stamps, an estimated readout, and what is in the image and not in the scene."""
         told = "gravity is left out: its directions in the frames contradict the rotations of the map"
         gravity = (told,) if self._gravity_contradicts else ()
-        return (*self._clock.notes, *self._shutter_notes(), *self._overlay.notes, *gravity)
+        return (*self._clock.notes, *self._shutter_notes(), *self._overlay.notes, *gravity, *self._depth_notes())
+
+    def _depth_notes(self) -> tuple[str, ...]:
+        """A note where no depth tells anything: a folder of the wrong files looks like one without effect."""
+        if not self._depths_given or self._depths_known:
+            return ()
+        return (f"no depth was usable: those of all {self._depths_given} frames are NaN, infinite or 0 at the tracks",)
 
     def _complete_camera(self, image: Image | Frame) -> None:
         """Complete the given camera with the size of the first image."""

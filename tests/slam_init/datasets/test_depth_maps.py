@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from make_files import picture, write_image
 
+from slam_init import Initializer
 from slam_init.cli import main
 from slam_init.datasets import open_source
 from slam_init.datasets.depth_maps import DepthFolder, DepthSource, read_depth
@@ -96,3 +97,17 @@ def test_the_command_line_takes_depths_and_says_what_is_wrong_with_them(tmp_path
         assert capsys.readouterr().err.count("\n") == 1
     write_png(tmp_path / "depth" / "0.png", METRES)
     assert main([*run, "--depth", str(tmp_path / "depth"), "--depth-kind", "inverse"]) == 3
+
+
+@pytest.mark.parametrize(("unknown", "kind"), [(np.nan, "inverse"), (0.0, "metric"), (np.inf, "scale")])
+def test_depths_without_a_value_are_told(room, unknown, kind):
+    notes = {}
+    for known in (False, True):
+        initializer = Initializer(room.camera)
+        for frame, values in zip(room.frames(0, 2), (np.full((4, 6), unknown), np.ones((4, 6))), strict=True):
+            initializer.process(frame, depth=Depth(values if known else np.full((4, 6), unknown), kind))
+        notes[known] = [note for note in initializer.finish().notes if "depth" in note]
+    assert notes == {
+        False: ["no depth was usable: those of all 2 frames are NaN, infinite or 0 at the tracks"],
+        True: [],
+    }
