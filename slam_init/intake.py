@@ -13,7 +13,7 @@ import numpy as np
 from slam_init.calibration.choosing import GivenCamera, camera_of_size, check_given
 from slam_init.calibration.prior import prior_camera
 from slam_init.config import TrackingConfig
-from slam_init.errors import SlamInitError
+from slam_init.errors import SlamInitError, check_type
 from slam_init.frontend.conventions import check_rays
 from slam_init.frontend.frame_clock import FrameClock
 from slam_init.frontend.matched_tracks import make_tracker
@@ -123,6 +123,9 @@ class Intake:
             raise SlamInitError("tracks tell no size of the images: give the Initializer a Camera (Camera.from_K)")
         if not isinstance(current, Observations):
             raise SlamInitError(f"tracks of the type {type(current).__name__}: give slam_init.Observations")
+        check_type(revised, (list, tuple), "revised", "a list of Observations of earlier frames")
+        for one in revised:
+            check_type(one, Observations, "one of the revised frames", "slam_init.Observations")
         camera = self.history.camera
         if camera.focal_sigma is not None:  # their rays are of a lens that is being estimated
             current, revised = current.through(camera), [one.through(camera) for one in revised]
@@ -186,7 +189,9 @@ class Intake:
         """A note where no depth tells anything: a folder of the wrong files looks like one without effect."""
         if not self._depths_given or self._depths_known:
             return ()
-        return (f"no depth was usable: those of all {self._depths_given} frames are NaN, infinite or 0 at the tracks",)
+        return (
+            f"no depth was usable: all of {self._depths_given} frames are NaN, infinite or not positive at the tracks",
+        )
 
     def _complete_camera(self, image: Image | Frame) -> None:
         """Complete the given camera with the size of the first image."""

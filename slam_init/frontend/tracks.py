@@ -31,7 +31,7 @@ from slam_init.types.arrays import Bools, Floats, Image, Ints
 from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
 from slam_init.types.depth import TrackDepths
-from slam_init.types.frame import Frame, Observations
+from slam_init.types.frame import MOST_NUMBERS, Frame, Observations
 from slam_init.types.inertial import Gravity
 from slam_init.types.lens_in_use import LensInUse
 
@@ -160,10 +160,16 @@ def _check(observations: Observations) -> None:
         raise SlamInitError(f"{name}: track ids, pixels and bearings of shapes {shapes}: give (N,), (N, 2) and (N, 3)")
     if len(observations.colors) not in (0, count):
         raise SlamInitError(f"{name}: {len(observations.colors)} colors for {count} tracks: give one for each, or none")
-    if observations.drifts.shape not in ((0, 2, 2), (count, 2, 2)) or not np.isfinite(observations.drifts).all():
+    drifts = observations.drifts
+    variances = np.diagonal(drifts, axis1=1, axis2=2) if drifts.shape in ((0, 2, 2), (count, 2, 2)) else np.full(1, -1)
+    if (variances < 0).any() or not np.isfinite(drifts).all():
         raise SlamInitError(f"{name}: drifts must be finite covariances (N, 2, 2): give one for each track, or none")
-    if not (np.diff(observations.track_ids) > 0).all():
+    ids = observations.track_ids
+    # The difference of unsigned integers is never negative.
+    if not (ids[1:] > ids[:-1]).all():
         raise SlamInitError(f"{name}: track ids must be strictly increasing: sort them, and give each once")
+    if observations.frame >= MOST_NUMBERS or (count and not 0 <= int(ids[0]) <= int(ids[-1]) < MOST_NUMBERS):
+        raise SlamInitError(f"{name}: the index of a frame and the ids of its tracks must be from 0 to 2^56 - 1")
     if not (np.isfinite(observations.bearings).all() and np.isfinite(observations.pixels).all()):
         raise SlamInitError(f"{name}: a pixel or bearing is not finite: leave such tracks out")
     check_lengths(name, observations.bearings)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 
-from slam_init.errors import SlamInitError
+from slam_init.errors import SlamInitError, check_type
 from slam_init.types.arrays import Floats
 
 #: A matrix that is farther from a rotation was not meant as one: numbers of four digits are nearer.
@@ -51,6 +52,7 @@ def checked_rotation(rotation: object, sigma_rad: float) -> Floats:
     nearest = np.asarray(U @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(U @ Vt)))]) @ Vt)
     if np.abs(nearest - R).max() > _NOT_A_ROTATION:
         raise SlamInitError("rotation: the matrix is no rotation: its columns must be orthonormal, its determinant 1")
+    check_type(sigma_rad, Real, "rotation_sigma_rad", "radians from 1e-6 to 1")
     if not (math.isfinite(sigma_rad) and _SIGMAS_RAD[0] <= sigma_rad <= _SIGMAS_RAD[1]):
         raise SlamInitError(f"rotation_sigma_rad is {sigma_rad!r}: give radians from 1e-6 to 1")
     return nearest

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from slam_init.errors import SlamInitError
+from slam_init.errors import SlamInitError, check_type
 from slam_init.types.arrays import Floats, Image, Ints
 from slam_init.types.pose import Trajectory
 
@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from slam_init.types.camera import Camera
     from slam_init.types.depth import Depth
     from slam_init.types.inertial import Gravity
+
+#: A key of gtsam has 56 bits for the index of a frame, or the id of a track.
+MOST_NUMBERS = 2**56
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +54,9 @@ class Frame:
 
     def __post_init__(self) -> None:
         # numpy's integers as well; a number that is none has no index.
-        if not (isinstance(self.index, int | np.integer) and not isinstance(self.index, bool) and self.index >= 0):
-            raise SlamInitError(f"the index of a frame is {self.index!r:.60}: give an integer from 0 on")
+        check_type(self.index, (int, np.integer), "the index of a frame", "an integer from 0 on")
+        if not 0 <= self.index < MOST_NUMBERS:
+            raise SlamInitError(f"the index of a frame is {self.index!r:.60}: give an integer from 0 on, below 2^56")
 
     @cached_property
     def gray(self) -> Image:
@@ -136,7 +140,7 @@ class Observations:
     name : str
         Name of the image.
     track_ids : (N,) int
-        Strictly increasing, so that the common tracks of two frames are a sorted intersection.
+        From 0 to 2^56 - 1, strictly increasing, so that the common tracks of two frames are a sorted intersection.
     pixels : (N, 2) float
         Measured positions in the raw image.
     bearings : (N, 3) float
@@ -181,6 +185,12 @@ class Observations:
                 found = f"shape {value.shape}" if isinstance(value, np.ndarray) else f"type {type(value).__name__}"
                 wanted = ", ".join(["N", *map(str, shape[1:])])
                 raise SlamInitError(f"{name} of the observations has the {found}: give an array ({wanted})")
+            kinds, numbers = ("iu", "integers") if name == "track_ids" else ("iuf", "numbers")
+            if value.dtype.kind not in kinds:
+                raise SlamInitError(f"{name} of the observations has the type {value.dtype}: give {numbers}")
+        check_type(self.frame, (int, np.integer), "the frame of the observations", "its index, an integer from 0 on")
+        for name in ("colors", "drifts"):
+            check_type(getattr(self, name), np.ndarray, f"{name} of the observations", "an array, or leave it out")
 
     def __len__(self) -> int:
         return len(self.track_ids)

@@ -6,6 +6,7 @@ import pytest
 from slam_init import (
     Camera,
     Config,
+    Initializer,
     Observations,
     Place,
     Pose,
@@ -103,3 +104,41 @@ def test_each_door_refuses_what_it_cannot_take(call, words, wrong, monkeypatch, 
         call(wrong)
     assert "\n" not in str(told.value)
     assert list(tmp_path.iterdir()) == []
+
+
+def observed(**changed):
+    ids, rays = np.arange(3), np.tile([0.0, 0.0, 1.0], (3, 1))
+    given = {"frame": 0, "timestamp_s": 0.0, "name": "", "track_ids": ids, "pixels": rays[:, :2] + (31.5, 23.5)}
+    return Observations(**(given | {"bearings": rays} | changed))
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"track_ids": np.arange(3) - 5}, "from 0 to 2\\^56"),
+        ({"track_ids": np.arange(3) + 2**56}, "from 0 to 2\\^56"),
+        ({"frame": 2**56}, "from 0 to 2\\^56"),
+        ({"track_ids": np.array([2, 1, 0], np.uint32)}, "strictly increasing"),
+        ({"track_ids": np.arange(3) + 0.5}, "type float64: give integers"),
+        ({"track_ids": np.array(["a", "b", "c"])}, "give integers"),
+        ({"pixels": np.full((3, 2), "1")}, "pixels of the observations has the type .*: give numbers"),
+        ({"pixels": np.ones((3, 2), complex)}, "complex128: give numbers"),
+        ({"frame": 0.5}, "the frame of the observations is of the type float"),
+        ({"frame": "0"}, "the frame of the observations is of the type str"),
+        ({"timestamp_s": None}, "the time stamp of frame 0 is of the type NoneType"),
+        ({"colors": None}, "colors of the observations is of the type NoneType"),
+        ({"drifts": None}, "drifts of the observations is of the type NoneType"),
+        ({"drifts": -np.tile(np.eye(2), (3, 1, 1))}, "drifts must be finite covariances"),
+    ],
+)
+def test_tracks_that_no_map_can_hold_are_refused_before_there_is_one(changed, words):
+    initializer = Initializer(Camera("pinhole", 64, 48, 60.0, 60.0, 31.5, 23.5))
+    with pytest.raises(SlamInitError, match=words):
+        initializer.process_tracks(observed(**changed))
+    initializer.process_tracks(observed())
+    for revised in (None, [3]):
+        with pytest.raises(SlamInitError, match="revised"):
+            initializer.process_tracks(observed(frame=1, timestamp_s=1.0), revised)
+    with pytest.raises(SlamInitError, match="rotation_sigma_rad is of the type str"):
+        initializer.process_tracks(observed(frame=1, timestamp_s=1.0), rotation=np.eye(3), rotation_sigma_rad="1")
+    assert initializer.frames_read == 1
