@@ -58,6 +58,10 @@ from slam_init.window.tracks import MAX_VIEWS
 #: views in place of six leave half of it, which is no map. A sudden motion shows in the score of the pairs.
 #: Class: geometry, in frames, views and degrees.
 _LONGEST_REST, _MANY_VIEWS, _FAR_DEG = 3, 6, 2 * WRONG_DIRECTION_DEG
+#: The same where the last map was wrong at even odds or worse, until the score has grown by this factor: the tracks
+#: tell half as much again then, where a map at a risk of 0.005 needs many times as much as one at even odds.
+#: Class: level, as a probability and a factor.
+_EVEN_ODDS, _TELLS_MORE = 0.5, 1.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,10 +172,12 @@ class WindowRule:
     # -- parts of the judgement -------------------------------------------------------------------
 
     def _is_far(self, score: float) -> bool:
-        """Whether a frame is left out: the direction of the last window was unknown, and the pairs show no more now."""
+        """Whether a frame is left out: the last window was far from a map, and the pairs show little more now."""
         last = self._last
         if last is None or self._rested >= _LONGEST_REST or len(last.best.rows) < _MANY_VIEWS:
             return False
+        if last.risk.total > _EVEN_ODDS and score < _TELLS_MORE * self._score:
+            return True
         return last.risk.direction_sigma_deg * self._score > _FAR_DEG * score
 
     def _propose_and_fit(

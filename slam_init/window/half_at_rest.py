@@ -15,8 +15,8 @@ from dataclasses import replace
 import numpy as np
 
 from slam_init.types.arrays import Floats, Ints
-from slam_init.window.hypotheses import WindowHypotheses
-from slam_init.window.joint_fit import JointFit, fit_window
+from slam_init.window.hypotheses import CERTAIN_SIGMAS, WindowHypotheses
+from slam_init.window.joint_fit import MAX_STEPS, JointFit, fit_window
 from slam_init.window.levels import CHANCE_GAIN
 from slam_init.window.locating import align_views
 from slam_init.window.neighbours import far_halves
@@ -26,8 +26,8 @@ from slam_init.window.tails import at_any_look
 from slam_init.window.tracks import WindowTracks
 from slam_init.window.uncertainty import places_of
 
-#: Rounds of a fit and a choice of the half; it ends where the half stays.
-_ROUNDS = 3
+#: Rounds of a fit and a choice of the half; it ends where the half stays. Steps of a fit that only starts them.
+_ROUNDS, _START_STEPS = 3, 4
 
 
 def bodies_probability(hypotheses: WindowHypotheses, share: float, *, anew: bool = False) -> float:
@@ -43,30 +43,46 @@ def bodies_probability(hypotheses: WindowHypotheses, share: float, *, anew: bool
     count = len(explained) - int(share * len(explained))
     if not count:
         return 1.0
+    by_chance, sigma = CHANCE_GAIN * count, math.sqrt(2 * count)
     least = float(np.partition(gains, count - 1)[:count].sum())
     if anew:
-        lens = hypotheses.rotation_only.state
-        least = min(least, _least_gain(hypotheses, explained, costs, _smallest(gains, count), lens))
-        halves = list(far_halves(places_of(best.fit)[explained]))
-        stated = replace(lens, log_scale=0.0, k1=0.0, principal_px=np.zeros(2))
-        fits = [_rotation_of(hypotheses, explained[half], stated) for half in halves]
-        of_halves = [float((fit.track_costs - costs[half]).sum()) for fit, half in zip(fits, halves, strict=True)]
-        lowest = int(np.argmin(of_halves))
-        again = _smallest(_everywhere(hypotheses, explained, fits[lowest]) - costs, count)
-        least = min(least, _least_gain(hypotheses, explained, costs, again, fits[lowest].state))
-    gain = least / best.fit.dispersion
-    return at_any_look((gain - CHANCE_GAIN * count) / math.sqrt(2 * count))
+        # How far a gain is beyond what is certain does not matter.
+        certain = best.fit.dispersion * (by_chance + CERTAIN_SIGMAS * sigma)
+        lens, chosen = hypotheses.rotation_only.state, _smallest(gains, count)
+        least = min(least, _least_gain(hypotheses, explained, costs, chosen, lens, certain))
+        chosen, lens = _compact_start(hypotheses, explained, costs, count)
+        least = min(least, _least_gain(hypotheses, explained, costs, chosen, lens, certain))
+    return at_any_look((least / best.fit.dispersion - by_chance) / sigma)
+
+
+def _compact_start(
+    hypotheses: WindowHypotheses, explained: Ints, costs: Floats, count: int
+) -> tuple[Ints, WindowState]:
+    """The half that a camera explains best which only rotates as one of the compact halves says, and its lens."""
+    lens = replace(hypotheses.rotation_only.state, log_scale=0.0, k1=0.0, principal_px=np.zeros(2))
+    gains = list[tuple[float, JointFit]]()
+    for half in far_halves(places_of(hypotheses.motions[0].fit)[explained]):
+        hopeless = float(costs[half].sum()) + min((gain for gain, _ in gains), default=math.inf)
+        fit = _rotation_of(hypotheses, explained[half], lens, max_steps=_START_STEPS, hopeless=hopeless)
+        gains.append((float((fit.track_costs - costs[half]).sum()), fit))
+    lowest = min(gains, key=lambda one: one[0])[1]
+    return _smallest(_everywhere(hypotheses, explained, lowest) - costs, count), lowest.state
 
 
 def _smallest(gains: Floats, count: int) -> Ints:
     return np.sort(np.argsort(gains, kind="stable")[:count])
 
 
-def _least_gain(hypotheses: WindowHypotheses, explained: Ints, costs: Floats, chosen: Ints, lens: WindowState) -> float:
-    """The gain over a camera that only rotates of the half that it explains best, from some half on."""
+def _least_gain(
+    hypotheses: WindowHypotheses, explained: Ints, costs: Floats, chosen: Ints, lens: WindowState, certain: float
+) -> float:
+    """The gain over a camera that only rotates of the half that it explains best, from some half on.
+
+    * ``certain``: A fit that cannot bring the gain down to this is given up.
+    """
     least = math.inf
     for _ in range(_ROUNDS):
-        fit = _rotation_of(hypotheses, explained[chosen], lens)
+        fit = _rotation_of(hypotheses, explained[chosen], lens, hopeless=float(costs[chosen].sum()) + certain)
         least = min(least, float((fit.track_costs - costs[chosen]).sum()))
         again = _smallest(_everywhere(hypotheses, explained, fit) - costs, len(chosen))
         if np.array_equal(again, chosen):
@@ -75,7 +91,14 @@ def _least_gain(hypotheses: WindowHypotheses, explained: Ints, costs: Floats, ch
     return least
 
 
-def _rotation_of(hypotheses: WindowHypotheses, chosen: Ints, lens: WindowState) -> JointFit:
+def _rotation_of(
+    hypotheses: WindowHypotheses,
+    chosen: Ints,
+    lens: WindowState,
+    *,
+    max_steps: int = MAX_STEPS,
+    hopeless: float = math.inf,
+) -> JointFit:
     """A camera that only rotates, which some tracks alone locate.
 
     * ``lens``: A state with the lens to start from.
@@ -84,8 +107,10 @@ def _rotation_of(hypotheses: WindowHypotheses, chosen: Ints, lens: WindowState) 
     bearings = tracks.bearings(lens.log_scale, lens.readout_s, lens.k1, lens.principal_px)
     bearings[~tracks.seen] = np.nan
     R = align_views(bearings, [hypotheses.motions[0].motion], tracks.frames[:2])
-    t = hypotheses.rotation_only.state.t
-    return fit_window(tracks, _started(tracks, R, t, lens), hypotheses.rotation_priors, rotation_only=True)
+    start = _started(tracks, R, hypotheses.rotation_only.state.t, lens)
+    return fit_window(
+        tracks, start, hypotheses.rotation_priors, rotation_only=True, max_steps=max_steps, hopeless=hopeless
+    )
 
 
 def _everywhere(hypotheses: WindowHypotheses, chosen: Ints, fit: JointFit) -> Floats:

@@ -79,6 +79,8 @@ class JointFit:
     explains: Bools
     #: (T,) Tracks that it does not explain although they stay near their projections.
     near_misses: Bools
+    #: Whether it was given up, since it could not reach the cost that was asked for.
+    given_up: bool
 
     @property
     def explained(self) -> int:
@@ -115,7 +117,7 @@ def fit_window(
             max_steps = LIVING_STEPS_OF_ROTATION if rotation_only else LIVING_STEPS
             tolerance = max(tolerance, LIVING_TOLERANCE)
     fit = _optimized(equations, start, max_steps, tolerance, hopeless, give_up)
-    if fit.cost > give_up or (rotation_only and known is not None):
+    if fit.given_up or (rotation_only and known is not None):
         return fit
     lens = start
     for _ in range(_LENS_ROUNDS):
@@ -189,7 +191,7 @@ def _optimized(
 ) -> JointFit:
     """Levenberg-Marquardt from a state."""
     cost = equations.build(state)
-    damping, steps, fell = _DAMPING, 0, math.inf
+    damping, steps, fell, given_up = _DAMPING, 0, math.inf, False
     for _ in range(max_steps):
         normal, gradient = equations.information(state), equations.gradient.copy()
         diagonal = np.maximum(np.diag(normal), 1e-6)
@@ -214,7 +216,8 @@ def _optimized(
                 moved, lower = further, lowest
         state, cost, damping = moved, lower, max(damping / _RAISE, 1e-9)
         equations.build(state)
-        if fell < tolerance or cost - _STEPS_TO_COME * fell > hopeless or cost > give_up:
+        given_up = cost - _STEPS_TO_COME * fell > hopeless or cost > give_up
+        if fell < tolerance or given_up:
             break
     return JointFit(
         state,
@@ -227,6 +230,7 @@ def _optimized(
         _dispersion(equations, state),
         equations.residuals.copy(),
         *_explained_and_near(equations, state),
+        given_up,
     )
 
 

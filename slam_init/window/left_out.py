@@ -53,10 +53,13 @@ def wrong_by_a_half(hypotheses: WindowHypotheses) -> float:
     far, gains, wrong = False, list[float](), 0.0
     for half in far_halves(places[used]):
         rest = used[half]
-        fitted = fit_motion(best.tracks.of_tracks(rest), best.motion, priors, max_steps=_STEPS)
+        cost = float(best.fit.track_costs[rest].sum())
+        # A gain below the mean of what chance gains shows no body.
+        part, hopeless = best.tracks.of_tracks(rest), cost - scale * freedom
+        fitted = fit_motion(part, best.motion, priors, hopeless, max_steps=_STEPS)
         rotation_deg, direction_deg = farthest_deg(best.motion, fitted.motion)
         far |= rotation_deg > WRONG_ROTATION_DEG or direction_deg > WRONG_DIRECTION_DEG
-        gains.append(max(float(best.fit.track_costs[rest].sum()) - fitted.fit.cost, 0.0) / scale)
+        gains.append(max(cost - fitted.fit.cost, 0.0) / scale)
         largest = float(chi_square_as_gaussian(np.array(gains) / freedom, freedom).max())
         wrong = _probability(largest) if far else 0.0
         if wrong > UNDECIDED:
