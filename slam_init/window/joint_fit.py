@@ -111,16 +111,17 @@ def fit_window(
     * ``tolerance``: The fit ends where a step lowers the cost by less: a fortieth of a nat is far below what decides.
     """
     equations = WindowEquations(tracks, start, priors, rotation_only, with_shares=False)
+    lives = known is not None and max_steps == MAX_STEPS  # others fit to the end
     if known is not None:
         start = _cheaper(equations, start, known)
-        if max_steps == MAX_STEPS:  # others fit to the end
-            max_steps = LIVING_STEPS_OF_ROTATION if rotation_only else LIVING_STEPS
-            tolerance = max(tolerance, LIVING_TOLERANCE)
+    if lives:
+        max_steps = LIVING_STEPS_OF_ROTATION if rotation_only else LIVING_STEPS
+        tolerance = max(tolerance, LIVING_TOLERANCE)
     fit = _optimized(equations, start, max_steps, tolerance, hopeless, give_up)
-    if fit.given_up or (rotation_only and known is not None):
+    if fit.given_up or (lives and rotation_only):
         return fit
     lens = start
-    for _ in range(_LENS_ROUNDS):
+    for _ in range(0 if lives else _LENS_ROUNDS):
         if max(abs(fit.state.k1 - lens.k1), abs(fit.state.log_scale - lens.log_scale)) < _LENS_TOLERANCE:
             break
         lens, again = fit.state, _measured_again(equations, fit, rotation_only=rotation_only)
