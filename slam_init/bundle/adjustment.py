@@ -34,7 +34,7 @@ from slam_init.bundle.graph import GAUGE, build_graph
 from slam_init.bundle.least_squares import fit_points, minimize, with_lenses
 from slam_init.bundle.lens import at_projections, lens_prior
 from slam_init.bundle.noise import estimate_noise, least_squares_noise, min_parallax_rad
-from slam_init.bundle.problem import BundleFailure, BundleFit, BundleProblem, BundleSolution, LensPrior
+from slam_init.bundle.problem import BundleFailure, BundleFit, BundleProblem, BundleSolution, LensPrior, PosePrior
 from slam_init.bundle.shared_errors import ErrorModel, error_model
 from slam_init.bundle.virtual_cameras import needs_virtual_cameras
 from slam_init.config import MapConfig
@@ -156,6 +156,21 @@ def solution_of(camera: Camera, problem: BundleProblem, config: MapConfig) -> Bu
         return _solution(BundleFit(camera, problem, ()), problem, residuals, noise_px, lens, errors, found)
     except (RuntimeError, np.linalg.LinAlgError) as error:  # how gtsam and numpy report singular systems
         return BundleFailure(" ".join(str(error).split())[:160])
+
+
+def restated(solution: BundleSolution, prior: PosePrior, config: MapConfig) -> BundleSolution | BundleFailure:
+    """The same map with another prior of its poses, in its graph and its covariances."""
+    again = solution_of(solution.camera, replace(solution.problem, prior=prior), config)
+    if isinstance(again, BundleFailure):
+        return again
+    return replace(
+        again,
+        before=solution.before,
+        errors=solution.errors,
+        unknown_depths=solution.unknown_depths,
+        focal_factor=solution.focal_factor,
+        focal_factor_sigma=solution.focal_factor_sigma,
+    )
 
 
 def _with_known_depths(

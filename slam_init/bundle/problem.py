@@ -26,6 +26,10 @@ class PosePrior:
     #: Standard deviation of the direction of the baseline of a view.
     direction_sigma_rad: float
 
+    def times(self, factor: float) -> PosePrior:
+        """The prior with its deviations times a factor."""
+        return PosePrior(factor * self.rotation_sigma_rad, factor * self.direction_sigma_rad)
+
 
 @dataclass(frozen=True, eq=False)
 class BundleProblem:
