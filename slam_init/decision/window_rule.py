@@ -58,10 +58,11 @@ from slam_init.window.tracks import MAX_VIEWS
 #: views in place of six leave half of it, which is no map. A sudden motion shows in the score of the pairs.
 #: Class: geometry, in frames, views and degrees.
 _LONGEST_REST, _MANY_VIEWS, _FAR_DEG = 3, 6, 2 * WRONG_DIRECTION_DEG
-#: The same where the last map was wrong at even odds or worse, until the score has grown by this factor: the tracks
-#: tell half as much again then, where a map at a risk of 0.005 needs many times as much as one at even odds.
-#: Class: level, as a probability and a factor.
-_EVEN_ODDS, _TELLS_MORE = 0.5, 1.2
+#: After a window whose map is wrong at even odds or worse, this number of frames is not judged while the score has
+#: grown by less than this factor: the tracks tell less than half as much again. With more frames left out, motions are
+#: lost from one window to the next: of seven drawn worlds without a map after three such frames, two have one after one.
+#: Class: level, as a probability, a factor and in frames.
+_EVEN_ODDS, _TELLS_MORE, _REST_AT_EVEN_ODDS = 0.5, 1.2, 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +127,7 @@ class WindowRule:
 
         * ``chosen``: The pair that quest proposes new motions from; None where no pair is worth it.
         * Returns: None where no pair was chosen, and no motion is known or the window holds the pair alone; or where
-          the last window was so far from a known direction that this frame cannot be enough.
+          the last window was so far from a map that this frame cannot be enough.
         """
         score = max((pair.direction_score for pair in pairs), default=0.0)
         if self._is_far(score):
@@ -176,9 +177,10 @@ class WindowRule:
         last = self._last
         if last is None or self._rested >= _LONGEST_REST or len(last.best.rows) < _MANY_VIEWS:
             return False
-        if last.risk.total > _EVEN_ODDS and score < _TELLS_MORE * self._score:
+        if last.risk.direction_sigma_deg * self._score > _FAR_DEG * score:
             return True
-        return last.risk.direction_sigma_deg * self._score > _FAR_DEG * score
+        tells_more = score >= _TELLS_MORE * self._score or self._rested >= _REST_AT_EVEN_ODDS
+        return last.risk.total > _EVEN_ODDS and not tells_more
 
     def _propose_and_fit(
         self, chosen: PairPreview | None, views: _Views, attempt: Attempt, stopwatch: Stopwatch
