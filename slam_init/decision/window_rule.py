@@ -60,7 +60,7 @@ from slam_init.window.tracks import MAX_VIEWS
 _LONGEST_REST, _MANY_VIEWS, _FAR_DEG = 3, 6, 2 * WRONG_DIRECTION_DEG
 #: After a window whose map is wrong at even odds or worse, this number of frames is not judged while the score has
 #: grown by less than this factor: the tracks tell less than half as much again. With more frames left out, motions are
-#: lost from one window to the next: of seven drawn worlds without a map after three such frames, two have one after one.
+#: lost between two windows: of four drawn worlds without a map after three such frames, two have one after one.
 #: Class: level, as a probability, a factor and in frames.
 _EVEN_ODDS, _TELLS_MORE, _REST_AT_EVEN_ODDS = 0.5, 1.2, 1
 

@@ -10,7 +10,7 @@ from make_map import CAMERAS, make_poses
 from make_scene import CAMERA, between, cloud, problem
 
 from quest.geometry.quaternion import rotation_angle
-from slam_init.bundle.adjustment import adjust
+from slam_init.bundle.adjustment import adjust, restated
 from slam_init.bundle.problem import BundleFailure, BundleSolution, PosePrior
 from slam_init.types.pose import Pose
 
@@ -124,6 +124,24 @@ def test_errors_that_tracks_share_do_not_outweigh_a_prior_and_the_graph_is_at_it
     last = start.world_from_cam[-1].R
     from_prior = [rotation_angle(one.problem.world_from_cam[-1].R.T @ last) for one in (alone, both)]
     assert from_prior[1] < 0.5 * from_prior[0]
+
+
+def test_held_poses_keep_the_covariance_of_what_is_known_of_them():
+    """The tracks and the prior contradict each other as above; the poses are held by a tenth of the prior."""
+    rng = np.random.default_rng(5)
+    exact = problem(CAMERA, cloud(rng), noise_px=0.1, rng=rng)
+    stretch = rng.normal(0, 0.004, (len(exact.frames), 2))[exact.views]
+    start = replace(exact, pixels=exact.pixels + stretch * (exact.pixels - (CAMERA.cx, CAMERA.cy)))
+    prior = PosePrior(5e-4, 5e-3)
+    held = adjust(CAMERA, start.with_prior(prior.times(0.1)), MAP, poses_known=True)
+    stated = restated(held, prior, MAP)
+    assert stated.problem.world_from_cam == held.problem.world_from_cam
+    np.testing.assert_array_equal(stated.problem.points, held.problem.points)
+    assert stated.graph.size() == held.graph.size()
+    assert (
+        np.trace(stated.pose_covariances[1:], axis1=1, axis2=2) > np.trace(held.pose_covariances[1:], axis1=1, axis2=2)
+    ).all()
+    assert (stated.depth_sigmas >= held.depth_sigmas * (1 - 1e-9)).mean() > 0.9
 
 
 def test_the_prior_has_the_unit_of_length_of_the_problem():

@@ -3,6 +3,7 @@
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -398,6 +399,46 @@ def test_a_map_that_bundle_adjustment_moves_away_is_refused_with_the_risk_that_t
             break
     assert len(risks) == 2
     assert min(risks) > 0.5
+
+
+def test_a_frame_rests_after_a_window_at_even_odds_unless_the_pairs_tell_more(monkeypatch):
+    judged, fit_and_state = [], WindowRule._fit_and_state_risk
+
+    def spied(rule, attempt, views):
+        outcome = fit_and_state(rule, attempt, views)
+        judged.append((views.pair.current.frame, rule._score, rule._last))
+        return outcome
+
+    monkeypatch.setattr(WindowRule, "_fit_and_state_risk", spied)
+    finished(point_source("corridor", 1, baseline=0.02, noise_px=1.0, points=FEWER))
+    after = [
+        (frame - before, score >= 1.2 * score_before)
+        for (before, score_before, last), (frame, score, _) in pairwise(judged)
+        if last is not None and len(last.best.rows) >= 6 and last.risk.total > 0.5
+    ]
+    assert all(tells_more or frames > 1 for frames, tells_more in after)
+    assert after.count((2, False)) >= 2
+
+
+def test_a_map_that_the_adjustment_bends_holds_the_poses_of_the_window(monkeypatch):
+    """Where the adjustment moves the pair by ten degrees without held poses, as with a wrong calibration."""
+    source, adjusted, priors = point_source("room", 2, baseline=0.1), window_map.map_of_poses, []
+
+    def bent(camera, config, table, poses, threshold_rad, prior=None, focal_factor=1.0):
+        priors.append(prior)
+        return adjusted(camera, config, table, poses, threshold_rad, prior, focal_factor)
+
+    def difference_deg(fitted, found):
+        held = len(priors) >= 2 and None not in priors[-2:] and priors[-1].direction_sigma_rad < np.radians(0.5)
+        return (0.0, 0.1) if held else (0.0, 7.0)
+
+    monkeypatch.setattr(window_map, "map_of_poses", bent)
+    monkeypatch.setattr(window_map, "difference_deg", difference_deg)
+    result = finished(source)
+    assert result, result.reason
+    rotation, direction = errors_deg(source, result.map)
+    assert rotation < 5
+    assert direction < 15
 
 
 def test_the_provisional_map_can_be_asked_for_after_its_frames_are_dropped():
