@@ -31,6 +31,7 @@ from slam_init.window.risk import WindowRisk
 _EVEN = 0.5
 #: Poses that are held have a prior with this share of their deviations, which moves them by a hundredth of what the
 #: landmarks ask for where both know them alike.
+#: Class: definition, as a share.
 _HELD = 0.1
 
 
