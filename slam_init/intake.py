@@ -24,7 +24,7 @@ from slam_init.types.arrays import Floats, Image
 from slam_init.types.attitude import checked_rotation
 from slam_init.types.camera import Camera
 from slam_init.types.depth import Depth, TrackDepths
-from slam_init.types.frame import Frame, Observations
+from slam_init.types.frame import MOST_NUMBERS, Frame, Observations
 from slam_init.types.inertial import Gravity
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.lens_in_use import LensInUse
@@ -126,6 +126,11 @@ class Intake:
         check_type(revised, (list, tuple), "revised", "a list of Observations of earlier frames")
         for one in revised:
             check_type(one, Observations, "one of the revised frames", "slam_init.Observations")
+        for one in (current, *revised):
+            if one.frame >= MOST_NUMBERS or ((one.track_ids < 0) | (one.track_ids >= MOST_NUMBERS)).any():
+                raise SlamInitError(
+                    f"frame {one.frame}: its index and its track ids must be from 0 to 2^56 - 1: renumber"
+                )
         camera = self.history.camera
         if camera.focal_sigma is not None:  # their rays are of a lens that is being estimated
             current, revised = current.through(camera), [one.through(camera) for one in revised]
@@ -190,7 +195,7 @@ class Intake:
         if not self._depths_given or self._depths_known:
             return ()
         return (
-            f"no depth was usable: all of {self._depths_given} frames are NaN, infinite or not positive at the tracks",
+            f"no depth was usable: those of {self._depths_given} frames are NaN, infinite or not positive at tracks",
         )
 
     def _complete_camera(self, image: Image | Frame) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from slam_init.cli.parser import DONE, DOUBTFUL, WRONG
@@ -14,6 +15,10 @@ from slam_init.system.regular_file import user_path
 
 if TYPE_CHECKING:
     from slam_init.cli.parser import Commands
+
+_OTHER_IMAGES = (
+    "the points of the map move otherwise in these images: they do not belong together: give the images of the map"
+)
 
 
 def add_audit(commands: Commands) -> None:
@@ -50,7 +55,7 @@ def _audit(arguments: argparse.Namespace) -> int:
     from slam_init.calibration.files import load_camera
     from slam_init.config import Config
     from slam_init.datasets import open_source
-    from slam_init.datasets.map_files import open_map, tracked_by
+    from slam_init.datasets.map_files import moves_otherwise, open_map, tracked_by
     from slam_init.datasets.track_source import KnowsTracks
     from slam_init.decision.audit import audit
     from slam_init.output.folder import OutputFolder, chosen_folder
@@ -86,6 +91,8 @@ def _audit(arguments: argparse.Namespace) -> int:
         found = audit(poses, views, camera, config)
     except SlamInitError as error:
         raise SourceError(f"{arguments.map}: {error}") from None
+    if not found and source is not None and moves_otherwise(map_, poses, views, found.pair):
+        found = replace(found, reason=None, advice=_OTHER_IMAGES)
     # The matches are those of the picture.
     record = {name: value for name, value in plain_fields(found).items() if name != "matches"}
     text = json.dumps(record, indent=2, allow_nan=False) + "\n"

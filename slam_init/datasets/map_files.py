@@ -13,7 +13,7 @@ chosen by the map, so that more speaks against a wrong one.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -138,6 +138,42 @@ def tracked_by(
             _check_size(source, frame, camera)
             tracker.track(frame)
     return poses, views or list(tracker.history)
+
+
+def moves_otherwise(
+    map_: MapFile, poses: Mapping[int, Pose], views: Sequence[Observations], pair: Sequence[int]
+) -> bool:
+    """Whether the points of a map move otherwise in the images of a source: then these are no images of the map.
+
+    Between two frames a point of the map moves as the map has observed it, right or wrong as its poses may be. In its
+    own images the nearest track moves alike. Where such tracks tell the motion of the middle point no better than that
+    it does not move, they are of another scene. Without points that both frames see nothing is told.
+
+    * ``poses``: Of the frames of the source.
+    * ``pair``: Two frames of the source.
+    """
+    if map_.table is None:
+        return False
+    from scipy.spatial import cKDTree
+
+    by_frame, of_map, of_source = {view.frame: view for view in views}, [], []
+    for frame in pair:
+        own = next(k for k, pose in zip(map_.frames, map_.world_from_cam, strict=True) if pose is poses[frame])
+        rows = map_.table.frames == own
+        of_map.append((map_.table.track_ids[rows], map_.table.pixels[rows]))
+        of_source.append((by_frame[frame].track_ids, by_frame[frame].pixels))
+    places, moved = _moved(*of_map)
+    near, moved_near = _moved(*of_source)
+    if not len(places) or not len(near):
+        return False
+    off = moved_near[cKDTree(near).query(places)[1]] - moved
+    return bool(np.median(np.linalg.norm(off, axis=1)) > np.median(np.linalg.norm(moved, axis=1)))
+
+
+def _moved(first: tuple[Ints, Floats], second: tuple[Ints, Floats]) -> tuple[Floats, Floats]:
+    """The pixels (N, 2) of common tracks in the first of two frames, and how they move to the second."""
+    _, i, j = np.intersect1d(first[0], second[0], return_indices=True)
+    return first[1][i], second[1][j] - first[1][i]
 
 
 def _check_size(source: TimedSource, frame: Frame, camera: Camera) -> None:

@@ -31,7 +31,7 @@ from slam_init.types.arrays import Bools, Floats, Image, Ints
 from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
 from slam_init.types.depth import TrackDepths
-from slam_init.types.frame import MOST_NUMBERS, Frame, Observations
+from slam_init.types.frame import Frame, Observations
 from slam_init.types.inertial import Gravity
 from slam_init.types.lens_in_use import LensInUse
 
@@ -168,8 +168,6 @@ def _check(observations: Observations) -> None:
     # The difference of unsigned integers is never negative.
     if not (ids[1:] > ids[:-1]).all():
         raise SlamInitError(f"{name}: track ids must be strictly increasing: sort them, and give each once")
-    if observations.frame >= MOST_NUMBERS or (count and not 0 <= int(ids[0]) <= int(ids[-1]) < MOST_NUMBERS):
-        raise SlamInitError(f"{name}: the index of a frame and the ids of its tracks must be from 0 to 2^56 - 1")
     if not (np.isfinite(observations.bearings).all() and np.isfinite(observations.pixels).all()):
         raise SlamInitError(f"{name}: a pixel or bearing is not finite: leave such tracks out")
     check_lengths(name, observations.bearings)

@@ -108,6 +108,6 @@ def test_depths_without_a_value_are_told(room, unknown, kind):
             initializer.process(frame, depth=Depth(values if known else np.full((4, 6), unknown), kind))
         notes[known] = [note for note in initializer.finish().notes if "depth" in note]
     assert notes == {
-        False: ["no depth was usable: all of 2 frames are NaN, infinite or not positive at the tracks"],
+        False: ["no depth was usable: those of 2 frames are NaN, infinite or not positive at tracks"],
         True: [],
     }
