@@ -1,4 +1,4 @@
-"""Comparison of two motions on the same matches: which alternatives to a pose remain, and whether a plane does.
+"""Comparison of two motions on the same matches: which alternatives to a pose remain, and whether a plane is one.
 
 A motion explains the matches as well as another one if two conditions hold:
 

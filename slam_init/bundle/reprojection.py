@@ -1,4 +1,4 @@
-"""The reprojection factors: how the residuals of a lens are told to gtsam.
+"""The reprojection factors: gtsam's factor for each lens.
 
 There are three ways. Where gtsam has a calibration for the lens, the factors measure raw pixels. Radial-tangential
 lenses with a k3 or a rational part are undistorted first. All others have one virtual pinhole camera for each

@@ -7,7 +7,7 @@
 * a trajectory in the format of TUM RGB-D, as ORB-SLAM writes of its keyframes: poses and no tracks.
 
 The tracks of the points of a map are those that the map has kept. Those of a source, its images or its matches, are not
-chosen by the map, so that more speaks against a wrong one.
+chosen by the map, so that a wrong map is found more often.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The tracks of a pair in several views, and the choice of the views that vote."""
+"""The tracks of a pair in several views, and the choice of further views for a pair."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ def voting_views(
     *,
     later_share: float | None = None,
 ) -> list[Observations]:
-    """Choose the views that vote on the motions of a pair, spread over all views between and before the pair.
+    """Choose further views for the motions of a pair, spread over all views between and before the pair.
 
-    A short baseline does no harm here, because all motions predict nearly the same for such a view.
+    Views with a short baseline are no disadvantage: all motions predict nearly the same for them.
 
     * ``before``: Frames that stay where they still share the tracks of the pair: their poses are known.
-    * ``later_share``: Share of the pair's tracks from which on views after it vote as well; by default none do.
+    * ``later_share``: Share of the pair's tracks from which on views after it are chosen as well; by default none are.
     * Returns: Each sees at least ``min_resected`` of the tracks that the pair has in common.
     """
     views = (*history.between(-1, reference.frame), *history.between(reference.frame, current.frame))

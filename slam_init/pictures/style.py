@@ -52,7 +52,7 @@ def canvas(width_px: int, height_px: int) -> Iterator[Figure]:
     import logging
     import warnings
 
-    # Without a home matplotlib tells at length where its cache is; and of each letter that its fonts lack.
+    # Without a home folder matplotlib logs where its cache is, and each letter that its fonts do not have.
     log = logging.getLogger("matplotlib")
     level = log.level
     log.setLevel(logging.ERROR)

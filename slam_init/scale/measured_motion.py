@@ -1,4 +1,4 @@
-"""The scale of a map from the record of an inertial sensor, or why the record does not tell it.
+"""The scale of a map from the record of an inertial sensor, or why the record does not determine it.
 
 Accelerations that change tell the scale: a constant one looks like a tilt of gravity. Whether the motion has enough of
 them is the standard deviation of the scale in the joint estimate (:mod:`slam_init.bundle.inertial`). Whether the record

@@ -1,4 +1,4 @@
-"""Linear algebra of small matrices: one thread, and deviations of covariances that are none."""
+"""Linear algebra of small matrices on one thread, and standard deviations with a check of the covariance."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def deviations(variances: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
     """Standard deviations of the last axis of variances, which rounding may have made a little negative.
 
     Raises numpy.linalg.LinAlgError where one is NaN or negative by more: the matrix was no covariance, and a
-    deviation of zero would call certain what nothing is known of.
+    standard deviation of zero would state certainty.
     """
     largest = variances.max(axis=-1, keepdims=True, initial=-np.inf)
     if not ((largest >= 0).all() and (variances >= -_ROUNDING * largest).all()):

@@ -1,4 +1,4 @@
-"""The nouns of the pipeline: poses, cameras, frames, maps, attempts, results, reasons.
+"""The types of the pipeline: poses, cameras, frames, maps, attempts, results, reasons.
 
 Conventions, stated once for the whole project:
 

@@ -1,4 +1,4 @@
-"""What a map is found again by: points with descriptors, and the views that see them."""
+"""The place of a map, by which the map is found again: points with descriptors, and the views that see them."""
 
 from __future__ import annotations
 

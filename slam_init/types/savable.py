@@ -1,4 +1,4 @@
-"""Objects that write themselves to a folder. The types know no files: the package's face names the writer."""
+"""Objects with a method ``save``. :mod:`slam_init` sets the writer, so that the types import no writer of files."""
 
 from __future__ import annotations
 
