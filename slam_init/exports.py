@@ -18,7 +18,7 @@ from slam_init.output.scene import Undistortion, image_name, png, scene_files
 from slam_init.output.stella import Described, stella_bytes, stella_camera
 from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
-from slam_init.types.frame import Frame, Source
+from slam_init.types.frame import Frame, Source, check_image
 from slam_init.types.initial_map import InitialMap, Keyframe
 
 #: The formats that need the images of the map.
@@ -103,6 +103,8 @@ def stage(
         if _WITH_IMAGES.intersection(formats):
             wanted = views if "scene" in formats else keyframes
             for frame in _frames(images, wanted):
+                size = (map_.camera.width, map_.camera.height)
+                check_image(frame.image, size, f"the image of frame {frame.index}")
                 if "scene" in formats:
                     name = f"{prefix}{SCENE}/images/{image_name(frame.index)}"
                     _put(out, name, png(undistortion.image(frame.image)))

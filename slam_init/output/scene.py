@@ -22,7 +22,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from slam_init.errors import SlamInitError
 from slam_init.output.colmap import colmap_model
 from slam_init.output.names import SCENE, SCENE_FILES
 from slam_init.output.nerfstudio import transforms_text
@@ -68,9 +67,6 @@ class Undistortion:
         """
         import cv2
 
-        if image.shape[:2] != (self.source.height, self.source.width):
-            found, wanted = f"{image.shape[1]}x{image.shape[0]}", f"{self.source.width}x{self.source.height}"
-            raise SlamInitError(f"an image to export has {found} pixels, and the camera of the map {wanted}")
         if self.corner is not None:
             (left, top), (width, height) = self.corner, (self.camera.width, self.camera.height)
             cut = image[top : top + height, left : left + width]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from numbers import Real
 
 import numpy as np
 
@@ -29,6 +30,9 @@ def in_metres(map_: InitialMap, scale: Scale) -> InitialMap:
     check_type(scale, Scale, "the scale", "what slam_init.find_scale returns")
     if scale.metres_per_unit is None or scale.sigma is None:
         raise SlamInitError(f"the map stays in its own unit: {scale.reason or 'the scale was not found'}")
+    numbers = (scale.metres_per_unit, scale.sigma)
+    if not all(isinstance(number, Real) and 0 <= number < np.inf for number in numbers) or not numbers[0] > 0:
+        raise SlamInitError(f"the scale has {numbers!r:.60} metres a unit and deviation: give positive numbers")
     if map_.scale is not None:
         raise SlamInitError("the map is in metres already: scale the map of the initializer")
     factor = scale.metres_per_unit

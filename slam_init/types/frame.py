@@ -68,6 +68,24 @@ class Frame:
         return np.asarray(cv2.cvtColor(self.image, cv2.COLOR_BGR2GRAY), np.uint8)
 
 
+def check_image(image: object, size: tuple[int, int], what: str) -> None:
+    """Refuse what is no image of a size: OpenCV would tell so far from the call, or take it.
+
+    Parameters
+    ----------
+    image : object
+        What the caller gave for one.
+    size : (int, int)
+        Width and height of the images of the camera.
+    what : str
+        The name of the image in the message.
+    """
+    shape, kind = getattr(image, "shape", None), getattr(image, "dtype", type(image).__name__)
+    wanted = (size[1], size[0])
+    if not isinstance(image, np.ndarray) or kind != np.uint8 or shape not in (wanted, (*wanted, 3)):
+        raise SlamInitError(f"{what} is {kind} of the shape {shape}: give uint8, {wanted} grey or {(*wanted, 3)} BGR")
+
+
 class Source(Protocol):
     """A source of frames in time order: a folder, a video, a synthetic sequence or a live stream.
 

@@ -112,6 +112,8 @@ class OutputFolder:
         check_type(path, (str, os.PathLike), "the folder", "text, or a pathlib.Path", OutputError)
         # A path of the command line has its home folder already. "./~" has become "~" there.
         self.path = user_path(path) if isinstance(path, str) else Path(path)
+        if "\0" in str(self.path):
+            raise OutputError(f"the folder {str(self.path)!r:.60} has a null byte: give another one")
         self.staging = self.path / HOME / NEW
         self._command = command
         self._targets = targets

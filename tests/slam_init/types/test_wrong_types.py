@@ -6,10 +6,13 @@ import pytest
 from slam_init import (
     Camera,
     Config,
+    Finder,
+    Frame,
     Initializer,
     Observations,
     Place,
     Pose,
+    Scale,
     SlamInitError,
     Trajectory,
     export,
@@ -28,6 +31,7 @@ from slam_init import (
     write_colmap,
     write_results,
 )
+from slam_init.types.scale import ScaleOrigin
 
 ONE = np.ones((1, 3))
 
@@ -142,3 +146,39 @@ def test_tracks_that_no_map_can_hold_are_refused_before_there_is_one(changed, wo
     with pytest.raises(SlamInitError, match="rotation_sigma_rad is of the type str"):
         initializer.process_tracks(observed(frame=1, timestamp_s=1.0), rotation=np.eye(3), rotation_sigma_rad="1")
     assert initializer.frames_read == 1
+
+
+WRONG_IMAGES = [None, "a.png", np.zeros((480, 640)), np.zeros((480, 640, 4), np.uint8), np.zeros((48, 64), np.uint8)]
+
+
+@pytest.mark.parametrize("image", WRONG_IMAGES, ids=["None", "text", "float", "alpha", "small"])
+def test_an_image_that_is_none_of_the_camera_is_refused(image, room_run, tmp_path):
+    map_ = room_run.result.map
+    images = {keyframe.frame: image for keyframe in map_.keyframes}
+    for kind in ("scene", "stella"):
+        with pytest.raises(SlamInitError, match=r"the image of frame 0 is .*: give uint8, \(480, 640\) grey or"):
+            export(map_, tmp_path / "out", [kind], images=images)
+    with pytest.raises(SlamInitError, match="the image of frame 0 is"):
+        find_scale(map_, parse_scale("marker:tag36h11:0.1"), images=images)
+    with pytest.raises(SlamInitError, match="image of"):
+        Finder(Place.empty(), map_.camera).locate(Frame(0, 0.0, "", image))
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("metres", "sigma"), [(np.nan, 0.1), (0.0, 0.1), (-2.0, 0.1), (np.inf, 0.1), ("2", 0.1), (2.0, -0.1), (2.0, np.nan)]
+)
+def test_no_map_is_scaled_by_what_is_no_scale(metres, sigma, room_run):
+    with pytest.raises(SlamInitError, match=r"the scale has .*: give positive numbers"):
+        in_metres(room_run.result.map, Scale(ScaleOrigin.DISTANCE, metres, sigma))
+
+
+def test_a_null_byte_names_no_folder(room_run):
+    with pytest.raises(SlamInitError, match="null byte"):
+        room_run.result.map.save("a\0b")
+
+
+@pytest.mark.parametrize("further", [{"images": [1]}, {"groundtruth": "x"}, {"imu": "x"}, {"located": ["x"]}])
+def test_what_tells_the_scale_has_its_type(further, room_run):
+    with pytest.raises(SlamInitError, match="is of the type"):
+        find_scale(room_run.result.map, parse_scale("distance:1"), **further)
