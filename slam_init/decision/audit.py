@@ -25,7 +25,7 @@ from slam_init.frontend.conventions import check_rays
 from slam_init.frontend.keyframes import PairPreview, preview_pairs
 from slam_init.frontend.static_tracks import static_tracks, without
 from slam_init.frontend.tracks import History
-from slam_init.mapping.views import voting_views
+from slam_init.mapping.views import further_views
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Floats, evenly_spaced
 from slam_init.types.audit import Audit, AuditedMatches, AuditVerdict
@@ -180,7 +180,7 @@ def _chosen(known: Mapping[int, Pose], history: History, config: Config) -> tupl
             f"no two frames with a pose share {config.keyframes.min_matches} tracks: give frames that share more"
         )
     pair = match_pair(history, best, history[best.current])
-    further = voting_views(
+    further = further_views(
         history, pair.reference, pair.current, config.map, MAX_VIEWS - 2, frozenset(known), later_share=_SAME_SCENE
     )
     static = static_tracks(pair.reference, pair.current, further)

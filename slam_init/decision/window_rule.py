@@ -37,7 +37,7 @@ from slam_init.frontend.keyframes import PairPreview
 from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.frontend.static_tracks import static_tracks, without
 from slam_init.frontend.tracks import History
-from slam_init.mapping.views import voting_views
+from slam_init.mapping.views import further_views
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import MapEvidence
 from slam_init.types.frame import Observations
@@ -290,14 +290,14 @@ class WindowRule:
         """The matches of a pair and the further views, without tracks that lie on the image and not in the scene."""
         pair = match_pair(self._history, preview, current)
         most, known = MAX_VIEWS - 2, self._live.frames
-        further = voting_views(self._history, pair.reference, current, self._config.map, most, known)
+        further = further_views(self._history, pair.reference, current, self._config.map, most, known)
         static = static_tracks(pair.reference, current, further)
         if len(static):
             reference, now = without(pair.reference, static), without(current, static)
             matches = pair.at(np.flatnonzero(~np.isin(pair.track_ids, static)))
             pair = replace(matches, reference=reference, current=now)
-        voting = further if self._third_view else []
-        return _Views(pair, tuple(without(view, static) for view in voting))
+        used = further if self._third_view else []
+        return _Views(pair, tuple(without(view, static) for view in used))
 
     def _attempt(self, pair: MatchedPair) -> Attempt:
         none = np.zeros(len(pair.rays1), bool)

@@ -42,7 +42,7 @@ def table_of(reference: Observations, current: Observations, further: list[Obser
     return TrackTable(tuple(view.frame for view in views), track_ids, pixels, bearings)
 
 
-def voting_views(
+def further_views(
     history: History,
     reference: Observations,
     current: Observations,

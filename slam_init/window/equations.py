@@ -22,6 +22,7 @@ _GAUGE = 1e4
 #: that is not known, is off by many deviations.
 #: Class: assumption.
 _GRAVITY_TAIL = 3.0
+#: Of a state without a plane.
 _NO_PLANE: Floats = np.zeros(3)
 
 
