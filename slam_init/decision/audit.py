@@ -20,7 +20,7 @@ from slam_init.decision.judged_window import JudgedWindow
 from slam_init.decision.lens import priors_of
 from slam_init.decision.map_posterior import SHORTEST, MapPosterior, differences_deg, is_near, posterior_of
 from slam_init.decision.two_views import MatchedPair, match_pair, pose_at_fitting_threshold
-from slam_init.errors import SlamInitError
+from slam_init.errors import ConfigError, SlamInitError, check_type
 from slam_init.frontend.conventions import check_rays
 from slam_init.frontend.keyframes import PairPreview, preview_pairs
 from slam_init.frontend.static_tracks import static_tracks, without
@@ -92,11 +92,13 @@ def audit(
         If fewer than two frames have a pose and tracks, a pose is no rigid transformation, all cameras are at one
         place, or no two frames with a pose share enough tracks. The message is one line.
     """
-    config = config or Config()
-    if not isinstance(camera, Camera):
-        raise SlamInitError(f"the camera is of the type {type(camera).__name__}: give a Camera (Camera.from_K)")
-    if not isinstance(poses, Mapping):
-        raise SlamInitError(f"the poses are of type {type(poses).__name__}: give world_from_cam as a dict by frame")
+    config = Config() if config is None else config
+    check_type(config, Config, "the configuration", "slam_init.Config, or load_config(FILE)", ConfigError)
+    check_type(camera, Camera, "the camera", "a Camera (Camera.from_K)")
+    check_type(poses, Mapping, "the mapping of poses", "world_from_cam as a dict by frame")
+    check_type(tracks, Iterable, "the sequence of tracks", "slam_init.Observations, one for each frame")
+    for frame in poses:
+        check_type(frame, (int, np.integer), "the frame of a pose", "its index, an integer")
     known = {int(frame): _pose(int(frame), pose) for frame, pose in poses.items()}
     views = list(tracks)
     if not all(isinstance(view, Observations) for view in views):
@@ -116,7 +118,10 @@ def audit(
 def _pose(frame: int, given: Pose | ArrayLike) -> Pose:
     """The pose of a frame, checked."""
     if not isinstance(given, Pose):
-        matrix: Floats = np.asarray(given, float)
+        try:
+            matrix: Floats = np.asarray(given, float)
+        except (TypeError, ValueError):
+            raise SlamInitError(f"the pose of frame {frame} is no matrix: give world_from_cam (4, 4)") from None
         if matrix.shape != (4, 4):
             raise SlamInitError(f"the pose of frame {frame} has the shape {matrix.shape}: give world_from_cam (4, 4)")
         given = Pose(matrix[:3, :3].copy(), matrix[:3, 3].copy())

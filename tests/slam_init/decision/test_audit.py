@@ -151,6 +151,10 @@ def a_matrix_for_a_camera(views, camera, poses):
         (a_matrix_for_a_camera, "Camera"),
         (lambda views, camera, poses: (list(poses.values()), views, camera), "as a dict by frame"),
         (lambda views, camera, poses: (poses, [views[0].pixels], camera), "no Observations"),
+        (lambda views, camera, poses: (poses, None, camera), "slam_init.Observations"),
+        (lambda views, camera, poses: ({"3": poses[3]}, views, camera), "an integer"),
+        (lambda views, camera, poses: ({3: "pose"}, views, camera), "no matrix"),
+        (lambda views, camera, poses: (poses, views, camera, "config"), "slam_init.Config"),
     ],
 )
 def test_what_is_no_map_is_told_in_one_line(broken, told, room):
