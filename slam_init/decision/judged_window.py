@@ -37,6 +37,9 @@ _LENS_MAY_CHANGE = (
     "the tracks do not tell this motion from a lens that focuses, or from images that are stabilized: translate "
     "further, best sideways, or set acceptance.lens_changes to 0 if focus and image are fixed"
 )
+_LENS_MAY_BE_WRONG = (
+    "the tracks and the stated lens do not agree: check the calibration, or translate further, best sideways"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,5 +199,7 @@ class JudgedWindow:
             return Verdict.LOW_PARALLAX, "two motions explain the tracks: translate further, best sideways"
         if risk.direction_if_lens_fixed <= max_risk:
             return Verdict.LOW_PARALLAX, _LENS_MAY_CHANGE
+        if not self.lens.is_unknown and risk.direction_if_lens_right <= max_risk:
+            return Verdict.LOW_PARALLAX, _LENS_MAY_BE_WRONG
         # A rigid scene with these tracks would be known well enough.
         return (Verdict.LOW_PARALLAX if risk.direction_if_rigid > max_risk else Verdict.MOVING_BODIES), None

@@ -114,6 +114,8 @@ class WindowRisk:
     direction_if_rigid: float
     #: The term of the direction if the lens does not change from view to view.
     direction_if_lens_fixed: float
+    #: The term of the direction if the lens that a map holds did not move it away from the fit.
+    direction_if_lens_right: float
     #: Median of the relative standard deviations of the distances from the reference, in units of the pair's
     #: baseline, over the tracks that the best motion explains. The landmarks of a map have figures of their own.
     depth_sigma: float
@@ -204,9 +206,11 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
     by_tracks_deg = direction_sigmas_deg(expanded)
     # What the fit does not know widens its deviations, but not that of the principal point with its own prior.
     by_point_deg = direction_by_principal_point_deg(expanded)[:, None]
-    of_views = np.hypot(_widened(by_tracks_deg, factor, by_point_deg), moved.directions_deg[:, None])
+    of_fit = _widened(by_tracks_deg, factor, by_point_deg)
+    of_views = np.hypot(of_fit, moved.directions_deg[:, None])
     varying = varying_lens(expanded, hypotheses.priors)
-    rotation_deg = math.hypot(factor * _largest_sigma_deg(rotation_covariance(expanded)), moved.rotation_deg)
+    rotation_of_fit_deg = factor * _largest_sigma_deg(rotation_covariance(expanded))
+    rotation_deg = math.hypot(rotation_of_fit_deg, moved.rotation_deg)
     rotated = three_directions(WRONG_ROTATION_DEG, rotation_deg)
     direction_risks = tuple(
         min(1.0, float(weights @ _with_varying_lens(sigmas_deg, varying, view)) + rotated)
@@ -219,6 +223,8 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
     rigid_deg = np.hypot(optimism.if_rigid(lens_held=calibrated) * by_tracks_deg[0], moved.directions_deg[0])
     if_rigid = float(weights @ _with_varying_lens(rigid_deg, varying, 0))
     if_lens_fixed = min(1.0, float(weights @ two_directions(WRONG_DIRECTION_DEG, of_views[0])) + rotated)
+    if_lens_right = float(weights @ _with_varying_lens(of_fit[0], varying, 0))
+    if_lens_right = min(1.0, if_lens_right + three_directions(WRONG_ROTATION_DEG, rotation_of_fit_deg))
     gain, rotation, camera = _rotation_probability(hypotheses, expanded)
     if rotation <= MERE_ROTATION:
         camera = camera_estimate(expanded, optimism.factor(lens_held=False))
@@ -239,6 +245,7 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
         direction_with_known_lens=with_known_lens,
         direction_if_rigid=if_rigid,
         direction_if_lens_fixed=if_lens_fixed,
+        direction_if_lens_right=if_lens_right,
         direction_of_views=direction_risks,
         sigmas_of_views_deg=sigmas_of_views,
         moved=moved,
