@@ -29,6 +29,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -57,7 +58,7 @@ from slam_init.window.levels import (
 )
 from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.marginal import marginalize_fields
-from slam_init.window.motion import FittedMotion
+from slam_init.window.motion import FittedMotion, fit_motion
 from slam_init.window.neighbours import agreement_of_neighbours, variance_by_neighbours
 from slam_init.window.other_motion import OtherMotion, explained_tracks, other_motion
 from slam_init.window.rival import rival_term
@@ -138,6 +139,8 @@ class WindowRisk:
     #: How far the map is from the fit if it follows the expansion: the lens that a map holds moves it. The deviations
     #: have that in them.
     moved: MovedByLens
+    #: Whether the camera that only rotates was tested with the errors that a tracker keeps in the noise.
+    lasting_in_noise: bool
     #: The motion of the tracks that the best motion does not explain; none where the camera merely rotates.
     other: OtherMotion
     #: Of :func:`slam_init.window.left_out.wrong_by_a_half`; 0 before a second look.
@@ -228,6 +231,13 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
     gain, rotation, camera = _rotation_probability(hypotheses, expanded)
     if rotation <= MERE_ROTATION:
         camera = camera_estimate(expanded, optimism.factor(lens_held=False))
+    # Another test takes a fit, which a direction that is unknown is not worth.
+    lasting_in_noise = rotation > FLOOR and direction <= _UNKNOWN
+    if lasting_in_noise:
+        wide = _with_lasting_errors(hypotheses)
+        of_wide = _rotation_probability(wide, expand(wide, wide.motions[0]), lasting_in_noise=True)[1]
+        of_wide = max(of_wide, 0.0 if wide.planar else bodies_probability(wide, ON_BODIES))
+        lasting_in_noise, rotation = of_wide < rotation, min(of_wide, rotation)
     # Points at infinity lie on no plane, so that a plane needs no such test.
     rotation = max(rotation, 0.0 if hypotheses.planar else bodies_probability(hypotheses, ON_BODIES))
     other = other_motion(hypotheses) if rotation <= MERE_ROTATION else OtherMotion()
@@ -251,6 +261,7 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
         moved=moved,
         rival=rival,
         rotation=rotation,
+        lasting_in_noise=lasting_in_noise,
         other=other,
         floor=FLOOR,
         direction_sigma_deg=direction_deg,
@@ -318,8 +329,8 @@ def _with_free_depths(
 def _against_bodies(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk:
     """The risk with the rival that the camera only rotates as half of the tracks say, and that the others move."""
     rotation = risk.rotation
-    if not hypotheses.planar:
-        rotation = max(rotation, bodies_probability(hypotheses, ON_BODIES, anew=True))
+    for one in () if hypotheses.planar else (hypotheses, *_wide_too(hypotheses, risk)):
+        rotation = max(rotation, bodies_probability(one, ON_BODIES, anew=True))
     return replace(risk, rotation=rotation, total=_total(risk.direction, risk.rival, rotation, risk.moving))
 
 
@@ -331,14 +342,46 @@ def _against_a_half(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRis
 
 def _against_zooming_rotation(hypotheses: WindowHypotheses, risk: WindowRisk, zooming: ZoomingRotation) -> WindowRisk:
     """The risk with the rival that the camera only rotates, and that its images zoom and shift from view to view."""
+    probability = _zooming_probability(hypotheses, zooming)
+    if hypotheses.priors.lens_changes * LENS_ZOOMS * probability > FLOOR:
+        wide = _with_lasting_errors(hypotheses)
+        of_wide = _zooming_probability(wide, with_zooms(wide), lasting_in_noise=True)
+        probability = min(probability, of_wide)
+    rotation = risk.rotation + hypotheses.priors.lens_changes * LENS_ZOOMS * probability
+    return replace(risk, rotation=rotation, total=_total(risk.direction, risk.rival, rotation, risk.moving))
+
+
+def _zooming_probability(
+    hypotheses: WindowHypotheses, zooming: ZoomingRotation, *, lasting_in_noise: bool = False
+) -> float:
+    """Probability of the gain over a camera that only rotates and zooms; see :func:`_rotation_probability`."""
     explained = 0.5 * (hypotheses.rotation_only.cost - zooming.cost)
-    best = expand(hypotheses, hypotheses.motions[0])
-    _, probability, _ = _rotation_probability(zooming.hypotheses, best, ZOOM_LEAVES * explained)
+    best, left = expand(hypotheses, hypotheses.motions[0]), ZOOM_LEAVES * explained
+    probability = _rotation_probability(zooming.hypotheses, best, left, lasting_in_noise=lasting_in_noise)[1]
     # A zoom looks like a motion toward a plane, so that a few bodies before it look like its relief.
     if explained > zooming.hypotheses.gain_over_rotation[0]:
         probability = max(probability, bodies_probability(zooming.hypotheses, SHARE_OF_BODIES))
-    rotation = risk.rotation + hypotheses.priors.lens_changes * LENS_ZOOMS * probability
-    return replace(risk, rotation=rotation, total=_total(risk.direction, risk.rival, rotation, risk.moving))
+    return probability
+
+
+def _wide_too(hypotheses: WindowHypotheses, risk: WindowRisk) -> tuple[WindowHypotheses, ...]:
+    return (_with_lasting_errors(hypotheses),) if risk.lasting_in_noise else ()
+
+
+@lru_cache(maxsize=2)
+def _with_lasting_errors(hypotheses: WindowHypotheses) -> WindowHypotheses:
+    """The best motion, and the camera that only rotates, with the errors that a tracker keeps in the noise.
+
+    An outlier gains 4.5 nats at the most. What chance gains grows with the square of the errors, beyond what even
+    outliers gain where the noise is a third of them: then no translation would be told by two views. With the errors
+    in the noise, a track whose parallax they explain is no outlier, and one whose parallax is larger stays one.
+    """
+    tracks, best = hypotheses.tracks, hypotheses.motions[0]
+    noise_px = tracks.noise_px * math.sqrt(gain_of_lasting_errors(tracks, hypotheses.rotation_only.state.R))
+    wide = replace(tracks.with_noise(noise_px), least_noise_px=noise_px)
+    again = fit_motion(wide, best.motion, hypotheses.priors)
+    hopeless = replace(hypotheses.rotation_only, cost=math.inf)
+    return with_rotation_anew(replace(hypotheses, tracks=wide, motions=(again,), rotation_only=hopeless))
 
 
 def _total(direction: float, rival: float, rotation: float, moving: float) -> float:
@@ -398,16 +441,18 @@ def _largest_sigma_deg(covariance: Floats) -> float:
 
 
 def _rotation_probability(
-    hypotheses: WindowHypotheses, expanded: ExpandedFit, unexplained: float = 0.0
+    hypotheses: WindowHypotheses, expanded: ExpandedFit, unexplained: float = 0.0, *, lasting_in_noise: bool = False
 ) -> tuple[float, float, CameraEstimate]:
     """Gain over the rotation-only camera (nats), the probability of it if the camera only rotates, and that camera.
 
     * ``unexplained``: What the model of that camera leaves, in nats.
+    * ``lasting_in_noise``: Of hypotheses of :func:`_with_lasting_errors`.
     """
     gain, freedom = hypotheses.gain_over_rotation
     gain -= unexplained
     tracks, state = hypotheses.tracks, hypotheses.rotation_only.state
-    dispersion = gain_of_lasting_errors(tracks, state.R) * hypotheses.motions[0].fit.dispersion
+    lasting = 1.0 if lasting_in_noise else gain_of_lasting_errors(tracks, state.R)
+    dispersion = lasting * hypotheses.motions[0].fit.dispersion
     # Shared errors make the distribution a noncentral one, which is that of Patnaik nearly: a scaled chi-square.
     shared = gain_of_shared_errors(tracks) + gain_of_turning_errors(tracks, state.readout_s)
     scale = (freedom + 2 * shared) / (freedom + shared)
