@@ -14,7 +14,8 @@ causes add their probabilities:
   the most: so much it costs to say that the track is an outlier. The image region with the largest vote is left out,
   since a moving body or a step in the scene fills a region. What the error fields explain of the rival counts for it.
 * **rotation**: the camera only rotates, with a wrong focal length. Translation and points add unknowns, so they lower
-  the cost by chance: twice the gain has a chi-square distribution then, with a noise that may be larger than measured.
+  the cost by chance: twice the gain has a chi-square distribution then, with a noise that may be larger than measured:
+  a tracker keeps errors from view to view, which scale the gain or, where that tells more, join the noise.
   Or the camera only rotates, and up to half of the tracks lie on bodies that move.
 * **moving**: the tracks that the best motion does not explain have a rigid motion of their own, and they may be the
   scene at rest (:mod:`~slam_init.window.other_motion`); or a body holds the best motion, and the half of the view
