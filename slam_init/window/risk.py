@@ -92,6 +92,10 @@ from slam_init.window.zooming_rotation import ZoomingRotation, with_zooms
 #: A direction that is wrong with a larger probability is unknown, however far behind the rivals are.
 #: Class: level.
 _UNKNOWN = 0.2
+#: Errors whose variance adds as much to that of the noise, as a factor on it. Smaller ones scale what chance gains by
+#: about as much as they do in the noise.
+#: Class: geometry.
+_LARGER_THAN_NOISE = 2.0
 
 
 @dataclass(frozen=True)
@@ -232,8 +236,8 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
     gain, rotation, camera = _rotation_probability(hypotheses, expanded)
     if rotation <= MERE_ROTATION:
         camera = camera_estimate(expanded, optimism.factor(lens_held=False))
-    # Another test takes a fit, which a direction that is unknown is not worth.
-    lasting_in_noise = rotation > FLOOR and direction <= _UNKNOWN
+    # Another test takes two fits, which a direction that is unknown is not worth.
+    lasting_in_noise = rotation > FLOOR and direction <= _UNKNOWN and _keeps_errors(hypotheses)
     if lasting_in_noise:
         wide = _with_lasting_errors(hypotheses)
         of_wide = _rotation_probability(wide, expand(wide, wide.motions[0]), lasting_in_noise=True)[1]
@@ -344,7 +348,7 @@ def _against_a_half(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRis
 def _against_zooming_rotation(hypotheses: WindowHypotheses, risk: WindowRisk, zooming: ZoomingRotation) -> WindowRisk:
     """The risk with the rival that the camera only rotates, and that its images zoom and shift from view to view."""
     probability = _zooming_probability(hypotheses, zooming)
-    if hypotheses.priors.lens_changes * LENS_ZOOMS * probability > FLOOR:
+    if hypotheses.priors.lens_changes * LENS_ZOOMS * probability > FLOOR and _keeps_errors(hypotheses):
         wide = _with_lasting_errors(hypotheses)
         of_wide = _zooming_probability(wide, with_zooms(wide), lasting_in_noise=True)
         probability = min(probability, of_wide)
@@ -363,6 +367,11 @@ def _zooming_probability(
     if explained > zooming.hypotheses.gain_over_rotation[0]:
         probability = max(probability, bodies_probability(zooming.hypotheses, SHARE_OF_BODIES))
     return probability
+
+
+def _keeps_errors(hypotheses: WindowHypotheses) -> bool:
+    """Whether the errors that a tracker keeps may be larger than the noise."""
+    return gain_of_lasting_errors(hypotheses.tracks, hypotheses.rotation_only.state.R) > _LARGER_THAN_NOISE
 
 
 def _wide_too(hypotheses: WindowHypotheses, risk: WindowRisk) -> tuple[WindowHypotheses, ...]:
