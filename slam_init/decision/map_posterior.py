@@ -31,7 +31,7 @@ from slam_init.window.motion import FittedMotion, difference_deg
 from slam_init.window.risk import WindowRisk, confirmed, risk_of
 from slam_init.window.rival import rival_odds
 from slam_init.window.tails import three_directions
-from slam_init.window.tracker_errors import gain_of_lasting_errors
+from slam_init.window.tracker_errors import with_lasting_errors
 from slam_init.window.uncertainty import direction_uncertainty, expand
 
 #: A baseline that is shorter than this share of the longest one has an uncertain direction although the position of its
@@ -190,14 +190,10 @@ def _tail_of_rotation(hypotheses: WindowHypotheses, risk: WindowRisk) -> float:
 
 
 def _tail_with_lasting_errors(hypotheses: WindowHypotheses) -> float:
-    """The tail with the errors that a tracker keeps in the noise.
+    """The tail with the errors that a tracker keeps in the noise, and all motions fitted again with it.
 
-    An outlier gains 4.5 nats at the most. The test scales what is gained by chance with these errors, so that a hundred
-    outliers of the rotation in an image with little noise look like chance. With the errors in the noise, a track whose
-    parallax they explain is no outlier, and one whose parallax is larger stays one.
+    The risk has such a test where its direction is known. A map from anywhere is judged where it is not.
     """
-    tracks = hypotheses.tracks
-    noise_px = tracks.noise_px * math.sqrt(gain_of_lasting_errors(tracks, hypotheses.rotation_only.state.R))
-    wide = replace(tracks.with_noise(noise_px), least_noise_px=noise_px)
+    wide = with_lasting_errors(hypotheses.tracks, hypotheses.rotation_only.state.R)
     again = fit_hypotheses(wide, [one.motion for one in hypotheses.motions], hypotheses.priors)
     return 1.0 if again is None else min(confirmed(again, risk_of(again), 1.0)[1].rotation, 1.0)

@@ -69,6 +69,7 @@ from slam_init.window.tracker_errors import (
     gain_of_lasting_errors,
     gain_of_shared_errors,
     gain_of_turning_errors,
+    with_lasting_errors,
 )
 from slam_init.window.uncertainty import (
     CameraEstimate,
@@ -387,8 +388,7 @@ def _with_lasting_errors(hypotheses: WindowHypotheses) -> WindowHypotheses:
     in the noise, a track whose parallax they explain is no outlier, and one whose parallax is larger stays one.
     """
     tracks, best = hypotheses.tracks, hypotheses.motions[0]
-    noise_px = tracks.noise_px * math.sqrt(gain_of_lasting_errors(tracks, hypotheses.rotation_only.state.R))
-    wide = replace(tracks.with_noise(noise_px), least_noise_px=noise_px)
+    wide = with_lasting_errors(tracks, hypotheses.rotation_only.state.R)
     again = fit_motion(wide, best.motion, hypotheses.priors)
     hopeless = replace(hypotheses.rotation_only, cost=math.inf)
     return with_rotation_anew(replace(hypotheses, tracks=wide, motions=(again,), rotation_only=hopeless))

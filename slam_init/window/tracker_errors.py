@@ -7,6 +7,9 @@ turning moves all rows.
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 
 from slam_init.types.arrays import Floats
@@ -22,6 +25,15 @@ def gain_of_lasting_errors(tracks: WindowTracks, R: Floats) -> float:
     cosines = (np.trace(R, axis1=1, axis2=2) - 1) / 2
     displacement_px = tracks.camera.focal_px * float(np.arccos(np.clip(cosines, -1.0, 1.0)).max())
     return 1 + (min(LASTING_SHARE * displacement_px, LASTING_PX) / tracks.noise_px) ** 2
+
+
+def with_lasting_errors(tracks: WindowTracks, R: Floats) -> WindowTracks:
+    """The tracks with the errors that the tracker keeps in the noise.
+
+    Shapes: ``R`` (V, 3, 3).
+    """
+    noise_px = tracks.noise_px * math.sqrt(gain_of_lasting_errors(tracks, R))
+    return replace(tracks.with_noise(noise_px), least_noise_px=noise_px)
 
 
 def gain_of_shared_errors(tracks: WindowTracks) -> float:

@@ -110,12 +110,17 @@ def test_a_tight_prior_keeps_the_poses_and_a_loose_one_has_no_effect():
     assert np.trace(tight.pose_covariances[-1]) < np.trace(free.pose_covariances[-1])
 
 
-def test_errors_that_tracks_share_do_not_outweigh_a_prior_and_the_graph_is_at_its_optimum():
-    """A stretch of each view by another amount, as of a wrong lens, moves the poses of the tracks alone."""
+def stretched():
+    """A problem whose views are stretched, each by another amount, as of a wrong lens."""
     rng = np.random.default_rng(5)
     exact = problem(CAMERA, cloud(rng), noise_px=0.1, rng=rng)
     stretch = rng.normal(0, 0.004, (len(exact.frames), 2))[exact.views]
-    start = replace(exact, pixels=exact.pixels + stretch * (exact.pixels - (CAMERA.cx, CAMERA.cy)))
+    return replace(exact, pixels=exact.pixels + stretch * (exact.pixels - (CAMERA.cx, CAMERA.cy)))
+
+
+def test_errors_that_tracks_share_do_not_outweigh_a_prior_and_the_graph_is_at_its_optimum():
+    """The stretch moves the poses of the tracks alone."""
+    start = stretched()
     prior = PosePrior(5e-4, 5e-3)
     alone, both = (adjust(CAMERA, one, MAP, poses_known=True) for one in (start, start.with_prior(prior)))
     again = gtsam.LevenbergMarquardtOptimizer(both.graph, both.values).optimize()
@@ -128,10 +133,7 @@ def test_errors_that_tracks_share_do_not_outweigh_a_prior_and_the_graph_is_at_it
 
 def test_held_poses_keep_the_covariance_of_what_is_known_of_them():
     """The tracks and the prior contradict each other as above; the poses are held by a tenth of the prior."""
-    rng = np.random.default_rng(5)
-    exact = problem(CAMERA, cloud(rng), noise_px=0.1, rng=rng)
-    stretch = rng.normal(0, 0.004, (len(exact.frames), 2))[exact.views]
-    start = replace(exact, pixels=exact.pixels + stretch * (exact.pixels - (CAMERA.cx, CAMERA.cy)))
+    start = stretched()
     prior = PosePrior(5e-4, 5e-3)
     held = adjust(CAMERA, start.with_prior(prior.times(0.1)), MAP, poses_known=True)
     stated = restated(held, prior, MAP)
