@@ -14,6 +14,7 @@ from sequences_synth.points import PointOptions, PointSequence, make_points
 from slam_init.config import Config
 from slam_init.datasets.points import PointSource
 from slam_init.frontend.tracks import common_tracks
+from slam_init.initializer import Initializer
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.pose import Pose
@@ -309,3 +310,19 @@ def hypotheses_of_changing_lens(scene, seed=0, zoom=0.0, shift=0.0, ramp=0.0, po
         pixels = centre + factor * (view.pixels - centre) + moved
         views.append(replace(view, pixels=pixels, bearings=camera.bearings(pixels)))
     return hypotheses_of(camera, views, Priors(0.02, principal_sigma_px=2.0))
+
+
+def finished(source, config=WINDOW_CONFIG, initializer=None):
+    """The result after the tracks of a source, up to the map."""
+    initializer = initializer or Initializer(source.camera, config)
+    for observed in source.observations():
+        if initializer.process_tracks(observed):
+            break
+    return initializer.finish()
+
+
+def errors_deg(source, map_):
+    """Errors of the motion of the first two keyframes of a map."""
+    first, second = map_.keyframes[:2]
+    found = second.world_from_cam.inverse() @ first.world_from_cam
+    return pose_errors_deg(found, true_motion(source, first.frame, second.frame))
