@@ -30,9 +30,10 @@ from slam_init.window.uncertainty import places_of
 _ROUNDS, _START_STEPS = 3, 4
 
 
-def bodies_probability(hypotheses: WindowHypotheses, share: float, *, anew: bool = False) -> float:
+def bodies_probability(hypotheses: WindowHypotheses, share: float, *, anew: bool = False, price: float = 0.0) -> float:
     """Probability of the gains over the rotation-only camera if this share of the tracks, which gain most, moves.
 
+    * ``price``: A part of the gain that no track is needed for, in twice the nats.
     * ``anew``: Whether the rest is searched for, and not taken from the fit of that camera to all tracks, which bodies
       pull.
     """
@@ -52,7 +53,7 @@ def bodies_probability(hypotheses: WindowHypotheses, share: float, *, anew: bool
         least = min(least, _least_gain(hypotheses, explained, costs, chosen, lens, certain))
         chosen, lens = _compact_start(hypotheses, explained, costs, count)
         least = min(least, _least_gain(hypotheses, explained, costs, chosen, lens, certain))
-    return at_any_look((least / best.fit.dispersion - by_chance) / sigma)
+    return at_any_look(((price + least) / best.fit.dispersion - by_chance) / sigma)
 
 
 def _compact_start(

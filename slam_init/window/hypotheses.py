@@ -102,6 +102,10 @@ class WindowHypotheses:
         costs = [np.minimum(self.costs_of(one), bound) for one in (motion, rival)]
         return np.asarray(np.clip(costs[1] - costs[0], -LARGEST_VOTE, LARGEST_VOTE))
 
+    def fit_near(self, motion: FittedMotion) -> FittedMotion | None:
+        """The first fit whose start leads to the same optimum as a motion does; None without one."""
+        return next((one for one in self.motions if one.motion.is_near(motion.motion)), None)
+
     @property
     def gain_over_rotation(self) -> tuple[float, float]:
         """Log likelihood of the best motion over the rotation-only camera (nats), and the degrees of freedom of it.

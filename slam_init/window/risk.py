@@ -39,7 +39,13 @@ from slam_init.types.arrays import Floats
 from slam_init.types.evidence import Margin
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 from slam_init.window.half_at_rest import bodies_probability
-from slam_init.window.hypotheses import CERTAIN_SIGMAS, EXPLAINED_BY_FIELDS, WindowHypotheses, with_rotation_anew
+from slam_init.window.hypotheses import (
+    CERTAIN_SIGMAS,
+    EXPLAINED_BY_FIELDS,
+    WindowHypotheses,
+    with_plane,
+    with_rotation_anew,
+)
 from slam_init.window.left_out import wrong_by_a_half
 from slam_init.window.levels import (
     AGREES_SIGMAS,
@@ -61,7 +67,7 @@ from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.marginal import marginalize_fields
 from slam_init.window.motion import FittedMotion, fit_motion
 from slam_init.window.neighbours import agreement_of_neighbours, variance_by_neighbours
-from slam_init.window.other_motion import OtherMotion, explained_tracks, other_motion
+from slam_init.window.other_motion import OtherMotion, bearings_of_best, explained_tracks, other_motion
 from slam_init.window.rival import rival_term
 from slam_init.window.second_look import look_again
 from slam_init.window.tails import at_any_look, chi_square_as_gaussian, three_directions, two_directions
@@ -320,16 +326,28 @@ def _with_free_depths(
     best, again = hypotheses.motions[0], free.motions[0]
     if not hypotheses.planar:
         return (hypotheses, risk) if len(free.motions) == 1 and again.same_as(best) else (free, _risk_of(free))
-    of_free = _risk_of(free)
+    # The scene must not vote for a motion: points that leave one of two planes vote by their free depths.
+    planes, deg = _on_planes(hypotheses, free), risk.direction_sigma_deg
+    by_points, _ = rival_term(planes, expand(planes, best), deg, most=UNDECIDED, free=free)
+    known = [one for one in free.motions[1:] if planes.fit_near(one)]
+    of_free = _risk_of(replace(free, motions=tuple(one for one in free.motions if one not in known)))
     rotation_deg, direction_deg = best.difference_deg(again)
     near = rotation_deg <= AGREES_SIGMAS * of_free.rotation_sigma_deg + SAME_ROTATION_DEG
     if not near or direction_deg > AGREES_SIGMAS * of_free.direction_sigma_deg + SAME_DIRECTION_DEG:
-        return free, of_free
-    rival, direction = max(risk.rival, of_free.rival), risk.direction
+        return free, _risk_of(free)
+    rival, direction = min(1.0, max(risk.rival, by_points) + of_free.rival), risk.direction
     # The plane of shifted frames is another one in each view, so that it tells nothing about the direction.
     direction = max(direction, risk.frames_are_shifted * of_free.direction)
     total = _total(direction, rival, risk.rotation, risk.moving)
     return hypotheses, replace(risk, rival=rival, direction=direction, total=total)
+
+
+def _on_planes(hypotheses: WindowHypotheses, free: WindowHypotheses) -> WindowHypotheses:
+    """Hypotheses on a plane, with the motions that only free depths have found."""
+    tracks, bearings = hypotheses.tracks, bearings_of_best(hypotheses)
+    new = [replace(one.motion, points=None) for one in free.motions[1:] if hypotheses.fit_near(one) is None]
+    fits = [fit_motion(tracks, with_plane(one, tracks, bearings), hypotheses.priors) for one in new]
+    return replace(hypotheses, motions=(*hypotheses.motions, *fits))
 
 
 def _against_bodies(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk:
@@ -349,25 +367,28 @@ def _against_a_half(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRis
 def _against_zooming_rotation(hypotheses: WindowHypotheses, risk: WindowRisk, zooming: ZoomingRotation) -> WindowRisk:
     """The risk with the rival that the camera only rotates, and that its images zoom and shift from view to view."""
     probability = _zooming_probability(hypotheses, zooming)
-    if hypotheses.priors.lens_changes * LENS_ZOOMS * probability > FLOOR and _keeps_errors(hypotheses):
+    if probability > FLOOR and _keeps_errors(hypotheses):
         wide = _with_lasting_errors(hypotheses)
-        of_wide = _zooming_probability(wide, with_zooms(wide), lasting_in_noise=True)
-        probability = min(probability, of_wide)
-    rotation = risk.rotation + hypotheses.priors.lens_changes * LENS_ZOOMS * probability
+        probability = min(probability, _zooming_probability(wide, with_zooms(wide), lasting_in_noise=True))
+    rotation = risk.rotation + probability
     return replace(risk, rotation=rotation, total=_total(risk.direction, risk.rival, rotation, risk.moving))
 
 
 def _zooming_probability(
     hypotheses: WindowHypotheses, zooming: ZoomingRotation, *, lasting_in_noise: bool = False
 ) -> float:
-    """Probability of the gain over a camera that only rotates and zooms; see :func:`_rotation_probability`."""
+    """Probability that the camera only rotates, and that its images zoom or shift.
+
+    See :func:`_rotation_probability` for ``lasting_in_noise``.
+    """
     explained = 0.5 * (hypotheses.rotation_only.cost - zooming.cost)
     best, left = expand(hypotheses, hypotheses.motions[0]), ZOOM_LEAVES * explained
     probability = _rotation_probability(zooming.hypotheses, best, left, lasting_in_noise=lasting_in_noise)[1]
-    # A zoom looks like a motion toward a plane, so that a few bodies before it look like its relief.
-    if explained > zooming.hypotheses.gain_over_rotation[0]:
-        probability = max(probability, bodies_probability(zooming.hypotheses, SHARE_OF_BODIES))
-    return probability
+    # A zoom looks like a motion toward a plane, so that a few bodies before it look like its relief. Tracks that lie on
+    # a plane are no such bodies.
+    if explained > zooming.hypotheses.gain_over_rotation[0] and not hypotheses.planar:
+        probability = max(probability, bodies_probability(zooming.hypotheses, SHARE_OF_BODIES, price=zooming.price))
+    return hypotheses.priors.lens_changes * LENS_ZOOMS * probability
 
 
 def _keeps_errors(hypotheses: WindowHypotheses) -> bool:

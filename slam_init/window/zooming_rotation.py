@@ -57,6 +57,8 @@ class ZoomingRotation:
     zooms: Floats
     #: (V, 2) In pixels.
     shifts: Floats
+    #: What both cost, in twice the nats.
+    price: float = 0.0
 
     @property
     def cost(self) -> float:
@@ -108,12 +110,13 @@ def _alternated(
         part = zoomed(tracks, zooms, shifts)
         start = _again(part, state)
         fit = fit_window(part, start, priors, rotation_only=True, max_steps=_MAX_STEPS, hopeless=lowest.cost)
-        cost = fit.cost + min(float(np.sum((zooms / LARGEST_ZOOM) ** 2)), ZOOMED_COST)
-        cost += float(np.sum((shifts / sigma_px) ** 2))
+        price = min(float(np.sum((zooms / LARGEST_ZOOM) ** 2)), ZOOMED_COST)
+        price += float(np.sum((shifts / sigma_px) ** 2))
+        cost = fit.cost + price
         if cost < lowest.cost:
             fit_with_price = replace(fit, cost=cost)
             found = replace(hypotheses, tracks=part, rotation_only=fit_with_price, rotation_priors=priors)
-            lowest = ZoomingRotation(found, zooms, shifts)
+            lowest = ZoomingRotation(found, zooms, shifts, price)
         if before - cost < _LEAST_PROGRESS * (cost - best.cost):
             break
         before = cost

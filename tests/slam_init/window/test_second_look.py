@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from make_hard_worlds import drive_behind_a_logo, ground_and_poles, shifted_frames_before_a_wall
-from make_window import hypotheses_of, pair_and_further, point_source
+from make_window import hypotheses_of, hypotheses_of_changing_lens, pair_and_further, point_source
 
 from slam_init.window.levels import PRINCIPAL_SIGMA
 from slam_init.window.risk import confirmed, risk_of
@@ -28,6 +28,16 @@ def test_points_near_a_plane_have_no_vote_for_a_motion(seed):
     """With a plane the wrong motion is ahead by hundreds of nats; with free depths the right one leads."""
     error_deg = ground_and_poles(seed)
     assert error_deg is None or error_deg < WRONG_DEG
+
+
+@pytest.mark.parametrize(("baseline", "seed"), [(0.1, 3), (0.05, 4)])
+def test_points_on_the_planes_of_two_motions_vote_by_the_plane(baseline, seed):
+    """A distance for each point lets a wrong motion of a wall follow the noise."""
+    found = hypotheses_of_changing_lens("wall", seed, baseline=baseline, points=300)
+    assert risk_of(look_again(found)).rival > 0.1
+    again, risk = confirmed(found, risk_of(found), max_risk=0.005)
+    assert again.planar
+    assert risk.total < 0.005
 
 
 @pytest.mark.parametrize("seed", [3, 37])

@@ -112,3 +112,13 @@ def test_a_stabilizer_that_shifts_the_frames_of_a_camera_at_rest_makes_no_map(sc
     assert np.abs(shifted.shifts).max() > 0.001 * found.tracks.camera.width
     _, risk = confirmed(found, replace(risk_of(found), total=0.0), max_risk=0.005)
     assert risk.total > 0.005
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_level_flight_over_flat_ground_is_no_stabilizer(seed):
+    """Shifts explain most of it, but they would be as large as no stabilizer's; and nothing on the ground moves."""
+    found = hypotheses("nadir", seed, baseline=0.15, points=300)
+    shifted = with_zooms(found)
+    assert found.rotation_only.cost - shifted.cost > shifted.cost - found.motions[0].fit.cost - shifted.price
+    _, risk = confirmed(found, risk_of(found), max_risk=0.005)
+    assert risk.total < 0.005
