@@ -381,14 +381,30 @@ def _zooming_probability(
 
     See :func:`_rotation_probability` for ``lasting_in_noise``.
     """
+    hypotheses, zooming = _with_errors_of_zooms(hypotheses, zooming)
     explained = 0.5 * (hypotheses.rotation_only.cost - zooming.cost)
-    best, left = expand(hypotheses, hypotheses.motions[0]), ZOOM_LEAVES * explained
-    probability = _rotation_probability(zooming.hypotheses, best, left, lasting_in_noise=lasting_in_noise)[1]
+    best = expand(hypotheses, hypotheses.motions[0])
+    probability = _rotation_probability(zooming.hypotheses, best, lasting_in_noise=lasting_in_noise)[1]
     # A zoom looks like a motion toward a plane, so that a few bodies before it look like its relief. Tracks that lie on
     # a plane are no such bodies.
     if explained > zooming.hypotheses.gain_over_rotation[0] and not hypotheses.planar:
         probability = max(probability, bodies_probability(zooming.hypotheses, SHARE_OF_BODIES, price=zooming.price))
     return hypotheses.priors.lens_changes * LENS_ZOOMS * probability
+
+
+def _with_errors_of_zooms(
+    hypotheses: WindowHypotheses, zooming: ZoomingRotation
+) -> tuple[WindowHypotheses, ZoomingRotation]:
+    """Both with what the zooms of a lens leave of their displacements in the noise.
+
+    Otherwise a motion straight toward a frontal plane, which explains the zooms too, would gain by what the model of a
+    zoom lacks.
+    """
+    tracks, best = hypotheses.tracks, hypotheses.motions[0]
+    sigma_px = np.hypot(tracks.sigma_px, ZOOM_LEAVES * zooming.displacements_px(tracks))
+    wide = replace(tracks, sigma_px=sigma_px)
+    again, turning = fit_motion(wide, best.motion, hypotheses.priors), zooming.fitted(wide)
+    return replace(hypotheses, tracks=wide, motions=(again,)), turning
 
 
 def _keeps_errors(hypotheses: WindowHypotheses) -> bool:

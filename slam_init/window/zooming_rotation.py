@@ -65,6 +65,18 @@ class ZoomingRotation:
         """Of the fit, with the price of the zooms and the shifts."""
         return self.hypotheses.rotation_only.cost
 
+    def displacements_px(self, tracks: WindowTracks) -> Floats:
+        """(V, T) how far the zooms move the tracks."""
+        return np.asarray(np.abs(self.zooms)[:, None] * np.linalg.norm(tracks.pixels - _centre(tracks.camera), axis=2))
+
+    def fitted(self, tracks: WindowTracks) -> ZoomingRotation:
+        """The same zooms and shifts with the rotations fitted to other tracks, or to tracks with another noise."""
+        part, found = zoomed(tracks, self.zooms, self.shifts), self.hypotheses
+        start = _again(part, found.rotation_only.state)
+        fit = fit_window(part, start, found.rotation_priors, rotation_only=True, max_steps=_MAX_STEPS)
+        fit = replace(fit, cost=fit.cost + self.price)
+        return replace(self, hypotheses=replace(found, tracks=part, rotation_only=fit))
+
     def explains_much(self, hypotheses: WindowHypotheses) -> bool:
         """Whether they explain a good part of what a camera that only rotates leaves to the best motion."""
         best = hypotheses.motions[0].fit.cost
@@ -86,9 +98,18 @@ def with_zooms(hypotheses: WindowHypotheses) -> ZoomingRotation:
             other = _alternated(hypotheses, replace(state, log_scale=log_scale), free)
             if other.cost < lowest.cost:
                 lowest = other
-    # Shifts come last: beside a zoom that is not known yet, bodies would lead them away.
-    priors = lowest.hypotheses.rotation_priors if lowest.zooms.any() else priors
-    return _alternated(hypotheses, state, priors, lowest)
+    # Shifts come last: beside a zoom that is not known yet, bodies would lead them away. But without shifts, zooms and
+    # the focal length may take their place: so both come at once too.
+    found = _alternated(hypotheses, state, lowest.hypotheses.rotation_priors if lowest.zooms.any() else priors, lowest)
+    if lowest.zooms.any():
+        found = min(found, _alternated(hypotheses, state, priors, _unchanged(hypotheses)), key=lambda one: one.cost)
+    return found
+
+
+def _unchanged(hypotheses: WindowHypotheses) -> ZoomingRotation:
+    """The camera that only rotates, with a lens that does not change."""
+    views = len(hypotheses.rotation_only.state.R)
+    return ZoomingRotation(hypotheses, np.zeros(views), np.zeros((views, 2)))
 
 
 def _alternated(
@@ -105,7 +126,7 @@ def _alternated(
         zooms, state = lowest.zooms, lowest.hypotheses.rotation_only.state
         rays = state.rays
     state, zooms, shifts = _located(tracks, state, zooms, shifts, sigma_px, rays)
-    lowest, before = lowest or ZoomingRotation(hypotheses, np.zeros(len(zooms)), np.zeros_like(shifts)), math.inf
+    lowest, before = lowest or _unchanged(hypotheses), math.inf
     for _ in range(_ROUNDS):
         part = zoomed(tracks, zooms, shifts)
         start = _again(part, state)
