@@ -96,11 +96,23 @@ class WindowHypotheses:
 
         Shapes: returns (T,).
         """
+        return self._votes(self.costs_of(motion), self.costs_of(rival))
+
+    def _votes(self, costs: Floats, of_rival: Floats) -> Floats:
         # Tracks that neither motion explains must not vote.
         bound = explained_at_most(np.maximum(2 * self.tracks.seen.sum(axis=0) - 3, 0))
         bound += LARGEST_VOTE if self.planar else 0.0
-        costs = [np.minimum(self.costs_of(one), bound) for one in (motion, rival)]
-        return np.asarray(np.clip(costs[1] - costs[0], -LARGEST_VOTE, LARGEST_VOTE))
+        votes = np.minimum(of_rival, bound) - np.minimum(costs, bound)
+        return np.asarray(np.clip(votes, -LARGEST_VOTE, LARGEST_VOTE))
+
+    @property
+    def gain_beyond_votes(self) -> float:
+        """The part of the gain over the rotation-only camera (nats) that exceeds the votes of the tracks."""
+        best, used = self.motions[0], self.tracks.anchor >= 0
+        if self.planar:
+            used = used & best.fit.state.on_plane
+        costs, of_rotation = self.costs_of(best), self.rotation_only.track_costs
+        return 0.5 * float((of_rotation - costs - self._votes(costs, of_rotation))[used].sum())
 
     def fit_near(self, motion: FittedMotion) -> FittedMotion | None:
         """The first fit whose start leads to the same optimum as a motion does; None without one."""

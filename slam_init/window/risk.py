@@ -61,7 +61,6 @@ from slam_init.window.levels import (
     UNDECIDED,
     WRONG_DIRECTION_DEG,
     WRONG_ROTATION_DEG,
-    ZOOM_LEAVES,
 )
 from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.marginal import marginalize_fields
@@ -384,7 +383,9 @@ def _zooming_probability(
     hypotheses, zooming = _with_errors_of_zooms(hypotheses, zooming)
     explained = 0.5 * (hypotheses.rotation_only.cost - zooming.cost)
     best = expand(hypotheses, hypotheses.motions[0])
-    probability = _rotation_probability(zooming.hypotheses, best, lasting_in_noise=lasting_in_noise)[1]
+    # A wrong match, which both explain in part, costs a camera more that starts farther away.
+    beyond = zooming.hypotheses.gain_beyond_votes
+    probability = _rotation_probability(zooming.hypotheses, best, beyond, lasting_in_noise=lasting_in_noise)[1]
     # A zoom looks like a motion toward a plane, so that a few bodies before it look like its relief. Tracks that lie on
     # a plane are no such bodies.
     if explained > zooming.hypotheses.gain_over_rotation[0] and not hypotheses.planar:
@@ -401,10 +402,9 @@ def _with_errors_of_zooms(
     zoom lacks.
     """
     tracks, best = hypotheses.tracks, hypotheses.motions[0]
-    sigma_px = np.hypot(tracks.sigma_px, ZOOM_LEAVES * zooming.displacements_px(tracks))
-    wide = replace(tracks, sigma_px=sigma_px)
-    again, turning = fit_motion(wide, best.motion, hypotheses.priors), zooming.fitted(wide)
-    return replace(hypotheses, tracks=wide, motions=(again,)), turning
+    wide = replace(tracks, sigma_px=np.hypot(tracks.sigma_px, zooming.errors_px(tracks, hypotheses.priors)))
+    hypotheses = replace(hypotheses, tracks=wide, motions=(fit_motion(wide, best.motion, hypotheses.priors),))
+    return hypotheses, zooming.beside(hypotheses)
 
 
 def _keeps_errors(hypotheses: WindowHypotheses) -> bool:

@@ -20,7 +20,7 @@ from slam_init.types.arrays import Floats, evenly_spaced
 from slam_init.types.camera import Camera
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import fit_window
-from slam_init.window.levels import LARGEST_ZOOM, SHIFTS, ZOOMED_COST
+from slam_init.window.levels import LARGEST_ZOOM, SHIFTS, ZOOM_LEAVES, ZOOMED_COST
 from slam_init.window.measured_rays import measured_rays
 from slam_init.window.projection import camera_vector
 from slam_init.window.state import Priors, WindowState, start_at
@@ -39,6 +39,8 @@ _ZOOMS_LEAVE, _REFERENCE_ZOOM = 0.7, 0.3
 #: times. So many tracks vote. The two tracks lie this far apart, over the width of the image. No view is zoomed by more
 #: than this factor.
 _SIMILARITIES, _SIMILAR_TRACKS, _LEAST_APART, _LARGEST_FACTOR = 64, 100, 0.1, 3.0
+#: Views that are nearer in time count as this far apart.
+_LEAST_SPAN_S = 1e-3
 #: From coordinates to complex numbers.
 _COMPLEX = np.array([1, 1j])
 #: Standard deviation of the shifts where there are none.
@@ -65,17 +67,29 @@ class ZoomingRotation:
         """Of the fit, with the price of the zooms and the shifts."""
         return self.hypotheses.rotation_only.cost
 
-    def displacements_px(self, tracks: WindowTracks) -> Floats:
-        """(V, T) how far the zooms move the tracks."""
-        return np.asarray(np.abs(self.zooms)[:, None] * np.linalg.norm(tracks.pixels - _centre(tracks.camera), axis=2))
+    def errors_px(self, tracks: WindowTracks, priors: Priors) -> Floats:
+        """What the model of the zooms leaves of their displacements (V, T): standard deviations of the tracks.
 
-    def fitted(self, tracks: WindowTracks) -> ZoomingRotation:
-        """The same zooms and shifts with the rotations fitted to other tracks, or to tracks with another noise."""
-        part, found = zoomed(tracks, self.zooms, self.shifts), self.hypotheses
-        start = _again(part, found.rotation_only.state)
-        fit = fit_window(part, start, found.rotation_priors, rotation_only=True, max_steps=_MAX_STEPS)
+        The distortion changes with the focus, and the rows of an image are zoomed one after another.
+        """
+        order = np.argsort(tracks.times_s, kind="stable")
+        spans_s = np.maximum(np.diff(tracks.times_s[order]), _LEAST_SPAN_S)
+        rates = np.abs(np.diff(np.log1p(self.zooms[order]))) / spans_s
+        rates = np.maximum(np.append(rates, 0.0), np.append(0.0, rates))[np.argsort(order, kind="stable")]
+        readout_s = max(abs(tracks.readout_s), priors.readout_sigma_s)
+        of_views = np.hypot(ZOOM_LEAVES * self.zooms, 0.5 * readout_s * rates)
+        of_both = np.hypot(of_views[:, None], of_views[np.maximum(tracks.anchor, 0)])
+        return np.asarray(of_both * np.linalg.norm(tracks.pixels - _centre(tracks.camera), axis=2))
+
+    def beside(self, hypotheses: WindowHypotheses) -> ZoomingRotation:
+        """The camera beside hypotheses of tracks with another noise, fitted to these from where it is."""
+        part, before = zoomed(hypotheses.tracks, self.zooms, self.shifts), self.hypotheses
+        start = _again(part, before.rotation_only.state)
+        fit = fit_window(part, start, before.rotation_priors, rotation_only=True, max_steps=_MAX_STEPS)
         fit = replace(fit, cost=fit.cost + self.price)
-        return replace(self, hypotheses=replace(found, tracks=part, rotation_only=fit))
+        again = replace(hypotheses, tracks=part, rotation_only=fit, rotation_priors=before.rotation_priors)
+        first = replace(self, hypotheses=again)
+        return _alternated(hypotheses, fit.state, before.rotation_priors, first)
 
     def explains_much(self, hypotheses: WindowHypotheses) -> bool:
         """Whether they explain a good part of what a camera that only rotates leaves to the best motion."""
@@ -86,10 +100,11 @@ class ZoomingRotation:
 def with_zooms(hypotheses: WindowHypotheses) -> ZoomingRotation:
     """Let the images of the camera that only rotates zoom and shift from view to view."""
     tracks, rotating = hypotheses.tracks, hypotheses.rotation_only
-    # A readout would take the place of zooms.
+    # A readout would take the place of zooms, so it is that of the best motion.
     priors = replace(hypotheses.priors, readout_sigma_s=0.0)
     t = np.outer(np.arange(len(rotating.state.R)), [1e-9, 0.0, 0.0])
-    state = start_at(tracks, rotating.state.R, t, readout_s=tracks.readout_s, at_infinity=True)
+    readout_s = hypotheses.motions[0].fit.state.readout_s
+    state = start_at(tracks, rotating.state.R, t, readout_s=readout_s, at_infinity=True)
     lowest = _alternated(hypotheses, state, priors)
     if lowest.cost > hypotheses.motions[0].fit.cost and lowest.explains_much(hypotheses):
         # The reference may be zoomed as well, as its distance from the stated focal length.
