@@ -164,11 +164,11 @@ LENS_ZOOMS, LARGEST_ZOOM = 0.1, 0.03
 #: Class: assumption, in twice the nats.
 ZOOMED_COST = 9.2
 
-#: Share of the displacements by the zooms of a camera that only rotates, that they leave: the distortion changes with
-#: the focus. A zoom lens by a factor of three moves the corners by half of the image, and its distortion changes by
-#: some hundredths of it.
+#: Standard deviation of what zooms leave of their displacements, over these: the distortion changes with the focus. A
+#: zoom lens by a factor of three moves the corners by half of the image, and its distortion changes by some hundredths
+#: of it. Other errors are as large: of the centre, and of rows that are zoomed one after another.
 #: Class: assumption.
-ZOOM_LEAVES = 0.05
+ZOOM_LEAVES = 0.1
 
 #: A neighbourhood holds a tenth of the tracks, and so about as much of the view: bodies and the errors of a lens extend
 #: that far. A larger one has fewer independent parts, and says less.

@@ -380,15 +380,17 @@ def _zooming_probability(
 
     See :func:`_rotation_probability` for ``lasting_in_noise``.
     """
-    hypotheses, zooming = _with_errors_of_zooms(hypotheses, zooming)
     explained = 0.5 * (hypotheses.rotation_only.cost - zooming.cost)
+    explains_most = explained > zooming.hypotheses.gain_over_rotation[0]
+    hypotheses, zooming = _with_errors_of_zooms(hypotheses, zooming)
     best = expand(hypotheses, hypotheses.motions[0])
-    # A wrong match, which both explain in part, costs a camera more that starts farther away.
-    beyond = zooming.hypotheses.gain_beyond_votes
+    # A wrong match, which both explain in part, costs a camera more that starts farther away. Before a plane, where a
+    # zoom and a motion explain the same, these would decide.
+    beyond = zooming.hypotheses.gain_beyond_votes if hypotheses.planar else 0.0
     probability = _rotation_probability(zooming.hypotheses, best, beyond, lasting_in_noise=lasting_in_noise)[1]
     # A zoom looks like a motion toward a plane, so that a few bodies before it look like its relief. Tracks that lie on
     # a plane are no such bodies.
-    if explained > zooming.hypotheses.gain_over_rotation[0] and not hypotheses.planar:
+    if explains_most and not hypotheses.planar:
         probability = max(probability, bodies_probability(zooming.hypotheses, SHARE_OF_BODIES, price=zooming.price))
     return hypotheses.priors.lens_changes * LENS_ZOOMS * probability
 

@@ -294,10 +294,14 @@ def fitted_window(scene: str, seed: int, views: int) -> tuple[WindowTracks, Join
 VIEWS_OF_CHANGING_LENS = 8
 
 
-def hypotheses_of_changing_lens(scene, seed=0, zoom=0.0, shift=0.0, ramp=0.0, points=150, **options):
+def hypotheses_of_changing_lens(
+    scene, seed=0, zoom=0.0, shift=0.0, ramp=0.0, points=150, image_k1=0.0, jumping=0.0, **options
+):
     """A window whose views but the first are zoomed about the centre of the image, and shifted over its width.
 
     * ``ramp``: A steady zoom, from the first view to the last one in time.
+    * ``image_k1``: A distortion of the image, which no zoom moves.
+    * ``jumping``: Share of the tracks that jump to another point half-way.
     """
     source = point_source(scene, seed, points=points, **options)
     camera, random = source.camera, np.random.default_rng(seed)
@@ -307,7 +311,11 @@ def hypotheses_of_changing_lens(scene, seed=0, zoom=0.0, shift=0.0, ramp=0.0, po
     for k, view in enumerate(chosen):
         factor, moved = 1 + zoom * random.normal() * (k > 0), shift * camera.width * random.normal(size=2) * (k > 0)
         factor *= 1 + ramp * (view.frame - chosen[0].frame) / last
-        pixels = centre + factor * (view.pixels - centre) + moved
+        zoomed = factor * (view.pixels - centre)
+        bent = 1 + image_k1 * np.sum((zoomed / camera.focal_px) ** 2, axis=1, keepdims=True)
+        pixels = centre + bent * zoomed + moved
+        if jumping and 2 * (view.frame - chosen[0].frame) > last:
+            pixels += np.where(view.track_ids % round(1 / jumping) == 0, 15.0, 0.0)[:, None]
         views.append(replace(view, pixels=pixels, bearings=camera.bearings(pixels)))
     return hypotheses_of(camera, views, Priors(0.02, principal_sigma_px=2.0))
 
