@@ -102,6 +102,9 @@ _UNKNOWN = 0.2
 #: about as much as they do in the noise.
 #: Class: geometry.
 _LARGER_THAN_NOISE = 2.0
+#: Errors of a smaller share of the noise change it by less than a twentieth.
+#: Class: geometry.
+_OF_NOISE = 0.3
 
 
 @dataclass(frozen=True)
@@ -404,7 +407,10 @@ def _with_errors_of_zooms(
     zoom lacks.
     """
     tracks, best = hypotheses.tracks, hypotheses.motions[0]
-    wide = replace(tracks, sigma_px=np.hypot(tracks.sigma_px, zooming.errors_px(tracks, hypotheses.priors)))
+    errors_px = zooming.errors_px(tracks, hypotheses.priors)
+    if not (errors_px > _OF_NOISE * tracks.sigma_px).any():
+        return hypotheses, zooming
+    wide = replace(tracks, sigma_px=np.hypot(tracks.sigma_px, errors_px))
     hypotheses = replace(hypotheses, tracks=wide, motions=(fit_motion(wide, best.motion, hypotheses.priors),))
     return hypotheses, zooming.beside(hypotheses)
 

@@ -98,6 +98,26 @@ def test_a_zoom_and_a_rotation_leave_noise_only(scene, ramp):
     assert with_zooms(found).cost < 1.02 * found.motions[0].fit.cost < 0.4 * found.rotation_only.cost
 
 
+@pytest.mark.parametrize(("seed", "ramp", "image_k1", "jumping"), [(1, -0.2, -0.03, 0), (8, 0.3, -0.02, 0.1)])
+def test_what_the_model_of_a_zoom_lacks_is_no_motion(seed, ramp, image_k1, jumping):
+    """A distortion that stays in the image, and wrong matches: a motion toward a plane explains more of both."""
+    found = hypotheses("static", seed, ramp=ramp, image_k1=image_k1, jumping=jumping, points=300, noise_px=0.1)
+    assert with_zooms(found).cost > found.motions[0].fit.cost + 1000
+    _, risk = confirmed(found, risk_of(found), max_risk=0.005)
+    assert risk.total > 0.005
+
+
+def test_a_zoom_leaves_errors_in_proportion_to_it_and_more_where_it_is_fast():
+    found = hypotheses("static", 1, ramp=0.2, points=300)
+    zooming = with_zooms(found)
+    tracks, priors = found.tracks, found.priors
+    steady = zooming.errors_px(tracks, priors)
+    assert zooming.errors_px(tracks, replace(priors, readout_sigma_s=0.02))[1:].min() > steady[1:].min()
+    half = replace(zooming, zooms=zooming.zooms / 2).errors_px(tracks, priors)
+    assert half == pytest.approx(steady / 2)
+    assert (replace(zooming, zooms=np.zeros(VIEWS)).errors_px(tracks, priors) == 0).all()
+
+
 def test_zooms_do_not_explain_a_room():
     found = hypotheses("room", baseline=0.1)
     assert with_zooms(found).hypotheses.gain_over_rotation[0] > 0.5 * found.gain_over_rotation[0]
