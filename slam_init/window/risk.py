@@ -61,6 +61,7 @@ from slam_init.window.levels import (
     UNDECIDED,
     WRONG_DIRECTION_DEG,
     WRONG_ROTATION_DEG,
+    ZOOM_LEAVES,
 )
 from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.marginal import marginalize_fields
@@ -385,16 +386,22 @@ def _zooming_probability(
     """
     explained = 0.5 * (hypotheses.rotation_only.cost - zooming.cost)
     explains_most = explained > zooming.hypotheses.gain_over_rotation[0]
-    hypotheses, zooming = _with_errors_of_zooms(hypotheses, zooming)
-    best = expand(hypotheses, hypotheses.motions[0])
-    # A wrong match, which both explain in part, costs a camera more that starts farther away. Before a plane, where a
-    # zoom and a motion explain the same, these would decide.
-    beyond = zooming.hypotheses.gain_beyond_votes if hypotheses.planar else 0.0
-    probability = _rotation_probability(zooming.hypotheses, best, beyond, lasting_in_noise=lasting_in_noise)[1]
-    # A zoom looks like a motion toward a plane, so that a few bodies before it look like its relief. Tracks that lie on
-    # a plane are no such bodies.
-    if explains_most and not hypotheses.planar:
-        probability = max(probability, bodies_probability(zooming.hypotheses, SHARE_OF_BODIES, price=zooming.price))
+    probability = 0.0
+    # What the model of a zoom lacks is a share of what it explains. Where outliers bound that, it is in the noise.
+    for one, zoom, left in (
+        (hypotheses, zooming, ZOOM_LEAVES * explained if zooming.has_zooms else 0.0),
+        (*_with_errors_of_zooms(hypotheses, zooming), 0.0),
+    ):
+        best = expand(one, one.motions[0])
+        # A wrong match, which both explain in part, costs a camera more that starts farther away. Before a plane, where
+        # a zoom and a motion explain the same, these would decide.
+        left += zoom.hypotheses.gain_beyond_votes if one.planar else 0.0
+        of_gain = _rotation_probability(zoom.hypotheses, best, left, lasting_in_noise=lasting_in_noise)[1]
+        # A zoom looks like a motion toward a plane, so that a few bodies before it look like its relief. Tracks that
+        # lie on a plane are no such bodies.
+        if explains_most and not one.planar:
+            of_gain = max(of_gain, bodies_probability(zoom.hypotheses, SHARE_OF_BODIES, price=zoom.price))
+        probability = max(probability, of_gain)
     return hypotheses.priors.lens_changes * LENS_ZOOMS * probability
 
 

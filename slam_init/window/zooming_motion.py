@@ -22,7 +22,7 @@ import numpy as np
 from slam_init.types.arrays import Floats
 from slam_init.window.hypotheses import WindowHypotheses, with_plane
 from slam_init.window.joint_fit import JointFit, fit_window
-from slam_init.window.levels import LARGEST_ZOOM, WRONG_DIRECTION_DEG, ZOOMED_COST, ZOOMS
+from slam_init.window.levels import LARGEST_ZOOM, WRONG_DIRECTION_DEG, ZOOMED_COST
 from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.motion import fit_motion
 from slam_init.window.other_motion import bearings_of_best
@@ -102,8 +102,8 @@ def _starts(
     """The tracks as measured, a fit to them with zooms undone, and these zooms (V,)."""
     best = hypotheses.motions[0]
     yield best.tracks, held, np.zeros(len(best.rows))
-    # Smaller zooms than a lens that focuses has lead where the best motion leads.
-    if np.abs(rotation.zooms).max() < ZOOMS[0][0] or not rotation.explains_much(hypotheses):
+    # Smaller zooms lead where the best motion leads.
+    if not rotation.has_zooms or not rotation.explains_much(hypotheses):
         return
     found = look_again(rotation.hypotheses).motions[0]
     if hypotheses.planar:

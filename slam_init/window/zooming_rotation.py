@@ -20,7 +20,7 @@ from slam_init.types.arrays import Floats, evenly_spaced
 from slam_init.types.camera import Camera
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import fit_window
-from slam_init.window.levels import LARGEST_ZOOM, SHIFTS, ZOOM_LEAVES, ZOOMED_COST
+from slam_init.window.levels import LARGEST_ZOOM, SHIFTS, ZOOM_LEAVES, ZOOMED_COST, ZOOMS
 from slam_init.window.measured_rays import measured_rays
 from slam_init.window.projection import camera_vector
 from slam_init.window.state import Priors, WindowState, start_at
@@ -66,6 +66,11 @@ class ZoomingRotation:
     def cost(self) -> float:
         """Of the fit, with the price of the zooms and the shifts."""
         return self.hypotheses.rotation_only.cost
+
+    @property
+    def has_zooms(self) -> bool:
+        """Whether a zoom is larger than the smallest that the lens of a motion is given."""
+        return float(np.abs(self.zooms).max()) > ZOOMS[0][0]
 
     def errors_px(self, tracks: WindowTracks, priors: Priors) -> Floats:
         """What the model of the zooms leaves of their displacements (V, T): standard deviations of the tracks.
