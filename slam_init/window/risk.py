@@ -13,10 +13,9 @@ causes add their probabilities:
 * **rival**: another motion is right. Each track votes by the difference of its two log likelihoods, by three nats at
   the most: so much it costs to say that the track is an outlier. The image region with the largest vote is left out,
   since a moving body or a step in the scene fills a region. What the error fields explain of the rival counts for it.
-* **rotation**: the camera only rotates, with a wrong focal length. Translation and points add unknowns, so they lower
-  the cost by chance: twice the gain has a chi-square distribution then, with a noise that may be larger than measured:
-  a tracker keeps errors from view to view, which scale the gain or, where that tells more, join the noise.
-  Or the camera only rotates, and up to half of the tracks lie on bodies that move.
+* **rotation**: the camera only rotates, with a wrong focal length, and translation and points gain by chance; or its
+  images zoom and shift besides (:mod:`~slam_init.window.rotation_term`); or up to half of the tracks lie on bodies that
+  move (:mod:`~slam_init.window.half_at_rest`).
 * **moving**: the tracks that the best motion does not explain have a rigid motion of their own, and they may be the
   scene at rest (:mod:`~slam_init.window.other_motion`); or a body holds the best motion, and the half of the view
   without it prefers another one (:mod:`~slam_init.window.left_out`).
@@ -30,7 +29,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -40,8 +38,6 @@ from slam_init.types.evidence import Margin
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 from slam_init.window.half_at_rest import bodies_probability
 from slam_init.window.hypotheses import (
-    CERTAIN_SIGMAS,
-    EXPLAINED_BY_FIELDS,
     WindowHypotheses,
     with_plane,
     with_rotation_anew,
@@ -51,35 +47,29 @@ from slam_init.window.levels import (
     AGREES_SIGMAS,
     FEW_VIEWS,
     FLOOR,
-    LENS_ZOOMS,
     MERE_ROTATION,
     ON_BODIES,
     PULL_FREEDOM,
     SAME_DIRECTION_DEG,
     SAME_ROTATION_DEG,
-    SHARE_OF_BODIES,
     UNDECIDED,
     WRONG_DIRECTION_DEG,
     WRONG_ROTATION_DEG,
-    ZOOM_LEAVES,
 )
-from slam_init.window.linearization import linearize_with_fields
-from slam_init.window.marginal import marginalize_fields
 from slam_init.window.motion import FittedMotion, fit_motion
 from slam_init.window.neighbours import agreement_of_neighbours, variance_by_neighbours
 from slam_init.window.other_motion import OtherMotion, bearings_of_best, explained_tracks, other_motion
 from slam_init.window.rival import rival_term
-from slam_init.window.second_look import look_again
-from slam_init.window.tails import at_any_look, chi_square_as_gaussian, three_directions, two_directions
-from slam_init.window.tracker_errors import (
-    gain_of_lasting_errors,
-    gain_of_shared_errors,
-    gain_of_turning_errors,
-    with_lasting_errors,
+from slam_init.window.rotation_term import (
+    keeps_errors,
+    rotation_probability,
+    with_errors_in_noise,
+    zooming_probability,
 )
+from slam_init.window.second_look import look_again
+from slam_init.window.tails import three_directions, two_directions
 from slam_init.window.uncertainty import (
     CameraEstimate,
-    ExpandedFit,
     MovedByLens,
     VaryingLens,
     camera_estimate,
@@ -99,13 +89,6 @@ from slam_init.window.zooming_rotation import ZoomingRotation, with_zooms
 #: A direction that is wrong with a larger probability is unknown, however far behind the rivals are.
 #: Class: level.
 _UNKNOWN = 0.2
-#: Errors whose variance adds as much to that of the noise, as a factor on it. Smaller ones scale what chance gains by
-#: about as much as they do in the noise.
-#: Class: geometry.
-_LARGER_THAN_NOISE = 2.0
-#: Errors of a smaller share of the noise change it by less than a twentieth.
-#: Class: geometry.
-_OF_NOISE = 0.3
 
 
 @dataclass(frozen=True)
@@ -243,14 +226,14 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
     if_lens_fixed = min(1.0, float(weights @ two_directions(WRONG_DIRECTION_DEG, of_views[0])) + rotated)
     if_lens_right = float(weights @ _with_varying_lens(of_fit[0], varying, 0))
     if_lens_right = min(1.0, if_lens_right + three_directions(WRONG_ROTATION_DEG, rotation_of_fit_deg))
-    gain, rotation, camera = _rotation_probability(hypotheses, expanded)
+    gain, rotation, camera = rotation_probability(hypotheses, expanded)
     if rotation <= MERE_ROTATION:
         camera = camera_estimate(expanded, optimism.factor(lens_held=False))
     # Another test takes two fits, which a direction that is unknown is not worth.
-    lasting_in_noise = rotation > FLOOR and direction <= _UNKNOWN and _keeps_errors(hypotheses)
+    lasting_in_noise = rotation > FLOOR and direction <= _UNKNOWN and keeps_errors(hypotheses)
     if lasting_in_noise:
-        wide = _with_lasting_errors(hypotheses)
-        of_wide = _rotation_probability(wide, expand(wide, wide.motions[0]), lasting_in_noise=True)[1]
+        wide = with_errors_in_noise(hypotheses)
+        of_wide = rotation_probability(wide, expand(wide, wide.motions[0]), lasting_in_noise=True)[1]
         of_wide = max(of_wide, 0.0 if wide.planar else bodies_probability(wide, ON_BODIES))
         lasting_in_noise, rotation = of_wide < rotation, min(of_wide, rotation)
     # Points at infinity lie on no plane, so that a plane needs no such test.
@@ -369,81 +352,12 @@ def _against_a_half(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRis
 
 def _against_zooming_rotation(hypotheses: WindowHypotheses, risk: WindowRisk, zooming: ZoomingRotation) -> WindowRisk:
     """The risk with the rival that the camera only rotates, and that its images zoom and shift from view to view."""
-    probability = _zooming_probability(hypotheses, zooming)
-    if probability > FLOOR and _keeps_errors(hypotheses):
-        wide = _with_lasting_errors(hypotheses)
-        probability = min(probability, _zooming_probability(wide, with_zooms(wide), lasting_in_noise=True))
-    rotation = risk.rotation + probability
+    rotation = risk.rotation + zooming_probability(hypotheses, zooming)
     return replace(risk, rotation=rotation, total=_total(risk.direction, risk.rival, rotation, risk.moving))
 
 
-def _zooming_probability(
-    hypotheses: WindowHypotheses, zooming: ZoomingRotation, *, lasting_in_noise: bool = False
-) -> float:
-    """Probability that the camera only rotates, and that its images zoom or shift.
-
-    See :func:`_rotation_probability` for ``lasting_in_noise``.
-    """
-    explained = 0.5 * (hypotheses.rotation_only.cost - zooming.cost)
-    explains_most = explained > zooming.hypotheses.gain_over_rotation[0]
-    probability = 0.0
-    # What the model of a zoom lacks is a share of what it explains. Where outliers bound that, it is in the noise.
-    for one, zoom, left in (
-        (hypotheses, zooming, ZOOM_LEAVES * explained if zooming.has_zooms else 0.0),
-        (*_with_errors_of_zooms(hypotheses, zooming), 0.0),
-    ):
-        best = expand(one, one.motions[0])
-        # A wrong match, which both explain in part, costs a camera more that starts farther away. Before a plane, where
-        # a zoom and a motion explain the same, these would decide.
-        left += zoom.hypotheses.gain_beyond_votes if one.planar else 0.0
-        of_gain = _rotation_probability(zoom.hypotheses, best, left, lasting_in_noise=lasting_in_noise)[1]
-        # A zoom looks like a motion toward a plane, so that a few bodies before it look like its relief. Tracks that
-        # lie on a plane are no such bodies.
-        if explains_most and not one.planar:
-            of_gain = max(of_gain, bodies_probability(zoom.hypotheses, SHARE_OF_BODIES, price=zoom.price))
-        probability = max(probability, of_gain)
-    return hypotheses.priors.lens_changes * LENS_ZOOMS * probability
-
-
-def _with_errors_of_zooms(
-    hypotheses: WindowHypotheses, zooming: ZoomingRotation
-) -> tuple[WindowHypotheses, ZoomingRotation]:
-    """Both with what the zooms of a lens leave of their displacements in the noise.
-
-    Otherwise a motion straight toward a frontal plane, which explains the zooms too, would gain by what the model of a
-    zoom lacks.
-    """
-    tracks, best = hypotheses.tracks, hypotheses.motions[0]
-    errors_px = zooming.errors_px(tracks, hypotheses.priors)
-    if not (errors_px > _OF_NOISE * tracks.sigma_px).any():
-        return hypotheses, zooming
-    wide = replace(tracks, sigma_px=np.hypot(tracks.sigma_px, errors_px))
-    hypotheses = replace(hypotheses, tracks=wide, motions=(fit_motion(wide, best.motion, hypotheses.priors),))
-    return hypotheses, zooming.beside(hypotheses)
-
-
-def _keeps_errors(hypotheses: WindowHypotheses) -> bool:
-    """Whether the errors that a tracker keeps may be larger than the noise."""
-    return gain_of_lasting_errors(hypotheses.tracks, hypotheses.rotation_only.state.R) > _LARGER_THAN_NOISE
-
-
 def _wide_too(hypotheses: WindowHypotheses, risk: WindowRisk) -> tuple[WindowHypotheses, ...]:
-    return (_with_lasting_errors(hypotheses),) if risk.lasting_in_noise else ()
-
-
-@lru_cache(maxsize=2)
-def _with_lasting_errors(hypotheses: WindowHypotheses) -> WindowHypotheses:
-    """The best motion, and the camera that only rotates, with the errors that a tracker keeps in the noise.
-
-    An outlier gains 4.5 nats at the most. What chance gains grows with the square of the errors, beyond what even
-    outliers gain where the noise is a third of them: then no translation would be told by two views. With the errors
-    in the noise, a track whose parallax they explain is no outlier, and one whose parallax is larger stays one.
-    """
-    tracks, best = hypotheses.tracks, hypotheses.motions[0]
-    wide = with_lasting_errors(tracks, hypotheses.rotation_only.state.R)
-    again = fit_motion(wide, best.motion, hypotheses.priors)
-    hopeless = replace(hypotheses.rotation_only, cost=math.inf)
-    return with_rotation_anew(replace(hypotheses, tracks=wide, motions=(again,), rotation_only=hopeless))
+    return (with_errors_in_noise(hypotheses),) if risk.lasting_in_noise else ()
 
 
 def _total(direction: float, rival: float, rotation: float, moving: float) -> float:
@@ -500,36 +414,3 @@ def _with_varying_lens(sigmas_deg: Floats, varying: VaryingLens, view: int) -> F
 def _largest_sigma_deg(covariance: Floats) -> float:
     """Standard deviation where it is largest, in degrees, of a covariance in rad^2."""
     return math.degrees(float(deviations(np.linalg.eigvalsh(covariance))[-1]))
-
-
-def _rotation_probability(
-    hypotheses: WindowHypotheses, expanded: ExpandedFit, unexplained: float = 0.0, *, lasting_in_noise: bool = False
-) -> tuple[float, float, CameraEstimate]:
-    """Gain over the rotation-only camera (nats), the probability of it if the camera only rotates, and that camera.
-
-    * ``unexplained``: What the model of that camera leaves, in nats.
-    * ``lasting_in_noise``: Of hypotheses of :func:`_with_lasting_errors`.
-    """
-    gain, freedom = hypotheses.gain_over_rotation
-    gain -= unexplained
-    tracks, state = hypotheses.tracks, hypotheses.rotation_only.state
-    lasting = 1.0 if lasting_in_noise else gain_of_lasting_errors(tracks, state.R)
-    dispersion = lasting * hypotheses.motions[0].fit.dispersion
-    # Shared errors make the distribution a noncentral one, which is that of Patnaik nearly: a scaled chi-square.
-    shared = gain_of_shared_errors(tracks) + gain_of_turning_errors(tracks, state.readout_s)
-    scale = (freedom + 2 * shared) / (freedom + shared)
-    freedom = (freedom + shared) / scale
-
-    def z_of(gains: Floats) -> Floats:
-        return chi_square_as_gaussian(2 * gains / (scale * freedom), freedom)
-
-    if z_of(np.array([(1 - EXPLAINED_BY_FIELDS) * max(gain, 0.0) / dispersion]))[0] > CERTAIN_SIGMAS:
-        return gain, 0.0, camera_estimate(expanded)
-    rotation = linearize_with_fields(
-        hypotheses.tracks, hypotheses.rotation_only, hypotheses.rotation_priors, rotation_only=True
-    )
-    marginal = marginalize_fields(rotation)
-    explained = marginal.lowered_cost - expanded.marginal.lowered_cost
-    gains = np.maximum(gain - 0.5 * np.maximum(explained, 0.0), 0.0) / dispersion
-    probability = float(expanded.scale_weights @ [at_any_look(float(one)) for one in z_of(gains)])
-    return gain, probability, camera_estimate(ExpandedFit(tracks, hypotheses.rotation_only, rotation, marginal))

@@ -1,0 +1,146 @@
+"""The term *rotation* of the risk: the probability that the camera only rotates.
+
+Translation and points add unknowns, so they lower the cost by chance: twice the gain has a chi-square distribution
+then. A tracker keeps errors from view to view, which scale the gain or, where that tells more, join the noise. A camera
+that only rotates may have images that zoom and shift (:mod:`~slam_init.window.zooming_rotation`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from slam_init.types.arrays import Floats
+from slam_init.window.half_at_rest import bodies_probability
+from slam_init.window.hypotheses import CERTAIN_SIGMAS, EXPLAINED_BY_FIELDS, WindowHypotheses, with_rotation_anew
+from slam_init.window.levels import FLOOR, LENS_ZOOMS, SHARE_OF_BODIES, ZOOM_LEAVES
+from slam_init.window.linearization import linearize_with_fields
+from slam_init.window.marginal import marginalize_fields
+from slam_init.window.motion import fit_motion
+from slam_init.window.tails import at_any_look, chi_square_as_gaussian
+from slam_init.window.tracker_errors import (
+    gain_of_lasting_errors,
+    gain_of_shared_errors,
+    gain_of_turning_errors,
+    with_lasting_errors,
+)
+from slam_init.window.uncertainty import CameraEstimate, ExpandedFit, camera_estimate, expand
+from slam_init.window.zooming_rotation import ZoomingRotation, with_zooms
+
+#: Errors whose variance adds as much to that of the noise, as a factor on it. Smaller ones scale what chance gains by
+#: about as much as they do in the noise.
+#: Class: geometry.
+_LARGER_THAN_NOISE = 2.0
+#: Errors of a smaller share of the noise change it by less than a twentieth.
+#: Class: geometry.
+_OF_NOISE = 0.3
+
+
+def rotation_probability(
+    hypotheses: WindowHypotheses, expanded: ExpandedFit, unexplained: float = 0.0, *, lasting_in_noise: bool = False
+) -> tuple[float, float, CameraEstimate]:
+    """Gain over the rotation-only camera (nats), the probability of it if the camera only rotates, and that camera.
+
+    * ``unexplained``: What the model of that camera leaves, in nats.
+    * ``lasting_in_noise``: Of hypotheses of :func:`with_errors_in_noise`.
+    """
+    gain, freedom = hypotheses.gain_over_rotation
+    gain -= unexplained
+    tracks, state = hypotheses.tracks, hypotheses.rotation_only.state
+    lasting = 1.0 if lasting_in_noise else gain_of_lasting_errors(tracks, state.R)
+    dispersion = lasting * hypotheses.motions[0].fit.dispersion
+    # Shared errors make the distribution a noncentral one, which is that of Patnaik nearly: a scaled chi-square.
+    shared = gain_of_shared_errors(tracks) + gain_of_turning_errors(tracks, state.readout_s)
+    scale = (freedom + 2 * shared) / (freedom + shared)
+    freedom = (freedom + shared) / scale
+
+    def z_of(gains: Floats) -> Floats:
+        return chi_square_as_gaussian(2 * gains / (scale * freedom), freedom)
+
+    if z_of(np.array([(1 - EXPLAINED_BY_FIELDS) * max(gain, 0.0) / dispersion]))[0] > CERTAIN_SIGMAS:
+        return gain, 0.0, camera_estimate(expanded)
+    rotation = linearize_with_fields(
+        hypotheses.tracks, hypotheses.rotation_only, hypotheses.rotation_priors, rotation_only=True
+    )
+    marginal = marginalize_fields(rotation)
+    explained = marginal.lowered_cost - expanded.marginal.lowered_cost
+    gains = np.maximum(gain - 0.5 * np.maximum(explained, 0.0), 0.0) / dispersion
+    probability = float(expanded.scale_weights @ [at_any_look(float(one)) for one in z_of(gains)])
+    return gain, probability, camera_estimate(ExpandedFit(tracks, hypotheses.rotation_only, rotation, marginal))
+
+
+def keeps_errors(hypotheses: WindowHypotheses) -> bool:
+    """Whether the errors that a tracker keeps may be larger than the noise."""
+    return gain_of_lasting_errors(hypotheses.tracks, hypotheses.rotation_only.state.R) > _LARGER_THAN_NOISE
+
+
+@lru_cache(maxsize=2)
+def with_errors_in_noise(hypotheses: WindowHypotheses) -> WindowHypotheses:
+    """The best motion, and the camera that only rotates, with the errors that a tracker keeps in the noise.
+
+    An outlier gains 4.5 nats at the most. What chance gains grows with the square of the errors, beyond what even
+    outliers gain where the noise is a third of them: then no translation would be told by two views. With the errors
+    in the noise, a track whose parallax they explain is no outlier, and one whose parallax is larger stays one.
+    """
+    tracks, best = hypotheses.tracks, hypotheses.motions[0]
+    wide = with_lasting_errors(tracks, hypotheses.rotation_only.state.R)
+    again = fit_motion(wide, best.motion, hypotheses.priors)
+    hopeless = replace(hypotheses.rotation_only, cost=math.inf)
+    return with_rotation_anew(replace(hypotheses, tracks=wide, motions=(again,), rotation_only=hopeless))
+
+
+def zooming_probability(hypotheses: WindowHypotheses, zooming: ZoomingRotation) -> float:
+    """Probability that the camera only rotates, and that its images zoom or shift."""
+    probability = _probability_beside_zooms(hypotheses, zooming)
+    if probability > FLOOR and keeps_errors(hypotheses):
+        wide = with_errors_in_noise(hypotheses)
+        probability = min(probability, _probability_beside_zooms(wide, with_zooms(wide), lasting_in_noise=True))
+    return probability
+
+
+def _probability_beside_zooms(
+    hypotheses: WindowHypotheses, zooming: ZoomingRotation, *, lasting_in_noise: bool = False
+) -> float:
+    """Probability that the camera only rotates, and that its images zoom or shift.
+
+    See :func:`rotation_probability` for ``lasting_in_noise``.
+    """
+    explained = 0.5 * (hypotheses.rotation_only.cost - zooming.cost)
+    # A zoom looks like a motion toward a plane, so that a few bodies before it look like its relief. Tracks that lie on
+    # a plane are no such bodies.
+    bodies = explained > zooming.hypotheses.gain_over_rotation[0] and not hypotheses.planar
+    # What the model of a zoom lacks is a share of what it explains. Where outliers bound that, it is in the noise.
+    cases = [(hypotheses, zooming, ZOOM_LEAVES * explained if zooming.has_zooms else 0.0)]
+    if (wide := _with_errors_of_zooms(hypotheses, zooming)) is not None:
+        cases.append((*wide, 0.0))
+    probability = 0.0
+    for one, zoom, unexplained in cases:
+        # A wrong match, which both explain in part, costs a camera more that starts farther away. Before a plane, where
+        # a zoom and a motion explain the same, these would decide.
+        beyond = zoom.hypotheses.gain_beyond_votes if one.planar else 0.0
+        best = expand(one, one.motions[0])
+        left = unexplained + beyond
+        _, by_gain, _ = rotation_probability(zoom.hypotheses, best, left, lasting_in_noise=lasting_in_noise)
+        by_bodies = bodies_probability(zoom.hypotheses, SHARE_OF_BODIES, price=zoom.price) if bodies else 0.0
+        probability = max(probability, by_gain, by_bodies)
+    return hypotheses.priors.lens_changes * LENS_ZOOMS * probability
+
+
+def _with_errors_of_zooms(
+    hypotheses: WindowHypotheses, zooming: ZoomingRotation
+) -> tuple[WindowHypotheses, ZoomingRotation] | None:
+    """Both with what the zooms of a lens leave of their displacements in the noise; None where that changes nothing.
+
+    Otherwise a motion straight toward a frontal plane, which explains the zooms too, would gain by what the model of a
+    zoom lacks.
+    """
+    tracks, best = hypotheses.tracks, hypotheses.motions[0]
+    errors_px = zooming.errors_px(tracks, hypotheses.priors)
+    if not (errors_px > _OF_NOISE * tracks.sigma_px).any():
+        return None
+    wide = replace(tracks, sigma_px=np.hypot(tracks.sigma_px, errors_px))
+    hypotheses = replace(hypotheses, tracks=wide, motions=(fit_motion(wide, best.motion, hypotheses.priors),))
+    return hypotheses, zooming.beside(hypotheses)
