@@ -320,6 +320,15 @@ def hypotheses_of_changing_lens(
     return hypotheses_of(camera, views, Priors(0.02, principal_sigma_px=2.0))
 
 
+def hypotheses_of_scene(scene, seed, views, last=None, priors=None, **options):
+    """The hypotheses of the first and the last frame of a drawn scene, and of evenly spaced frames between."""
+    source = point_source(scene, seed, **options)
+    observations = list(source.observations())
+    picks = np.linspace(0, len(observations) - 1 if last is None else last, views).round().astype(int)
+    part = pair_and_further([observations[k] for k in picks], views)
+    return hypotheses_of(source.camera, part, priors or Priors(focal_sigma=0.03))
+
+
 def finished(source, config=WINDOW_CONFIG, initializer=None):
     """The result after the tracks of a source, up to the map."""
     initializer = initializer or Initializer(source.camera, config)

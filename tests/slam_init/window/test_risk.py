@@ -1,33 +1,22 @@
-"""Laws of the stated risk: its terms add up, more views lower it, and a rotation-only camera never has a small one."""
+"""Laws of the stated risk: its terms add up, and more views lower it."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from make_window import hypotheses_of, pair_and_further, point_source, pose_errors_deg, true_motion
+from make_window import hypotheses_of_scene as hypotheses
 
-from quest.geometry.quaternion import rotation_from_vector
 from quest.robust.spatial_blocks import regions_of
 from sequences_synth.points import PointOptions, make_points
 from slam_init.config import AcceptanceConfig
 from slam_init.datasets.points import PointSource
 from slam_init.window import rival as rival_module
-from slam_init.window.levels import UNDECIDED
-from slam_init.window.risk import confirmed, risk_of
-from slam_init.window.rotation_term import rotation_probability
+from slam_init.window.risk import risk_of
 from slam_init.window.state import Priors
-from slam_init.window.uncertainty import expand
 
 PRIORS = Priors(focal_sigma=0.03)
 MAX_RISK = AcceptanceConfig().max_risk
-
-
-def hypotheses(scene, seed, views, last=None, priors=PRIORS, **options):
-    """The hypotheses of the first and the last frame, and of evenly spaced frames between."""
-    source = point_source(scene, seed, **options)
-    observations = list(source.observations())
-    picks = np.linspace(0, len(observations) - 1 if last is None else last, views).round().astype(int)
-    return hypotheses_of(source.camera, pair_and_further([observations[k] for k in picks], views), priors)
 
 
 @pytest.fixture(scope="module")
@@ -166,95 +155,6 @@ def test_a_rival_that_locates_fewer_views_pays_for_the_views_it_leaves_out():
     assert without.rival < 1e-6
 
 
-def test_the_rotation_term_falls_with_the_gain_over_the_rotation_only_camera(clear):
-    cost, expanded = clear.motions[0].fit.cost, expand(clear, clear.motions[0])
-    gains, probabilities, _ = zip(
-        *(
-            rotation_probability(replace(clear, rotation_only=replace(clear.rotation_only, cost=cost + gain)), expanded)
-            for gain in (0.0, 400.0, 800.0, 1600.0, 4000.0)
-        ),
-        strict=True,
-    )
-    assert probabilities[0] > 0.999
-    assert probabilities[-1] < 1e-6
-    assert (np.diff(probabilities) <= 0).all()
-    np.testing.assert_allclose(gains, [0, 200, 400, 800, 2000])
-
-
-def test_a_gain_tells_less_where_the_image_moved_further_for_a_tracker_keeps_errors(clear):
-    cost, fit = clear.motions[0].fit.cost, clear.rotation_only
-    views = len(fit.state.R)
-
-    def rotation_term(turn_deg):
-        turns = np.radians(turn_deg) * np.arange(views) / (views - 1)
-        R = np.array([rotation_from_vector(turn * np.array([0.0, 1.0, 0.0])) for turn in turns])
-        turned = replace(fit, cost=cost + 700.0, state=replace(fit.state, R=R))
-        noisy = replace(clear, tracks=clear.tracks.with_noise(0.1), rotation_only=turned)
-        return rotation_probability(noisy, expand(clear, clear.motions[0]))[1]
-
-    none, little, much, most = map(rotation_term, (0.0, 1.0, 5.0, 20.0))
-    assert none <= little <= much <= most
-    assert none < 1e-3
-    assert most > 0.9
-
-
-def turned_views(scene, seed, turn_deg, lasting_px=0.0, on_body=0.0, **options):
-    """Three views, of which the later ones are turned; a tracker keeps an error of each track in both of them."""
-    source, rng = point_source(scene, seed, noise_px=0.1, **options), np.random.default_rng(seed)
-    views = pair_and_further(list(source.observations())[::5][:3], 3)
-    ids = np.unique(np.concatenate([view.track_ids for view in views]))
-    errors, moves = rng.normal(0, lasting_px, (len(ids), 2)), rng.random(len(ids)) < on_body
-    nearness, turned = 10 * rng.uniform(0.5, 1.5, len(ids)), []
-    for view in views:
-        later = view.frame > views[0].frame
-        R = rotation_from_vector(np.radians(turn_deg if later else 0.0) * np.array([0.0, 1.0, 0.0]))
-        at = np.searchsorted(ids, view.track_ids)
-        step = (view.frame - views[0].frame) / 5 * np.array([1.0, 0.3]) * nearness[at, None]
-        pixels = source.camera.project(view.bearings @ R.T)
-        pixels = pixels + later * (errors[at] + moves[at, None] * step)
-        inside = np.isfinite(pixels).all(axis=1)
-        bearings = source.camera.bearings(pixels)
-        turned.append(replace(view.at(np.flatnonzero(inside)), pixels=pixels[inside], bearings=bearings[inside]))
-    return source.camera, turned
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_two_views_tell_a_translation_beyond_what_a_tracker_keeps(seed):
-    """With a noise of a third of these errors, chance would gain more than outliers gain at the most."""
-    camera, views = turned_views("room", seed, 20.0, baseline=0.3)
-    found = hypotheses_of(camera, views[:2], PRIORS)
-    risk = risk_of(found)
-    assert risk.lasting_in_noise
-    assert rotation_probability(found, expand(found, found.motions[0]))[1] > UNDECIDED
-    assert risk.rotation < 1e-3
-
-
-@pytest.mark.parametrize("seed", range(2))
-@pytest.mark.parametrize("views", [2, 3])
-def test_bodies_before_a_turning_camera_are_no_translation_whatever_its_tracker_keeps(seed, views):
-    """A third of the tracks moves with a body; the errors that the others keep gain for a translation as well."""
-    camera, turned = turned_views("rotation", seed, 15.0, lasting_px=0.3, on_body=0.3)
-    found = hypotheses_of(camera, turned[:views], PRIORS)
-    risk = risk_of(found)
-    _, again = confirmed(found, replace(risk, total=0.0), MAX_RISK)
-    assert risk.rotation > 0.5
-    assert again.rotation > 0.5
-
-
-@pytest.mark.parametrize("seed", range(0, 8, 2))
-def test_a_rotation_only_camera_of_wrong_focal_length_never_has_a_small_risk(seed):
-    """Where the focal length is wrong, quest takes some rotation-only cameras for moving ones."""
-    for views in (8, 10, 12):
-        found = hypotheses("rotation", seed, views, views - 1, focal_error=0.05)
-        if found is not None:
-            assert risk_of(found).total > MAX_RISK
-
-
-def test_some_rotation_only_cameras_of_wrong_focal_length_have_a_proposed_motion():
-    """The law above is not empty."""
-    assert hypotheses("rotation", 6, 10, 9, focal_error=0.05) is not None
-
-
 def risk_with_noise(noise_px, stated_px):
     source = point_source("room", 0, noise_px=noise_px)
     views = pair_and_further(list(source.observations()), 6)
@@ -364,19 +264,3 @@ def test_above_a_bound_the_term_of_the_rivals_is_a_lower_one():
         assert (bounded.total <= 0.005) == (whole.total <= 0.005)
         if bounded.total <= 0.005:
             assert bounded.total == whole.total
-
-
-@pytest.mark.parametrize("seed", range(1, 4))
-def test_before_a_camera_that_turns_bodies_that_hold_two_fifths_of_the_tracks_are_no_translation(seed):
-    """They pull the camera that only rotates, so that the tracks at rest seem to gain by the translation as well."""
-    source, rng = point_source("rotation", seed, noise_px=0.3), np.random.default_rng(seed)
-    views = pair_and_further(list(source.observations()), 8)
-    depths, views_moved = rng.uniform(0.5, 1.5, 10_000), []
-    for view in views:
-        on_body = (view.track_ids % 5 < 2)[:, None]
-        step = (view.frame - views[0].frame) * np.array([1.5, 0.5]) * depths[view.track_ids, None]
-        pixels = view.pixels + on_body * step
-        views_moved.append(replace(view, pixels=pixels, bearings=source.camera.bearings(pixels)))
-    found = hypotheses_of(source.camera, views_moved, PRIORS)
-    _, risk = confirmed(found, replace(risk_of(found), total=0.0, rotation=0.0), max_risk=0.005)
-    assert risk.rotation > 0.5

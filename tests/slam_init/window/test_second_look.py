@@ -2,10 +2,10 @@
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from make_hard_worlds import drive_behind_a_logo, ground_and_poles, shifted_frames_before_a_wall
 from make_window import hypotheses_of, hypotheses_of_changing_lens, pair_and_further, point_source
+from make_window import hypotheses_of_scene as hypotheses
 
 from slam_init.window.levels import PRINCIPAL_SIGMA
 from slam_init.window.risk import confirmed, risk_of
@@ -14,13 +14,6 @@ from slam_init.window.state import Priors
 
 PRIORS = Priors(focal_sigma=0.03)
 WRONG_DEG = 15.0
-
-
-def hypotheses(scene, seed, views, **options):
-    source = point_source(scene, seed, **options)
-    observations = list(source.observations())
-    picks = np.linspace(0, len(observations) - 1, views).round().astype(int)
-    return hypotheses_of(source.camera, pair_and_further([observations[k] for k in picks], views), PRIORS)
 
 
 @pytest.mark.parametrize("seed", [13, 19])
