@@ -29,7 +29,7 @@ from slam_init.window.zoomed_view import locate_view
 
 #: Views are located and fitted in turn so often. It ends where a round lowers the cost by less than this share of what
 #: is left to the best motion: zooms do not explain it then.
-_ROUNDS, _MAX_STEPS, _LEAST_PROGRESS = 8, 30, 0.1
+_ROUNDS, _MAX_STEPS, _LEAST_PROGRESS = 8, 8, 0.1
 #: Where zooms leave at most this share of what the rotation leaves to the best motion, further focal lengths of the
 #: reference are tried: off by this factor (as a logarithm). One drawn camera on a tripod zoomed by 1.5 before its
 #: reference: the fit from the stated focal length left 41 %, and with these starts 1 %.
