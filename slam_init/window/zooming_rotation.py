@@ -211,7 +211,9 @@ def _located(
         used &= np.isfinite(from_anchor).all(axis=1)
         if used.sum() >= _LEAST_TRACKS:
             world = np.einsum("tji,tj->ti", R[anchor[used]], from_anchor[used])
-            starts = [(R[k], zooms[k], shifts[k]), (*_similar(camera, world, measured[used], R[k]), np.zeros(2))]
+            starts = [(R[k], zooms[k], shifts[k])]
+            if rays is None:  # nothing is located yet
+                starts.append((*_similar(camera, world, measured[used], R[k]), np.zeros(2)))
             sigma_px = tracks.sigma_px[k, used]
             found = [locate_view(lens, world, measured[used], *one, shift_px, sigma_px) for one in starts]
             R[k], zooms[k], shifts[k], _ = min(found, key=lambda one: one[3])

@@ -57,10 +57,13 @@ def test_the_zoom_of_a_second_view_alone_refuses_no_map_whose_direction_it_leave
 
 @pytest.mark.parametrize(("scene", "seed"), [("nadir", 2), ("wall", 1)])
 def test_each_start_costs_what_its_tracks_cost_with_its_zooms_undone_and_nothing_else(scene, seed):
-    """Before a plane the camera that only rotates shifts its images too, which the motion does not."""
+    """Before a plane the camera that only rotates shifts its images too, which the motion does not.
+
+    A fit that has not converged is off by a thousandth, and shifts double the cost.
+    """
     found = hypotheses(scene, seed, ramp=0.02, baseline=0.1, points=300)
     rotation = with_zooms(found)
     assert np.abs(rotation.shifts).max() > 1
     for tracks, fit, zooms in zooming_motion._starts(found, found.motions[0].fit, rotation):
         again = fit_window(zoomed(tracks, zooms), fit.state, found.priors, max_steps=0)
-        assert again.cost == pytest.approx(fit.cost, rel=1e-6)
+        assert again.cost == pytest.approx(fit.cost, rel=0.01)
