@@ -5,7 +5,7 @@ plane. A stabilizer shifts the image of each view by up to a hundredth of its wi
 plane. So a map has to gain over this camera too. A zoom ``z`` and a shift ``s`` of a view are undone in its pixels,
 ``c + (x - s - c) / (1 + z)``, and the noise is that of the pixels as measured. First each view is located: its
 rotation, zoom and shift by the rays that earlier views have measured. Then the rotations and the rays of all views are
-fitted jointly, and the views are located again, in turn: without shifts first, then with them.
+fitted jointly, and the views are located again, in turn: without shifts first, then with them, and with both at once.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
 from slam_init.window.zoomed_view import locate_view
 
-#: Views are located and fitted in turn so often. It ends where a round lowers the cost by less than this share of what
-#: is left to the best motion: zooms do not explain it then.
+#: Views are located and fitted in turn so often, with so many steps of a fit. It ends where a round lowers the cost by
+#: less than this share of what is left to the best motion: zooms do not explain it then.
 _ROUNDS, _MAX_STEPS, _LEAST_PROGRESS = 8, 8, 0.1
 #: Where zooms leave at most this share of what the rotation leaves to the best motion, further focal lengths of the
 #: reference are tried: off by this factor (as a logarithm). One drawn camera on a tripod zoomed by 1.5 before its
@@ -137,7 +137,7 @@ def _alternated(
 ) -> ZoomingRotation:
     """Locate the views and fit them jointly, in turn, from the rotations and the lens of a state.
 
-    * ``lowest``: Without shifts, to go on with shifts.
+    * ``lowest``: To go on from, with shifts; by default there are none.
     """
     tracks, best = hypotheses.tracks, hypotheses.motions[0].fit
     sigma_px = _NO_SHIFT_PX if lowest is None else SHIFTS[-1][0] * tracks.camera.width
