@@ -107,10 +107,9 @@ class WindowHypotheses:
 
     @property
     def gain_beyond_votes(self) -> float:
-        """The part of the gain over the rotation-only camera (nats) that exceeds the votes of the tracks."""
-        best, used = self.motions[0], self.tracks.anchor >= 0
-        if self.planar:
-            used = used & best.fit.state.on_plane
+        """The gain over the rotation-only camera (nats) by tracks on the plane, beyond their votes."""
+        best = self.motions[0]
+        used = best.fit.state.on_plane & (self.tracks.anchor >= 0)
         costs, of_rotation = self.costs_of(best), self.rotation_only.track_costs
         return 0.5 * float((of_rotation - costs - self._votes(costs, of_rotation))[used].sum())
 

@@ -166,7 +166,8 @@ ZOOMED_COST = 9.2
 
 #: Standard deviation of what zooms leave of their displacements, over these: the distortion changes with the focus. A
 #: zoom lens by a factor of three moves the corners by half of the image, and its distortion changes by some hundredths
-#: of it. Other errors are as large: of the centre, and of rows that are zoomed one after another.
+#: of it. Other errors are as large: of the centre, and of rows that are zoomed one after another. So large a share of
+#: what the zooms explain is left too: a bound where the displacements are short.
 #: Class: assumption.
 ZOOM_LEAVES = 0.1
 

@@ -37,11 +37,7 @@ from slam_init.types.arrays import Floats
 from slam_init.types.evidence import Margin
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 from slam_init.window.half_at_rest import bodies_probability
-from slam_init.window.hypotheses import (
-    WindowHypotheses,
-    with_plane,
-    with_rotation_anew,
-)
+from slam_init.window.hypotheses import WindowHypotheses, with_plane, with_rotation_anew
 from slam_init.window.left_out import wrong_by_a_half
 from slam_init.window.levels import (
     AGREES_SIGMAS,
@@ -314,7 +310,7 @@ def _with_free_depths(
         return (hypotheses, risk) if len(free.motions) == 1 and again.same_as(best) else (free, _risk_of(free))
     # The scene must not vote for a motion: points that leave one of two planes vote by their free depths.
     planes, deg = _on_planes(hypotheses, free), risk.direction_sigma_deg
-    by_points, _ = rival_term(planes, expand(planes, best), deg, most=UNDECIDED, free=free)
+    by_points, _ = rival_term(planes, expand(hypotheses, best), deg, most=UNDECIDED, free=free)
     known = [one for one in free.motions[1:] if planes.fit_near(one)]
     of_free = _risk_of(replace(free, motions=tuple(one for one in free.motions if one not in known)))
     rotation_deg, direction_deg = best.difference_deg(again)
