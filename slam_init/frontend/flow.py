@@ -4,7 +4,8 @@ The flow minimizes the difference of two image patches. To first order, the cova
 ``sigma_I^2 G^-1``: ``sigma_I`` is what remains of the difference, and ``G`` the sum of the products of the gradients
 over the patch. Blur lowers the gradients along the motion, so that a track slides along its trail; a flicker, an
 occlusion or a reflection raises the remainder. The next step starts where the last one ended. So the covariances of the
-steps add up, and nothing brings a track back to its point: this is its drift.
+steps add up: this is the drift of a track, until its patch brings it back to its point
+(:mod:`~slam_init.frontend.patches`).
 
 On rendered images with up to 16 px of blur, the errors of a step are 0.6 to 1.1 times these standard deviations (see
 ``_SCALE``) in the weak direction and in the strong one alike, while they themselves grow four times; beyond 16 px of
@@ -56,6 +57,8 @@ class Flow:
     pixels: Floats
     #: (N, 2, 2) Of the errors of the displacements, px^2.
     covariances: Floats
+    #: (N,) Mean absolute difference of the patches, grey levels; 0 for a point that is lost.
+    remainders: Floats
     #: Length of the trails of a blurred image over the displacement: the exposure in units of the frame interval.
     #: None where the points move too little.
     trail: float | None
@@ -79,7 +82,7 @@ def flow(before: Image, after: Image, pixels: Floats, config: TrackingConfig, ex
     import cv2
 
     if len(pixels) == 0:
-        return Flow(np.zeros(0, bool), np.zeros((0, 2)), np.zeros((0, 2, 2)), None)
+        return Flow(np.zeros(0, bool), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), None)
     before, after = _equally_bright(before, after)
     start = pixels.astype(np.float32)
     window = (config.window_px, config.window_px)
@@ -110,9 +113,10 @@ def flow(before: Image, after: Image, pixels: Floats, config: TrackingConfig, ex
     # Nothing is known of a point that is lost.
     covariances = np.broadcast_to(np.eye(2), (len(pixels), 2, 2)).copy()
     products = gradient_products(after, moved[kept], config.window_px)
-    sigmas = _SCALE * remainder.ravel()[kept].astype(float)
-    covariances[kept] = sigmas[:, None, None] ** 2 * np.linalg.inv(products)
-    return Flow(kept, moved, covariances, _trail(products, (moved - pixels)[kept]))
+    remainders = np.zeros(len(pixels))
+    remainders[kept] = remainder.ravel()[kept]
+    covariances[kept] = (_SCALE * remainders[kept, None, None]) ** 2 * np.linalg.inv(products)
+    return Flow(kept, moved, covariances, remainders, _trail(products, (moved - pixels)[kept]))
 
 
 def _equally_bright(before: Image, after: Image) -> tuple[Image, Image]:
@@ -216,6 +220,14 @@ class Drift:
         Shapes: ``track_ids`` (N,), ``covariances`` (N, 2, 2).
         """
         self._ids, self._sums = track_ids, covariances + self.covariances(track_ids)
+
+    def return_to(self, track_ids: Ints, covariances: Floats) -> None:
+        """Take the drifts of some tracks that were brought back to their points.
+
+        Shapes: ``track_ids`` (N,), ``covariances`` (N, 2, 2).
+        """
+        _, at, of = np.intersect1d(self._ids, track_ids, assume_unique=True, return_indices=True)
+        self._sums[at] = covariances[of]
 
     def covariances(self, track_ids: Ints) -> Floats:
         """Covariances of the drift.

@@ -1,10 +1,11 @@
 """Features and tracks: the image points of different frames that show the same point of the world.
 
-In video, points are followed by Lucas-Kanade flow from frame to frame, with a forward-backward check. If the flow loses
-more than half of the tracks in one step (photographs, a cut, a fast pan), SIFT descriptors link the frame to the last
-few frames, if they link more points than the flow. The tracks that the flow kept go on beside the new ones where the
-descriptors confirm the flow (:func:`confirmed_by`): a map whose landmarks they show is not lost at such a frame. Both
-give the same kind of tracks: the modules that use the tracks do not know their origin.
+In video, points are followed by Lucas-Kanade flow from frame to frame, with a forward-backward check, and brought back
+to where they began by the patches around them (:mod:`~slam_init.frontend.patches`). If the flow loses more than half of
+the tracks in one step (photographs, a cut, a fast pan), SIFT descriptors link the frame to the last few frames, if they
+link more points than the flow. The tracks that the flow kept go on beside the new ones where the descriptors confirm
+the flow (:func:`confirmed_by`): a map whose landmarks they show is not lost at such a frame. Both give the same kind of
+tracks: the modules that use the tracks do not know their origin.
 
 Descriptors take 100 to 360 ms. A video whose frames must not wait is linked by the flow alone (see
 :meth:`Tracker.track`).
@@ -26,7 +27,8 @@ from slam_init.errors import SlamInitError
 from slam_init.frontend.conventions import check_lengths
 from slam_init.frontend.flow import Drift, Exposure, flow
 from slam_init.frontend.masking import Trackable
-from slam_init.frontend.sift import detect_sift, match_descriptors
+from slam_init.frontend.patches import Patches, smoothed
+from slam_init.frontend.sift import detect_sift, first_per_cell, match_descriptors
 from slam_init.types.arrays import Bools, Floats, Image, Ints
 from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
@@ -206,7 +208,7 @@ class Tracker:
         self._trackable: Trackable | None = None
         self._last_trackable: Trackable | None = None
         self._sift_frames: deque[_SiftFrame] = deque(maxlen=config.sift_frames)
-        self._drift = Drift()
+        self._drift, self._patches = Drift(), Patches(config.window_px)
         self._exposure, self._exposure_s, self._step_px = Exposure(), 0.0, 0.0
         self._next_id = 0
 
@@ -218,8 +220,9 @@ class Tracker:
         """
         self._trackable = self._trackable_of(frame)
         gray = frame.gray if self._trackable is None else self._trackable.blanked(frame.gray)
+        smooth = smoothed(gray)
         self.revised = ()
-        ids, pixels, by_descriptors = self._link(frame, gray)
+        ids, pixels, by_descriptors = self._link(frame, gray, smooth)
         wanted = self._config.max_tracks
         if not by_descriptors and len(ids) < (1 - self._config.refill_share) * wanted:
             new = self._detect(gray, pixels, wanted - len(ids))
@@ -229,6 +232,8 @@ class Tracker:
         # Pixels beyond the field of view of the lens model have no ray and are left out.
         order = np.argsort(ids)
         order = order[np.isfinite(bearings[order]).all(axis=1)]
+        drifts = self._drift.covariances(ids[order])
+        self._patches.follow(smooth, ids[order], pixels[order], drifts)
         self._last = Observations(
             frame=frame.index,
             timestamp_s=frame.timestamp_s,
@@ -237,7 +242,7 @@ class Tracker:
             pixels=pixels[order],
             bearings=bearings[order],
             colors=colors_at(frame.image, pixels[order]),
-            drifts=self._drift.covariances(ids[order]),
+            drifts=drifts,
             step_px=self._step_px,
             exposure_s=self._exposure_s,
         )
@@ -252,7 +257,7 @@ class Tracker:
             return self._trackable
         return Trackable(frame.mask, self._config.window_px)
 
-    def _link(self, frame: Frame, gray: Image) -> tuple[Ints, Floats, bool]:
+    def _link(self, frame: Frame, gray: Image, smooth: Image) -> tuple[Ints, Floats, bool]:
         """Tracks found in this frame: ids, pixels, and whether descriptors linked them (else flow did)."""
         if self._last is None or self._last_gray is None:
             return np.zeros(0, np.int64), np.zeros((0, 2)), False
@@ -264,8 +269,7 @@ class Tracker:
         self._exposure_s = self._exposure.update(followed.trail, frame.timestamp_s - self._last.timestamp_s)
         survived = kept.sum() >= self._config.flow_survival * len(self._last) and kept.any()
         if survived:
-            self._drift.follow(known_ids[kept], followed.covariances[kept])
-            return known_ids[kept], moved[kept], False
+            return *self._aligned(smooth, kept, moved, followed.covariances, followed.remainders), False
         sift = self._detect_sift(frame.index, gray, self._trackable)
         if not self._sift_frames or self._sift_frames[-1].frame != self._last.frame:
             # The last frame was linked by flow, or not at all. Its keypoints are the first to match with.
@@ -277,21 +281,20 @@ class Tracker:
         ]
         last, i_last, i_now = matches[-1]
         if len(i_last) <= kept.sum():
-            self._drift.follow(known_ids[kept], followed.covariances[kept])
-            return known_ids[kept], moved[kept], False
+            return *self._aligned(smooth, kept, moved, followed.covariances, followed.remainders), False
         for old, i_old, i_new in reversed(matches):
             self._join(old, sift, i_old, i_new)
         self._sift_frames.append(sift)
         self._step_px = 0.0
         matched = last.pixels[i_last], sift.pixels[i_now]
         kept[kept] = self._confirmed(matched, kept, moved)
-        covariances = followed.covariances.copy()
+        covariances, remainders = followed.covariances.copy(), followed.remainders.copy()
         # The flow may have lost points only since it did not know where to look.
         lost = np.flatnonzero(~kept)
         expected = expected_by(*matched, self._last.pixels[lost])
         if len(expected):
             guided = flow(self._last_gray, gray, self._last.pixels[lost], self._config, expected)
-            moved[lost], covariances[lost] = guided.pixels, guided.covariances
+            moved[lost], covariances[lost], remainders[lost] = guided.pixels, guided.covariances, guided.remainders
             found = np.zeros_like(kept)
             found[lost] = guided.kept
             if self._trackable is not None:
@@ -299,16 +302,28 @@ class Tracker:
             found[found] = self._confirmed(matched, found, moved)
             kept |= found
         kept &= ~np.isin(known_ids, sift.track_ids)
-        self._drift.follow(known_ids[kept], covariances[kept])
+        flow_ids, flow_pixels = self._aligned(smooth, kept, moved, covariances, remainders)
         # Of two tracks that meet in one place only that of the flow is kept, as it is the older one.
         linked = np.flatnonzero(sift.track_ids >= 0)
-        pixels = np.concatenate([moved[kept], sift.pixels[linked]])
-        ids = np.concatenate([known_ids[kept], sift.track_ids[linked]])
+        pixels = np.concatenate([flow_pixels, sift.pixels[linked]])
+        ids = np.concatenate([flow_ids, sift.track_ids[linked]])
         single = np.ones(len(ids), bool)
-        if kept.any():
-            squares = np.sum((sift.pixels[linked][:, None] - moved[kept][None]) ** 2, axis=2)
-            single[kept.sum() :] = squares.min(axis=1) > (0.5 * self._config.min_distance * gray.shape[1]) ** 2
+        if len(flow_ids):
+            squares = np.sum((sift.pixels[linked][:, None] - flow_pixels[None]) ** 2, axis=2)
+            single[len(flow_ids) :] = squares.min(axis=1) > (0.5 * self._config.min_distance * gray.shape[1]) ** 2
         return ids[single], pixels[single], True
+
+    def _aligned(
+        self, smooth: Image, kept: Bools, moved: Floats, covariances: Floats, remainders: Floats
+    ) -> tuple[Ints, Floats]:
+        """The tracks of the last frame that the flow kept, brought back to their points: ids and pixels."""
+        assert self._last is not None
+        ids = self._last.track_ids[kept]
+        self._drift.follow(ids, covariances[kept])
+        aligned = self._patches.align(smooth, ids, moved[kept], remainders[kept])
+        self._drift.return_to(ids[aligned.succeeded], aligned.drifts[aligned.succeeded])
+        single = first_per_cell(aligned.pixels, 0.5 * self._config.min_distance * smooth.shape[1])
+        return ids[single], aligned.pixels[single]
 
     def _confirmed(self, matched: tuple[Floats, Floats], chosen: Bools, moved: Floats) -> Bools:
         """Which of some points of the last frame the matches confirm."""

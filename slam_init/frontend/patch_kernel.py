@@ -1,0 +1,176 @@
+"""The compiled loops of :mod:`slam_init.frontend.patches`: patches are cut out of an image, and aligned with others."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from quest.robust.kernels.compiler import compiler_of
+from slam_init.types.arrays import Bools, Floats, Image, Ints
+
+compiled = compiler_of(Path(__file__).parent)
+
+#: Unknowns of an alignment: the displacement, the affine map (row by row, as displacements of the border of the patch),
+#: and the mean and the contrast of the image.
+UNKNOWNS = 8
+#: Prior standard deviation of a step, px: along an edge the patch tells no displacement.
+_STEP_PX = 0.5
+#: Noise of a pixel in grey levels at least: rounding.
+_LEAST_NOISE = 1.0
+#: Steps of an alignment, and the squared displacement (px^2) from which on they end: a hundredth of a pixel.
+_STEPS, _CONVERGED = 6, 1e-4
+
+
+@compiled
+def sample_row(image: Image, x: float, y: float, by_x: float, by_y: float, row: Floats) -> None:
+    """Sample an image between its pixels, along a line from a place on.
+
+    Shapes: ``row`` (K,).
+    """
+    for i in range(len(row)):
+        column, line = int(x), int(y)
+        right, down = x - column, y - line
+        above, below = float(image[line, column]), float(image[line + 1, column])
+        above += right * (image[line, column + 1] - above)
+        below += right * (image[line + 1, column + 1] - below)
+        row[i] = above + down * (below - above)
+        x += by_x
+        y += by_y
+
+
+@compiled
+def cut_patches(
+    image: Image, pixels: Floats, slots: Ints, radius: int, patches: Floats, inverses: Floats, brightness: Floats
+) -> Bools:
+    """Cut patches out of an image, with their slopes and the inverses of their normal equations.
+
+    Shapes: ``image`` (H, W), ``pixels`` (N, 2), ``slots`` (N,), ``patches`` (S, 3, K), ``inverses`` (S, 8, 8),
+    ``brightness`` (S, 2), returns (N,).
+
+    * ``patches``: The grey levels less the mean, over the contrast, and the two slopes, row by row.
+    * ``brightness``: Mean and contrast (standard deviation) of a patch.
+    * Returns: Whether each patch lies in the image. Others are not cut.
+    """
+    height, width = image.shape
+    side, reach = 2 * radius + 1, radius + 2.0
+    inside = np.zeros(len(pixels), np.bool_)
+    around, J = np.empty((side + 2, side + 2)), np.empty(UNKNOWNS)
+    normal = np.empty((UNKNOWNS, UNKNOWNS))
+    for n in range(len(pixels)):
+        x, y, slot = pixels[n, 0], pixels[n, 1], slots[n]
+        if not (x >= reach and y >= reach and x < width - 1 - reach and y < height - 1 - reach):
+            continue
+        inside[n] = True
+        for j in range(side + 2):
+            sample_row(image, x - radius - 1, y + (j - radius - 1), 1.0, 0.0, around[j])
+        inner = around[1:-1, 1:-1]
+        mean, contrast = inner.mean(), max(inner.std(), _LEAST_NOISE)
+        brightness[slot, 0], brightness[slot, 1] = mean, contrast
+        normal[:] = 0.0
+        for k in range(side * side):
+            j, i = k // side, k % side
+            J[0] = 0.5 * (around[j + 1, i + 2] - around[j + 1, i])
+            J[1] = 0.5 * (around[j + 2, i + 1] - around[j, i + 1])
+            across, down = (i - radius) / radius, (j - radius) / radius
+            J[2], J[3], J[4], J[5] = J[0] * across, J[0] * down, J[1] * across, J[1] * down
+            J[6], J[7] = 1.0, (inner[j, i] - mean) / contrast
+            patches[slot, 0, k], patches[slot, 1, k], patches[slot, 2, k] = J[7], J[0], J[1]
+            for p in range(UNKNOWNS):
+                for q in range(p, UNKNOWNS):
+                    normal[p, q] += J[p] * J[q]
+        for p in range(UNKNOWNS):
+            normal[p, p] += (_LEAST_NOISE / _STEP_PX) ** 2 if p < 6 else 0.0
+            for q in range(p):
+                normal[p, q] = normal[q, p]
+        inverses[slot] = np.linalg.inv(normal)
+    return inside
+
+
+@compiled
+def align_patches(
+    image: Image,
+    slots: Ints,
+    radius: int,
+    patches: Floats,
+    inverses: Floats,
+    brightness: Floats,
+    pixels: Floats,
+    affine: Floats,
+) -> Floats:
+    """Align patches with an image, from the places and the affine maps that are given and moved.
+
+    The inverse compositional method (Baker and Matthews, "Lucas-Kanade 20 years on", 2004): slopes and normal equations
+    stay those of the patch.
+
+    Shapes: ``slots`` (N,), ``pixels`` (N, 2), ``affine`` (N, 4), returns (N,).
+
+    * Returns: Root of the mean square of what the last step leaves, over the contrast of the patch in this image;
+      infinite where the alignment leaves the image or finds no contrast.
+    """
+    height, width = image.shape
+    side = 2 * radius + 1
+    left, row = np.full(len(slots), np.inf), np.empty(side)
+    sums, step = np.empty(UNKNOWNS), np.empty(UNKNOWNS)
+    for n in range(len(slots)):
+        slot, x, y = slots[n], pixels[n, 0], pixels[n, 1]
+        a, b, c, d = affine[n, 0], affine[n, 1], affine[n, 2], affine[n, 3]
+        mean, contrast, remains = brightness[slot, 0], brightness[slot, 1], np.inf
+        for _ in range(_STEPS):
+            reach_x, reach_y = radius * (abs(a) + abs(b)), radius * (abs(c) + abs(d))
+            if not (x >= reach_x and y >= reach_y and x + reach_x < width - 1 and y + reach_y < height - 1):
+                remains = np.inf
+                break
+            s0, s1, s2, s3, s4, s5, s6, s7, square = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for j in range(side):
+                down = float(j - radius)
+                sample_row(image, x - a * radius + b * down, y - c * radius + d * down, a, c, row)
+                g0, g1, m0, m1 = 0.0, 0.0, 0.0, 0.0
+                for i in range(side):
+                    across, k = float(i - radius), j * side + i
+                    grey = patches[slot, 0, k]
+                    error = row[i] - mean - contrast * grey
+                    by_x, by_y = patches[slot, 1, k] * error, patches[slot, 2, k] * error
+                    g0 += by_x
+                    g1 += by_y
+                    m0 += by_x * across
+                    m1 += by_y * across
+                    s6 += error
+                    s7 += error * grey
+                    square += error * error
+                s0 += g0
+                s1 += g1
+                s2 += m0
+                s3 += g0 * down
+                s4 += m1
+                s5 += g1 * down
+            sums[0], sums[1], sums[2], sums[3] = s0, s1, s2 / radius, s3 / radius
+            sums[4], sums[5], sums[6], sums[7] = s4 / radius, s5 / radius, s6, s7
+            for p in range(UNKNOWNS):
+                step[p] = 0.0
+                for q in range(UNKNOWNS):
+                    step[p] += inverses[slot, p, q] * sums[q]
+                square -= sums[p] * step[p]
+            mean += step[6]
+            contrast += step[7]
+            if not contrast >= _LEAST_NOISE:
+                remains = np.inf
+                break
+            remains = np.sqrt(max(square, 0.0)) / (side * contrast)
+            # The slopes of the image are those of the patch times the ratio of the contrasts.
+            for p in range(6):
+                step[p] *= brightness[slot, 1] / contrast
+            # The map of the patch is followed by the inverse of the step.
+            e, f, g, h = 1.0 + step[2] / radius, step[3] / radius, step[4] / radius, 1.0 + step[5] / radius
+            inverse = 1.0 / (e * h - f * g)
+            e, f, g, h = h * inverse, -f * inverse, -g * inverse, e * inverse
+            u, v = -(e * step[0] + f * step[1]), -(g * step[0] + h * step[1])
+            x, y = x + a * u + b * v, y + c * u + d * v
+            a, b, c, d = a * e + b * g, a * f + b * h, c * e + d * g, c * f + d * h
+            if step[0] * step[0] + step[1] * step[1] < _CONVERGED:
+                break
+        left[n] = remains
+        if np.isfinite(remains) and np.isfinite(x + y + a + b + c + d):
+            pixels[n, 0], pixels[n, 1] = x, y
+            affine[n, 0], affine[n, 1], affine[n, 2], affine[n, 3] = a, b, c, d
+    return left

@@ -1,0 +1,182 @@
+"""The patch around each track where it began: each frame aligns it, so that a track comes back to its point.
+
+Flow from frame to frame moves a patch by a displacement alone. Where the view turns or comes nearer, the patch is
+sheared and scaled as well, and the best displacement is not that of its centre: the error is the change of the patch
+times the distance of its corners from the centre, some pixels. It grows with the change of the view and not with time,
+so that it looks like parallax. On rendered images it reaches .2 to .4 px (median) within twenty frames, ten times the
+noise. So the patch of the frame in which a track began is aligned with each frame by an affine map, a mean and a
+contrast, from where flow ends: the median error stays at .03 px.
+
+A patch alone tells its affine map less well than many do together. The maps of the patches that were cut in one frame
+are a linear function of the place, as those of a plane are, and deviations from it, whose variance their scatter
+tells. Given that, the maps are Gaussian with a known mean, and so are the displacements.
+
+An alignment counts where it ends near the flow and leaves little. Else the track goes on by flow, and drifts. Where
+alignments fail for some frames (the view has changed, or the track lies on a border of two surfaces), the patch is cut
+anew.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slam_init.frontend.patch_kernel import UNKNOWNS, align_patches, cut_patches
+from slam_init.types.arrays import Bools, Floats, Image, Ints
+
+#: An alignment ends this far from the flow at most, px: twenty standard deviations of both.
+_NEAR_PX = 1.0
+#: It leaves this share of the contrast of the patch at most, or this multiple of what the flow leaves between two
+#: frames: dim patches have as much noise as contrast.
+_LITTLE, _AS_FLOW = 0.35, 1.5
+#: Root of the mean square of Gaussian numbers over their mean absolute value, and the median of their squares.
+_ROOT_OVER_MEAN, _MEDIAN_SQUARE = 1.25, 0.455
+#: After so many alignments in a row that failed, a patch is cut anew.
+_FAILURES = 3
+#: What rounding leaves between two images, grey levels: the root of two twelfths.
+_ROUNDING = 0.4
+#: Standard deviation of an alignment over that by independent errors of the pixels: 1.3 to 1.9 on rendered images.
+_SCALE = 1.6
+#: Fewer patches of a frame than this tell no distribution of their maps, whose means have twelve unknowns.
+_LEAST_PATCHES = 24
+#: Rounds of the robust fit of the means, and the deviations from which on a patch has less weight.
+_ROUNDS, _FAR_SIGMAS = 3, 2.0
+#: Deviation of the Gaussian that images are smoothed by before they are aligned, px. Between the pixels of a sharp
+#: corner there are the slopes of the interpolation: without it, alignments of a sharp checkerboard are off by .085 px,
+#: with it by .065. On noisy images a larger one costs more than it gains.
+_SMOOTHED_PX = 0.7
+#: The affine map of a patch that has just been cut, row by row.
+_IDENTITY: Floats = np.array([1.0, 0.0, 0.0, 1.0])
+
+
+def smoothed(image: Image) -> Image:
+    """The image that patches are cut out of and aligned with."""
+    import cv2
+
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), _SMOOTHED_PX), np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class Aligned:
+    """Tracks that were aligned with a frame."""
+
+    #: (N,) Whether the alignment counts.
+    succeeded: Bools
+    #: (N, 2) By the alignment where it counts, as given elsewhere.
+    pixels: Floats
+    #: (N, 2, 2) Covariance of the drift since each track began, where the alignment counts, px^2.
+    drifts: Floats
+
+
+class Patches:
+    """The patches of the tracks of the last frame. Its images are :func:`smoothed`.
+
+    * ``window_px``: Side of a patch.
+    """
+
+    def __init__(self, window_px: int) -> None:
+        self._radius = window_px // 2
+        # By slot: a track has one while it lives.
+        self._patches = np.zeros((0, 3, (2 * self._radius + 1) ** 2))
+        self._inverses, self._brightness = np.zeros((0, UNKNOWNS, UNKNOWNS)), np.zeros((0, 2))
+        self._affine, self._drifts = np.zeros((0, 4)), np.zeros((0, 2, 2))
+        # Alignments in a row that failed, and the frame in which a patch was cut: a running number.
+        self._failures, self._cut, self._frames = np.zeros(0, np.int64), np.zeros(0, np.int64), 0
+        # In ascending order of the tracks.
+        self._ids, self._slots = np.zeros(0, np.int64), np.zeros(0, np.int64)
+
+    def align(self, image: Image, track_ids: Ints, pixels: Floats, remainders: Floats) -> Aligned:
+        """Align the patches of tracks with an image, from where flow ends.
+
+        Shapes: ``image`` (H, W), ``track_ids`` (N,), ``pixels`` (N, 2), ``remainders`` (N,).
+
+        * ``remainders``: Mean absolute difference that flow leaves, grey levels.
+        """
+        succeeded, moved = np.zeros(len(track_ids), bool), pixels.copy()
+        drifts = np.zeros((len(track_ids), 2, 2))
+        _, at, of = np.intersect1d(track_ids, self._ids, assume_unique=True, return_indices=True)
+        slots = self._slots[of]
+        ends, affine = pixels[at], self._affine[slots]
+        left = align_patches(image, slots, self._radius, self._patches, self._inverses, self._brightness, ends, affine)
+        fine = np.isfinite(left) & (np.linalg.norm(ends - pixels[at], axis=1) <= _NEAR_PX)
+        greys = np.where(fine, left, 0.0) * self._brightness[slots, 1]
+        fine &= (left <= _LITTLE) | (greys <= _AS_FLOW * _ROOT_OVER_MEAN * remainders[at])
+        self._failures[slots] = np.where(fine, 0, self._failures[slots] + 1)
+        at, slots, ends, affine = at[fine], slots[fine], ends[fine], affine[fine]
+        covariances = (_SCALE * np.maximum(greys[fine], _ROUNDING))[:, None, None] ** 2 * self._inverses[slots, :6, :6]
+        for frame in np.unique(self._cut[slots]):
+            cut = np.flatnonzero(self._cut[slots] == frame)
+            if len(cut) >= _LEAST_PATCHES:
+                ends[cut], affine[cut], covariances[cut, :2, :2] = self._together(
+                    ends[cut], affine[cut], covariances[cut]
+                )
+        self._affine[slots] = affine
+        succeeded[at], moved[at] = True, ends
+        drifts[at] = self._drifts[slots] + covariances[:, :2, :2]
+        return Aligned(succeeded, moved, drifts)
+
+    def follow(self, image: Image, track_ids: Ints, pixels: Floats, drifts: Floats) -> None:
+        """Keep the patches of the tracks of a frame, and cut those of the tracks that have none or that fail.
+
+        Shapes: ``image`` (H, W), ``track_ids`` (N,) in ascending order, ``pixels`` (N, 2), ``drifts`` (N, 2, 2).
+
+        * ``drifts``: Covariances of the drifts since the tracks began.
+        """
+        self._frames += 1
+        kept = np.isin(self._ids, track_ids, assume_unique=True) & (self._failures[self._slots] < _FAILURES)
+        new = np.flatnonzero(~np.isin(track_ids, self._ids[kept], assume_unique=True))
+        slots = self._free(np.setdiff1d(np.arange(len(self._cut)), self._slots[kept], assume_unique=True), len(new))
+        inside = cut_patches(image, pixels[new], slots, self._radius, self._patches, self._inverses, self._brightness)
+        new, slots = new[inside], slots[inside]
+        self._affine[slots], self._drifts[slots] = _IDENTITY, drifts[new]
+        self._failures[slots], self._cut[slots] = 0, self._frames
+        ids, slots = np.concatenate([self._ids[kept], track_ids[new]]), np.concatenate([self._slots[kept], slots])
+        order = np.argsort(ids)
+        self._ids, self._slots = ids[order], slots[order]
+
+    def _together(self, ends: Floats, affine: Floats, covariances: Floats) -> tuple[Floats, Floats, Floats]:
+        """Places, affine maps and covariances of the places, given the distribution of the maps."""
+        variances = np.diagonal(covariances, axis1=1, axis2=2)[:, 2:]
+        # The unknowns of the kernel are the displacements at the border of a patch.
+        means, scatter = distribution_of_maps(ends, self._radius * affine, variances)
+        by_map, of_map = covariances[:, :2, 2:], covariances[:, 2:, 2:]
+        gains = np.linalg.inv(of_map + np.diag(scatter))
+        off = means - self._radius * affine
+        gain = by_map @ gains
+        ends = ends + np.einsum("nij,nj->ni", gain, off)
+        affine = affine + np.einsum("nij,nj->ni", of_map @ gains, off) / self._radius
+        return ends, affine, covariances[:, :2, :2] - gain @ np.swapaxes(by_map, 1, 2)
+
+    def _free(self, free: Ints, count: int) -> Ints:
+        """So many free slots, of new ones where there are too few."""
+        first, more = len(self._cut), max(count - len(free), 0)
+
+        def longer(values: Floats) -> Floats:
+            return np.concatenate([values, np.zeros((more, *values.shape[1:]))])
+
+        self._patches, self._inverses = longer(self._patches), longer(self._inverses)
+        self._brightness, self._affine, self._drifts = map(longer, (self._brightness, self._affine, self._drifts))
+        self._failures, self._cut = (np.append(one, np.zeros(more, np.int64)) for one in (self._failures, self._cut))
+        return np.append(free, np.arange(first, first + more))[:count]
+
+
+def distribution_of_maps(places: Floats, maps: Floats, variances: Floats) -> tuple[Floats, Floats]:
+    """The means of the affine maps of patches, a linear function of the place, and the variances of their deviations.
+
+    Shapes: ``places`` (N, 2), ``maps, variances`` (N, 4), returns ``means, scatter`` (N, 4), (4,).
+
+    * ``variances``: Of the errors of the maps.
+    """
+    spread = np.maximum(places.std(axis=0), 1.0)
+    basis = np.column_stack([np.ones(len(places)), (places - places.mean(axis=0)) / spread])
+    weights, means, scatter = 1 / variances, maps, np.zeros(4)
+    for _ in range(_ROUNDS):
+        normal = np.einsum("ni,nq,nj->qij", basis, weights, basis)
+        solved = np.linalg.solve(normal, np.einsum("ni,nq->qi", basis, weights * maps)[..., None])
+        means = basis @ solved[..., 0].T
+        squares = (maps - means) ** 2
+        scatter = np.maximum(np.median(squares, axis=0) / _MEDIAN_SQUARE - np.median(variances, axis=0), 0.0)
+        sigmas = np.sqrt(squares / (variances + scatter))
+        weights = np.minimum(_FAR_SIGMAS / np.maximum(sigmas, _FAR_SIGMAS), 1.0) / (variances + scatter)
+    return means, scatter

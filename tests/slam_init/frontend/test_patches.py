@@ -1,0 +1,183 @@
+"""Patches of tracks on a texture that a known map moves: where they end, what they refuse, when they are cut anew."""
+
+import cv2
+import numpy as np
+import pytest
+from make_scene import texture
+from scipy import ndimage, optimize
+
+from slam_init.config import TrackingConfig
+from slam_init.frontend.patches import Patches, distribution_of_maps, smoothed
+from slam_init.frontend.tracks import Tracker, common_tracks
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame
+
+WINDOW_PX = 21
+SIZE = (320, 240)
+CENTRE = np.array([160.0, 120.0])
+TEXTURE = texture(3, SIZE[1], SIZE[0])
+#: The view turns about an upright axis: the texture shrinks to the right, and is sheared.
+SHEARED = np.array([[0.96, 0.05], [-0.03, 1.02]])
+
+
+def moved(A, shift=(0.0, 0.0), noise=0.0, seed=0):
+    """The texture under ``x -> centre + A (x - centre) + shift``, and that map."""
+    offset = CENTRE - A @ CENTRE + shift
+    image = cv2.warpAffine(TEXTURE, np.column_stack([A, offset]), SIZE, borderMode=cv2.BORDER_REFLECT_101)
+    noisy = image + noise * np.random.default_rng(seed).normal(size=image.shape)
+    return np.clip(np.round(noisy), 0, 255).astype(np.uint8), lambda pixels: pixels @ A.T + offset
+
+
+def corners(gray, margin=45):
+    found = cv2.goodFeaturesToTrack(gray, 200, 0.01, 8, blockSize=5)[:, 0].astype(float)
+    return found[(np.abs(found - CENTRE) < CENTRE - margin).all(axis=1)]
+
+
+def cut(image, pixels, ids=None):
+    patches = Patches(WINDOW_PX)
+    ids = np.arange(len(pixels)) if ids is None else ids
+    patches.follow(smoothed(image), ids, pixels, np.zeros((len(pixels), 2, 2)))
+    return patches
+
+
+def aligned(patches, image, pixels, ids=None, remainders=0.0):
+    ids = np.arange(len(pixels)) if ids is None else ids
+    return patches.align(smoothed(image), ids, pixels, np.full(len(pixels), remainders))
+
+
+def test_a_sheared_patch_comes_back_to_its_point_from_where_flow_ends():
+    """Flow moves a patch by a displacement alone, and its errors are several times as large."""
+    start = corners(TEXTURE)
+    image, true = moved(SHEARED, (1.3, -0.8))
+    flow, _, _ = cv2.calcOpticalFlowPyrLK(TEXTURE, image, start.astype(np.float32), None, winSize=(21, 21))
+    found = aligned(cut(TEXTURE, start), image, flow.astype(float))
+    errors = np.linalg.norm(found.pixels - true(start), axis=1)
+    of_flow = np.linalg.norm(flow - true(start), axis=1)
+    assert found.succeeded.mean() > 0.8
+    assert np.median(errors[found.succeeded]) < 0.05
+    assert np.median(of_flow[found.succeeded]) > 4 * np.median(errors[found.succeeded])
+
+
+@pytest.mark.parametrize(("gain", "offset"), [(0.6, 40.0), (0.8, -5.0)])
+def test_brightness_and_contrast_move_no_patch(gain, offset):
+    start = corners(TEXTURE)
+    image, true = moved(np.eye(2), (0.4, 0.3))
+    lit = np.clip(np.round(gain * image + offset), 0, 255).astype(np.uint8)
+    clear = ((lit > 0) & (lit < 255)).astype(np.uint8)
+    found = aligned(cut(TEXTURE, start), lit, true(start) + 0.3)
+    inside = cv2.erode(clear, np.ones((25, 25), np.uint8))[tuple(np.round(start).astype(int).T[::-1])] > 0
+    assert inside.sum() > 5
+    assert np.linalg.norm(found.pixels - true(start), axis=1)[inside].max() < 0.05
+
+
+def test_an_alignment_is_the_least_squares_fit_of_map_mean_and_contrast():
+    """The compiled steps end where a general optimizer ends, for a few patches without others beside them."""
+    start = corners(TEXTURE)[:6]
+    image, true = moved(SHEARED, (0.5, 0.2))
+    before, after = (smoothed(one).astype(float) for one in (TEXTURE, image))
+    found = aligned(cut(TEXTURE, start), image, true(start) + 0.2)
+    radius = WINDOW_PX // 2
+    grid = np.stack(np.meshgrid(*[np.arange(-radius, radius + 1)] * 2), axis=-1).reshape(-1, 2)
+
+    def sampled(gray, places):
+        return ndimage.map_coordinates(gray, places.T[::-1], order=1)
+
+    for point, place in zip(start, found.pixels, strict=True):
+        patch = sampled(before, point + grid)
+        patch = (patch - patch.mean()) / patch.std()
+
+        def left(x, patch=patch):
+            return sampled(after, x[:2] + grid @ x[2:6].reshape(2, 2).T) - x[6] - x[7] * patch
+
+        best = optimize.least_squares(left, [*place, *SHEARED.ravel(), 128.0, 40.0], x_scale=[1, 1, *[0.1] * 4, 9, 9])
+        np.testing.assert_allclose(place, best.x[:2], atol=0.06)
+
+
+def test_the_stated_drifts_are_the_errors_of_noisy_images():
+    start = corners(TEXTURE)
+    first, _ = moved(np.eye(2), noise=4.0, seed=1)
+    image, true = moved(SHEARED, (1.3, -0.8), noise=4.0, seed=2)
+    found = aligned(cut(first, start), image, true(start) + 0.2)
+    errors = (found.pixels - true(start))[found.succeeded]
+    whitened = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(found.drifts[found.succeeded]), errors)
+    assert 0.4 < np.sqrt(np.median(whitened) / 1.386) < 1.6
+
+
+def test_what_hides_a_patch_leaves_it_where_flow_ends_and_is_cut_after_some_frames():
+    start = corners(TEXTURE)
+    covered = TEXTURE.copy()
+    covered[:, :160] = texture(9, SIZE[1], 160)
+    hidden = start[:, 0] < 145
+    patches = cut(TEXTURE, start)
+    for _ in range(3):
+        found = aligned(patches, covered, start)
+        assert not found.succeeded[hidden].any()
+        np.testing.assert_array_equal(found.pixels[hidden], start[hidden])
+        assert found.succeeded[start[:, 0] > 175].all()
+        patches.follow(smoothed(covered), np.arange(len(start)), start, np.zeros((len(start), 2, 2)))
+    assert aligned(patches, covered, start).succeeded[hidden].mean() > 0.9
+
+
+def test_a_patch_that_is_cut_anew_keeps_its_drift():
+    start = corners(TEXTURE)
+    patches, drifts = Patches(WINDOW_PX), np.tile(0.25 * np.eye(2), (len(start), 1, 1))
+    patches.follow(smoothed(TEXTURE), np.arange(len(start)), start, drifts)
+    found = aligned(patches, TEXTURE, start)
+    assert (np.linalg.eigvalsh(found.drifts[found.succeeded]) >= 0.25).all()
+
+
+def test_tracks_at_the_border_and_unknown_ones_are_not_aligned():
+    inside, border = CENTRE + 0.3, np.array([5.0, 100.0])
+    patches = cut(TEXTURE, np.array([inside, border]))
+    found = aligned(patches, TEXTURE, np.array([inside, border, inside + 20]), ids=np.array([0, 1, 7]))
+    assert found.succeeded.tolist() == [True, False, False]
+
+
+def test_no_tracks_are_no_error():
+    patches = cut(TEXTURE, np.zeros((0, 2)))
+    assert len(aligned(patches, TEXTURE, np.zeros((0, 2))).pixels) == 0
+
+
+def test_the_patches_of_tracks_that_end_make_room_for_others():
+    """In a long video the memory of the patches is that of the tracks of a frame."""
+    start, patches = corners(TEXTURE), Patches(WINDOW_PX)
+    for k in range(20):
+        ids = np.arange(len(start)) + 3 * k
+        patches.follow(smoothed(TEXTURE), ids, start, np.zeros((len(start), 2, 2)))
+    assert len(patches._patches) == len(start)
+
+
+def test_the_means_of_maps_are_linear_in_the_place_and_the_scatter_is_that_beyond_the_errors():
+    rng = np.random.default_rng(0)
+    places = rng.uniform(0, 600, (400, 2))
+    slopes, scatter = rng.normal(size=(2, 4)) * 1e-3, np.array([0.0, 0.05, 0.1, 0.2])
+    means = 0.3 + places @ slopes
+    maps = means + rng.normal(size=(400, 4)) * np.hypot(scatter, 0.03)
+    maps[:40] += rng.normal(size=(40, 4))
+    found, variances = distribution_of_maps(places, maps, np.full((400, 4), 0.03**2))
+    assert np.abs(found - means).max() < 0.1
+    np.testing.assert_allclose(np.sqrt(variances), scatter, rtol=0.25, atol=0.03)
+
+
+def test_the_errors_of_a_tracker_do_not_grow_with_the_change_of_the_view():
+    """A plane that turns by a quarter of a radian: a track that only moves its patch is off by more in each frame."""
+    wide, K = texture(5, 600, 800), np.array([[400.0, 0, 160], [0, 400, 120], [0, 0, 1]])
+
+    def view(k):
+        c, s = np.cos(0.02 * k), np.sin(0.02 * k)
+        plane = np.array([[c, 0, 0.003 * k], [0, 1, 0], [s, 0, 1]])  # of the points (X, Y, 1) of a plane in front
+        return K @ plane @ np.linalg.inv(K) @ np.array([[1.0, 0, -240], [0, 1, -180], [0, 0, 1]])
+
+    def see(k):
+        return Frame(k, k / 30, "", cv2.warpPerspective(wide, view(k), SIZE, flags=cv2.INTER_AREA))
+
+    tracker = Tracker(Camera("pinhole", *SIZE, 400.0, 400.0, 160.0, 120.0), TrackingConfig())
+    seen = [tracker.track(see(k)) for k in range(13)]
+    medians = []
+    for k in (2, 12):
+        i, j = common_tracks(seen[0], seen[k])
+        H = view(k) @ np.linalg.inv(view(0))
+        true = np.column_stack([seen[0].pixels[i], np.ones(len(i))]) @ H.T
+        medians.append(np.median(np.linalg.norm(seen[k].pixels[j] - true[:, :2] / true[:, 2:], axis=1)))
+    assert medians[1] < 0.08
+    assert medians[1] < 2.5 * medians[0]
