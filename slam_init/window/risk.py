@@ -41,6 +41,7 @@ from slam_init.window.hypotheses import WindowHypotheses, with_plane, with_rotat
 from slam_init.window.left_out import wrong_by_a_half
 from slam_init.window.levels import (
     AGREES_SIGMAS,
+    BODIES_MOVE,
     FEW_VIEWS,
     FLOOR,
     MERE_ROTATION,
@@ -48,6 +49,7 @@ from slam_init.window.levels import (
     PULL_FREEDOM,
     SAME_DIRECTION_DEG,
     SAME_ROTATION_DEG,
+    SHARE_OF_BODIES,
     UNDECIDED,
     WRONG_DIRECTION_DEG,
     WRONG_ROTATION_DEG,
@@ -126,7 +128,8 @@ class WindowRisk:
     #: Log likelihood of the best motion over the rotation-only camera, in nats.
     rotation_log_likelihood: float
     #: The term of the direction for each view of the best motion but the first: the pair's own first. A view near the
-    #: reference has an uncertain direction although its position is certain.
+    #: reference has an uncertain direction although its position is certain. Few tracks may lie on a body, or on a
+    #: texture that repeats.
     direction_of_views: tuple[float, ...]
     #: Deviations of these directions where they are largest, in degrees.
     sigmas_of_views_deg: tuple[float, ...]
@@ -209,8 +212,9 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
     rotation_of_fit_deg = factor * _largest_sigma_deg(rotation_covariance(expanded))
     rotation_deg = math.hypot(rotation_of_fit_deg, moved.rotation_deg)
     rotated = three_directions(WRONG_ROTATION_DEG, rotation_deg)
+    held = _held_by_bodies(best)
     direction_risks = tuple(
-        min(1.0, float(weights @ _with_varying_lens(sigmas_deg, varying, view)) + rotated)
+        min(1.0, float(weights @ _with_varying_lens(sigmas_deg, varying, view)) + rotated + held[view])
         for view, sigmas_deg in enumerate(of_views)
     )
     sigmas_of_views = tuple(float(np.sqrt(weights @ sigmas_deg**2)) for sigmas_deg in of_views)
@@ -394,6 +398,17 @@ def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> _Optimism:
     # What a fit explains in part leaves residuals that neighbours share.
     shared = variance_by_neighbours(best.tracks, best.fit, hypotheses.priors, places)
     return _Optimism(few_views, pull2 / PULL_FREEDOM, bodies + shared - 1)
+
+
+def _held_by_bodies(best: FittedMotion) -> Floats:
+    """Probability (V - 1,) that a body locates a view: that of a body, where no more tracks locate it than one holds.
+
+    The tracks of the pair locate its second view.
+    """
+    locating = np.count_nonzero(best.tracks.seen & best.fit.explains, axis=1)[1:]
+    few = locating < SHARE_OF_BODIES * best.fit.explained
+    few[0] = False
+    return np.where(few, BODIES_MOVE, 0.0)
 
 
 def _widened(sigmas_deg: Floats, factor: float, fixed_deg: Floats) -> Floats:
