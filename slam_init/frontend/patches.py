@@ -22,7 +22,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slam_init.frontend.patch_kernel import UNKNOWNS, align_patches, cut_patches
 from slam_init.types.arrays import Bools, Floats, Image, Ints
 
 #: An alignment ends this far from the flow at most, px: twenty standard deviations of both.
@@ -76,6 +75,8 @@ class Patches:
     """
 
     def __init__(self, window_px: int) -> None:
+        from slam_init.frontend.patch_kernel import UNKNOWNS
+
         self._radius = window_px // 2
         # By slot: a track has one while it lives.
         self._patches = np.zeros((0, 3, (2 * self._radius + 1) ** 2))
@@ -93,6 +94,8 @@ class Patches:
 
         * ``remainders``: Mean absolute difference that flow leaves, grey levels.
         """
+        from slam_init.frontend.patch_kernel import align_patches
+
         succeeded, moved = np.zeros(len(track_ids), bool), pixels.copy()
         drifts = np.zeros((len(track_ids), 2, 2))
         _, at, of = np.intersect1d(track_ids, self._ids, assume_unique=True, return_indices=True)
@@ -123,6 +126,8 @@ class Patches:
 
         * ``drifts``: Covariances of the drifts since the tracks began.
         """
+        from slam_init.frontend.patch_kernel import cut_patches
+
         self._frames += 1
         kept = np.isin(self._ids, track_ids, assume_unique=True) & (self._failures[self._slots] < _FAILURES)
         new = np.flatnonzero(~np.isin(track_ids, self._ids[kept], assume_unique=True))
@@ -150,7 +155,10 @@ class Patches:
 
     def _free(self, free: Ints, count: int) -> Ints:
         """So many free slots, of new ones where there are too few."""
-        first, more = len(self._cut), max(count - len(free), 0)
+        more = count - len(free)
+        if more <= 0:
+            return free[:count]
+        first = len(self._cut)
 
         def longer(values: Floats) -> Floats:
             return np.concatenate([values, np.zeros((more, *values.shape[1:]))])
@@ -158,7 +166,7 @@ class Patches:
         self._patches, self._inverses = longer(self._patches), longer(self._inverses)
         self._brightness, self._affine, self._drifts = map(longer, (self._brightness, self._affine, self._drifts))
         self._failures, self._cut = (np.append(one, np.zeros(more, np.int64)) for one in (self._failures, self._cut))
-        return np.append(free, np.arange(first, first + more))[:count]
+        return np.append(free, np.arange(first, first + more))
 
 
 def distribution_of_maps(places: Floats, maps: Floats, variances: Floats) -> tuple[Floats, Floats]:

@@ -127,7 +127,7 @@ def test_the_metric_map_hands_gravity_over():
 
 @pytest.mark.slow
 def test_a_run_on_a_rendered_room_is_in_metres_by_its_sensor():
-    source = open_source("synth:room?imu=1&width=320&height=240&frames=45", 2)
+    source = open_source("synth:room?imu=1&width=320&height=240&frames=45", 3)
     result, summary = run(source, scale=IMU, continue_frames=20)
     assert result.map.scale.origin == summary.scale_origin.origin == "imu"
     assert abs(summary.ground_truth.scale_error) < 3 * summary.scale_sigma
