@@ -119,8 +119,10 @@ def rotation_angle(R: ArrayLike) -> Floats:
 
     Shapes: ``R`` (..., 3, 3).
     """
-    q = quaternion_from_matrix(R)
-    return np.asarray(2 * np.arctan2(np.linalg.norm(q[..., 1:], axis=-1), q[..., 0]))
+    R = np.asarray(R, float)
+    a, b, c = R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]
+    # Twice the sine and twice the cosine.
+    return np.asarray(np.arctan2(np.sqrt(a * a + b * b + c * c), R[..., 0, 0] + R[..., 1, 1] + R[..., 2, 2] - 1))
 
 
 def quaternion_from_vector(w: ArrayLike) -> Floats:

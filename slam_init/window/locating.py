@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from quest.robust.kernels.small_algebra import median_in_place
 from quest.robust.rotation import refine_rotation
 from slam_init.mapping.resection import resect
 from slam_init.mapping.triangulation import triangulate
@@ -46,7 +47,7 @@ def align_views(bearings: Floats, motions: Sequence[Motion], pair: tuple[int, ..
             m, n = bearings[0, both], bearings[k, both]
             starts = proposed if k == 1 else [np.eye(3), R[1]]
             aligned = [_aligned(start, m, n) for start in starts]
-            R[k] = min(aligned, key=lambda found: float(np.median(np.linalg.norm(n - m @ found.T, axis=1))))
+            R[k] = min(aligned, key=lambda found: median_in_place(np.linalg.norm(n - m @ found.T, axis=1)))
     return R
 
 
