@@ -7,17 +7,17 @@ from pathlib import Path
 import numpy as np
 
 from quest.robust.kernels.compiler import compiler_of
+from slam_init.frontend.patches import UNKNOWNS
 from slam_init.types.arrays import Bools, Floats, Image, Ints
 
 compiled = compiler_of(Path(__file__).parent)
 
-#: Unknowns of an alignment: the displacement, the affine map (row by row, as displacements of the border of the patch),
-#: and the mean and the contrast of the image.
-UNKNOWNS = 8
 #: Prior standard deviation of a step, px: along an edge the patch tells no displacement.
 _STEP_PX = 0.5
-#: Noise of a pixel in grey levels at least: rounding.
+#: Noise of a pixel in grey levels at least: rounding. A patch with less contrast is flat.
 _LEAST_NOISE = 1.0
+#: Rounding of a place that is the sum of some steps, px.
+_ROUNDING_PX = 1e-6
 #: Steps of an alignment, and the squared displacement (px^2) from which on they end: a hundredth of a pixel.
 _STEPS, _CONVERGED = 6, 1e-4
 
@@ -50,22 +50,24 @@ def cut_patches(
 
     * ``patches``: The grey levels less the mean, over the contrast, and the two slopes, row by row.
     * ``brightness``: Mean and contrast (standard deviation) of a patch.
-    * Returns: Whether each patch lies in the image. Others are not cut.
+    * Returns: Whether each patch was cut: it lies in the image and is not flat.
     """
     height, width = image.shape
     side, reach = 2 * radius + 1, radius + 2.0
-    inside = np.zeros(len(pixels), np.bool_)
+    cut = np.zeros(len(pixels), np.bool_)
     around, J = np.empty((side + 2, side + 2)), np.empty(UNKNOWNS)
     normal = np.empty((UNKNOWNS, UNKNOWNS))
     for n in range(len(pixels)):
         x, y, slot = pixels[n, 0], pixels[n, 1], slots[n]
         if not (x >= reach and y >= reach and x < width - 1 - reach and y < height - 1 - reach):
             continue
-        inside[n] = True
         for j in range(side + 2):
             sample_row(image, x - radius - 1, y + (j - radius - 1), 1.0, 0.0, around[j])
         inner = around[1:-1, 1:-1]
-        mean, contrast = inner.mean(), max(inner.std(), _LEAST_NOISE)
+        mean, contrast = inner.mean(), inner.std()
+        if contrast < _LEAST_NOISE:
+            continue
+        cut[n] = True
         brightness[slot, 0], brightness[slot, 1] = mean, contrast
         normal[:] = 0.0
         for k in range(side * side):
@@ -84,7 +86,7 @@ def cut_patches(
             for q in range(p):
                 normal[p, q] = normal[q, p]
         inverses[slot] = np.linalg.inv(normal)
-    return inside
+    return cut
 
 
 @compiled
@@ -105,7 +107,7 @@ def align_patches(
 
     Shapes: ``slots`` (N,), ``pixels`` (N, 2), ``affine`` (N, 4), returns (N,).
 
-    * Returns: Root of the mean square of what the last step leaves, over the contrast of the patch in this image;
+    * Returns: Root of the mean square of what the last step leaves, as its linearization predicts, over the contrast;
       infinite where the alignment leaves the image or finds no contrast.
     """
     height, width = image.shape
@@ -118,7 +120,12 @@ def align_patches(
         mean, contrast, remains = brightness[slot, 0], brightness[slot, 1], np.inf
         for _ in range(_STEPS):
             reach_x, reach_y = radius * (abs(a) + abs(b)), radius * (abs(c) + abs(d))
-            if not (x >= reach_x and y >= reach_y and x + reach_x < width - 1 and y + reach_y < height - 1):
+            if not (
+                x - reach_x >= _ROUNDING_PX
+                and y - reach_y >= _ROUNDING_PX
+                and x + reach_x < width - 1 - _ROUNDING_PX
+                and y + reach_y < height - 1 - _ROUNDING_PX
+            ):
                 remains = np.inf
                 break
             s0, s1, s2, s3, s4, s5, s6, s7, square = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0

@@ -1,19 +1,20 @@
 """The patch around each track where it began: each frame aligns it, so that a track comes back to its point.
 
 Flow from frame to frame moves a patch by a displacement alone. Where the view turns or comes nearer, the patch is
-sheared and scaled as well, and the best displacement is not that of its centre: the error is the change of the patch
-times the distance of its corners from the centre, some pixels. It grows with the change of the view and not with time,
-so that it looks like parallax. On rendered images it reaches .2 to .4 px (median) within twenty frames, ten times the
+sheared and scaled as well, and the best displacement is not that of its centre. The error is the change of the patch
+times the distance of its corners from the centre, which is some pixels. It grows with the change of the view and not
+with time, as parallax does. On rendered images it reaches .2 to .4 px (median) within twenty frames, ten times the
 noise. So the patch of the frame in which a track began is aligned with each frame by an affine map, a mean and a
-contrast, from where flow ends: the median error stays at .03 px.
+contrast, from where flow ends. The median error stays at .03 px.
 
-A patch alone tells its affine map less well than many do together. The maps of the patches that were cut in one frame
-are a linear function of the place, as those of a plane are, and deviations from it, whose variance their scatter
-tells. Given that, the maps are Gaussian with a known mean, and so are the displacements.
+One patch determines its affine map less precisely than all patches of a frame together do. The maps of the patches that
+were cut in one frame are a linear function of the place, as those of a plane are, and a deviation, whose variance is
+that of their scatter. Given this distribution, a displacement is a conditional mean. A patch whose map is far from the
+mean lies on another surface, and keeps its own map.
 
-An alignment counts where it ends near the flow and leaves little. Else the track goes on by flow, and drifts. Where
-alignments fail for some frames (the view has changed, or the track lies on a border of two surfaces), the patch is cut
-anew.
+An alignment is accepted where it ends near the flow and leaves little. Else the track goes on by flow, and drifts.
+Where alignments fail for some frames (the view has changed, or the track lies on a border of two surfaces), the patch
+is cut anew.
 """
 
 from __future__ import annotations
@@ -24,6 +25,9 @@ import numpy as np
 
 from slam_init.types.arrays import Bools, Floats, Image, Ints
 
+#: Unknowns of an alignment: the displacement, the affine map (row by row, as displacements at the border of the patch),
+#: and the mean and the contrast of the image.
+UNKNOWNS = 8
 #: An alignment ends this far from the flow at most, px: twenty standard deviations of both.
 _NEAR_PX = 1.0
 #: It leaves this share of the contrast of the patch at most, or this multiple of what the flow leaves between two
@@ -31,19 +35,22 @@ _NEAR_PX = 1.0
 _LITTLE, _AS_FLOW = 0.35, 1.5
 #: Root of the mean square of Gaussian numbers over their mean absolute value, and the median of their squares.
 _ROOT_OVER_MEAN, _MEDIAN_SQUARE = 1.25, 0.455
-#: After so many alignments in a row that failed, a patch is cut anew.
+#: A patch is cut anew when this number of alignments in a row have failed.
 _FAILURES = 3
 #: What rounding leaves between two images, grey levels: the root of two twelfths.
 _ROUNDING = 0.4
 #: Standard deviation of an alignment over that by independent errors of the pixels: 1.3 to 1.9 on rendered images.
 _SCALE = 1.6
-#: Fewer patches of a frame than this tell no distribution of their maps, whose means have twelve unknowns.
+#: Fewer patches of a frame than this determine no distribution of their maps, whose means have twelve unknowns.
 _LEAST_PATCHES = 24
-#: Rounds of the robust fit of the means, and the deviations from which on a patch has less weight.
-_ROUNDS, _FAR_SIGMAS = 3, 2.0
+#: Rounds of the robust fit of the means, the deviations from which on a patch has less weight, and those from which on
+#: it lies on another surface.
+_ROUNDS, _FAR_SIGMAS, _ELSEWHERE_SIGMAS = 3, 2.0, 3.0
+#: Tracks on a line do not determine the means across it: their slopes have this share of the information as a prior.
+_RIDGE = 1e-6
 #: Deviation of the Gaussian that images are smoothed by before they are aligned, px. Between the pixels of a sharp
-#: corner there are the slopes of the interpolation: without it, alignments of a sharp checkerboard are off by .085 px,
-#: with it by .065. On noisy images a larger one costs more than it gains.
+#: corner the slopes are those of the interpolation: without the Gaussian, alignments of a sharp checkerboard are off by
+#: .085 px, with it by .065. On noisy images a larger one costs more than it gains.
 _SMOOTHED_PX = 0.7
 #: The affine map of a patch that has just been cut, row by row.
 _IDENTITY: Floats = np.array([1.0, 0.0, 0.0, 1.0])
@@ -60,11 +67,11 @@ def smoothed(image: Image) -> Image:
 class Aligned:
     """Tracks that were aligned with a frame."""
 
-    #: (N,) Whether the alignment counts.
+    #: (N,) Whether the alignment is accepted.
     succeeded: Bools
-    #: (N, 2) By the alignment where it counts, as given elsewhere.
+    #: (N, 2) By the alignment where it is accepted, as given elsewhere.
     pixels: Floats
-    #: (N, 2, 2) Covariance of the drift since each track began, where the alignment counts, px^2.
+    #: (N, 2, 2) Covariance of the drift since each track began, where the alignment is accepted, px^2.
     drifts: Floats
 
 
@@ -75,8 +82,6 @@ class Patches:
     """
 
     def __init__(self, window_px: int) -> None:
-        from slam_init.frontend.patch_kernel import UNKNOWNS
-
         self._radius = window_px // 2
         # By slot: a track has one while it lives.
         self._patches = np.zeros((0, 3, (2 * self._radius + 1) ** 2))
@@ -98,16 +103,21 @@ class Patches:
 
         succeeded, moved = np.zeros(len(track_ids), bool), pixels.copy()
         drifts = np.zeros((len(track_ids), 2, 2))
-        _, at, of = np.intersect1d(track_ids, self._ids, assume_unique=True, return_indices=True)
-        slots = self._slots[of]
-        ends, affine = pixels[at], self._affine[slots]
-        left = align_patches(image, slots, self._radius, self._patches, self._inverses, self._brightness, ends, affine)
-        fine = np.isfinite(left) & (np.linalg.norm(ends - pixels[at], axis=1) <= _NEAR_PX)
-        greys = np.where(fine, left, 0.0) * self._brightness[slots, 1]
-        fine &= (left <= _LITTLE) | (greys <= _AS_FLOW * _ROOT_OVER_MEAN * remainders[at])
-        self._failures[slots] = np.where(fine, 0, self._failures[slots] + 1)
-        at, slots, ends, affine = at[fine], slots[fine], ends[fine], affine[fine]
-        covariances = (_SCALE * np.maximum(greys[fine], _ROUNDING))[:, None, None] ** 2 * self._inverses[slots, :6, :6]
+        _, rows, known = np.intersect1d(track_ids, self._ids, assume_unique=True, return_indices=True)
+        slots = self._slots[known]
+        ends, affine = pixels[rows], self._affine[slots]
+        residuals = align_patches(
+            image, slots, self._radius, self._patches, self._inverses, self._brightness, ends, affine
+        )
+        accepted = np.isfinite(residuals) & (np.linalg.norm(ends - pixels[rows], axis=1) <= _NEAR_PX)
+        greys = np.where(accepted, residuals, 0.0) * self._brightness[slots, 1]
+        accepted &= (residuals <= _LITTLE) | (greys <= _AS_FLOW * _ROOT_OVER_MEAN * remainders[rows])
+        self._failures[slots] = np.where(accepted, 0, self._failures[slots] + 1)
+        rows, slots, ends, affine = rows[accepted], slots[accepted], ends[accepted], affine[accepted]
+        by_patch = _turns_of(affine)
+        noise = _SCALE * np.maximum(greys[accepted], _ROUNDING)
+        covariances = by_patch @ self._inverses[slots, :6, :6] @ np.swapaxes(by_patch, 1, 2)
+        covariances *= noise[:, None, None] ** 2
         for frame in np.unique(self._cut[slots]):
             cut = np.flatnonzero(self._cut[slots] == frame)
             if len(cut) >= _LEAST_PATCHES:
@@ -115,8 +125,9 @@ class Patches:
                     ends[cut], affine[cut], covariances[cut]
                 )
         self._affine[slots] = affine
-        succeeded[at], moved[at] = True, ends
-        drifts[at] = self._drifts[slots] + covariances[:, :2, :2]
+        succeeded[rows], moved[rows] = True, ends
+        A = affine.reshape(-1, 2, 2)
+        drifts[rows] = A @ self._drifts[slots] @ np.swapaxes(A, 1, 2) + covariances[:, :2, :2]
         return Aligned(succeeded, moved, drifts)
 
     def follow(self, image: Image, track_ids: Ints, pixels: Floats, drifts: Floats) -> None:
@@ -132,8 +143,8 @@ class Patches:
         kept = np.isin(self._ids, track_ids, assume_unique=True) & (self._failures[self._slots] < _FAILURES)
         new = np.flatnonzero(~np.isin(track_ids, self._ids[kept], assume_unique=True))
         slots = self._free(np.setdiff1d(np.arange(len(self._cut)), self._slots[kept], assume_unique=True), len(new))
-        inside = cut_patches(image, pixels[new], slots, self._radius, self._patches, self._inverses, self._brightness)
-        new, slots = new[inside], slots[inside]
+        was_cut = cut_patches(image, pixels[new], slots, self._radius, self._patches, self._inverses, self._brightness)
+        new, slots = new[was_cut], slots[was_cut]
         self._affine[slots], self._drifts[slots] = _IDENTITY, drifts[new]
         self._failures[slots], self._cut[slots] = 0, self._frames
         ids, slots = np.concatenate([self._ids[kept], track_ids[new]]), np.concatenate([self._slots[kept], slots])
@@ -143,30 +154,45 @@ class Patches:
     def _together(self, ends: Floats, affine: Floats, covariances: Floats) -> tuple[Floats, Floats, Floats]:
         """Places, affine maps and covariances of the places, given the distribution of the maps."""
         variances = np.diagonal(covariances, axis1=1, axis2=2)[:, 2:]
-        # The unknowns of the kernel are the displacements at the border of a patch.
+        # The unknowns are the displacements at the border of a patch.
         means, scatter = distribution_of_maps(ends, self._radius * affine, variances)
+        deviations = means - self._radius * affine
+        here = np.all(np.abs(deviations) <= _ELSEWHERE_SIGMAS * np.sqrt(variances + scatter), axis=1)
         by_map, of_map = covariances[:, :2, 2:], covariances[:, 2:, 2:]
-        gains = np.linalg.inv(of_map + np.diag(scatter))
-        off = means - self._radius * affine
-        gain = by_map @ gains
-        ends = ends + np.einsum("nij,nj->ni", gain, off)
-        affine = affine + np.einsum("nij,nj->ni", of_map @ gains, off) / self._radius
+        weights = np.where(here, 1.0, 0.0)[:, None, None] * np.linalg.inv(of_map + np.diag(scatter))
+        gain = by_map @ weights
+        ends = ends + np.einsum("nij,nj->ni", gain, deviations)
+        affine = affine + np.einsum("nij,nj->ni", of_map @ weights, deviations) / self._radius
         return ends, affine, covariances[:, :2, :2] - gain @ np.swapaxes(by_map, 1, 2)
 
     def _free(self, free: Ints, count: int) -> Ints:
-        """So many free slots, of new ones where there are too few."""
+        """A number of free slots, of which some are new where there are too few."""
         more = count - len(free)
         if more <= 0:
             return free[:count]
         first = len(self._cut)
 
-        def longer(values: Floats) -> Floats:
+        def extended(values: Floats) -> Floats:
             return np.concatenate([values, np.zeros((more, *values.shape[1:]))])
 
-        self._patches, self._inverses = longer(self._patches), longer(self._inverses)
-        self._brightness, self._affine, self._drifts = map(longer, (self._brightness, self._affine, self._drifts))
+        self._patches, self._inverses = extended(self._patches), extended(self._inverses)
+        self._brightness, self._affine, self._drifts = map(extended, (self._brightness, self._affine, self._drifts))
         self._failures, self._cut = (np.append(one, np.zeros(more, np.int64)) for one in (self._failures, self._cut))
         return np.append(free, np.arange(first, first + more))
+
+
+def _turns_of(affine: Floats) -> Floats:
+    """Maps (N, 6, 6) of the errors in the frame of a patch to those of its place and its affine map in the image.
+
+    A step of an alignment is that of the patch before its map: a displacement ``u`` moves the place by ``A u``, and a
+    change ``D`` of the map moves it by ``A D``.
+    """
+    A = affine.reshape(-1, 2, 2)
+    turns = np.zeros((len(A), 6, 6))
+    turns[:, :2, :2] = A
+    for k in (0, 1):  # by columns of the map
+        turns[:, 2 + k :: 2, 2 + k :: 2] = A
+    return turns
 
 
 def distribution_of_maps(places: Floats, maps: Floats, variances: Floats) -> tuple[Floats, Floats]:
@@ -181,6 +207,7 @@ def distribution_of_maps(places: Floats, maps: Floats, variances: Floats) -> tup
     weights, means, scatter = 1 / variances, maps, np.zeros(4)
     for _ in range(_ROUNDS):
         normal = np.einsum("ni,nq,nj->qij", basis, weights, basis)
+        normal += _RIDGE * normal[:, :1, :1] * np.diag([0.0, 1.0, 1.0])
         solved = np.linalg.solve(normal, np.einsum("ni,nq->qi", basis, weights * maps)[..., None])
         means = basis @ solved[..., 0].T
         squares = (maps - means) ** 2

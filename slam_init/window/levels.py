@@ -55,7 +55,8 @@ CHANCE_GAIN = 0.9
 #: Tracks off the plane that are fewer than this share lie on one thing or two, which move with this probability. Both
 #: are assumptions: one scene in twenty has such a body, and a quarter of the tracks is more than a body or two hold. A
 #: moving body votes for the motion that its own resembles: of 30 drawn walls with 30 % of the tracks on bodies, two had
-#: a false map, by the votes of 22 and of 53 such tracks against those of 250 on the plane.
+#: a false map, by the votes of 22 and of 53 such tracks against those of 250 on the plane. A further view that fewer
+#: tracks locate than this share of those of the pair may be located by a body.
 #: Class: assumption.
 SHARE_OF_BODIES, BODIES_MOVE = 0.25, 0.05
 

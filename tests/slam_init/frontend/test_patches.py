@@ -103,6 +103,53 @@ def test_the_stated_drifts_are_the_errors_of_noisy_images():
     assert 0.4 < np.sqrt(np.median(whitened) / 1.386) < 1.6
 
 
+def test_the_stated_drifts_turn_with_the_image():
+    """A texture of stripes: a patch knows its place across them better than along them."""
+    rng = np.random.default_rng(4)
+    stripes = cv2.GaussianBlur(rng.normal(size=SIZE[::-1]), (0, 0), sigmaX=2.0, sigmaY=9.0)
+    stripes = np.clip(128 + 45 * stripes / stripes.std(), 0, 255)
+    square = stripes[:, 40:280]
+
+    def noisy(image):
+        return np.clip(np.round(image + 5 * rng.normal(size=image.shape)), 0, 255).astype(np.uint8)
+
+    first, turned = noisy(square), noisy(np.rot90(square))
+    start = corners(np.pad(square.astype(np.uint8), ((0, 0), (40, 40)))) - [40, 0]
+    true = np.column_stack([start[:, 1], 239 - start[:, 0]])
+    patches = cut(first, start)
+    patches._affine[patches._slots] = [0.0, 1.0, -1.0, 0.0]
+    found = aligned(patches, turned, true, remainders=10.0)
+    errors = (found.pixels - true)[found.succeeded]
+    stated = np.sqrt(np.median(found.drifts[found.succeeded], axis=0))
+    assert len(errors) > 30
+    # The stripes lie along the rows of the turned image.
+    assert np.abs(errors).mean(axis=0)[0] > 1.5 * np.abs(errors).mean(axis=0)[1]
+    assert stated[0, 0] > 1.5 * stated[1, 1]
+
+
+def test_a_second_surface_keeps_maps_of_its_own():
+    """A disc that grows before a background at rest: the many patches of the background do not pull those of it."""
+    start = corners(TEXTURE, margin=25)
+    disc = np.linalg.norm(start - CENTRE, axis=1) < 40
+    inner = np.linalg.norm(np.stack(np.meshgrid(*map(np.arange, SIZE)), axis=-1) - CENTRE, axis=2) < 60
+    grown, true = moved(1.08 * np.eye(2), noise=0.5)
+    image = np.where(inner, grown, TEXTURE)
+    found = aligned(cut(TEXTURE, start), image, np.where(disc[:, None], true(start), start))
+    errors = np.linalg.norm(found.pixels - true(start), axis=1)[disc & found.succeeded]
+    assert 6 < len(errors) < 0.5 * len(start)
+    assert np.median(errors) < 0.04
+
+
+def test_flat_patches_are_not_cut_and_tracks_on_a_line_are_aligned():
+    image = TEXTURE.copy()
+    cv2.circle(image, (160, 120), 30, 255, -1)
+    line = np.column_stack([np.linspace(40, 280, 30), np.full(30, 60.0)])
+    found = aligned(cut(image, np.vstack([line, CENTRE])), image, np.vstack([line, CENTRE]))
+    assert found.succeeded[:30].mean() > 0.8
+    assert not found.succeeded[30]
+    assert not aligned(cut(np.zeros_like(image), line), image, line).succeeded.any()
+
+
 def test_what_hides_a_patch_leaves_it_where_flow_ends_and_is_cut_after_some_frames():
     start = corners(TEXTURE)
     covered = TEXTURE.copy()
@@ -118,7 +165,7 @@ def test_what_hides_a_patch_leaves_it_where_flow_ends_and_is_cut_after_some_fram
     assert aligned(patches, covered, start).succeeded[hidden].mean() > 0.9
 
 
-def test_a_patch_that_is_cut_anew_keeps_its_drift():
+def test_a_track_whose_patch_is_cut_late_keeps_its_drift_until_then():
     start = corners(TEXTURE)
     patches, drifts = Patches(WINDOW_PX), np.tile(0.25 * np.eye(2), (len(start), 1, 1))
     patches.follow(smoothed(TEXTURE), np.arange(len(start)), start, drifts)
