@@ -354,17 +354,14 @@ def _motion_of_pixels(
 
 def _since_anchor(seen: Bools, drifts: Floats, slides_px: Floats) -> Floats:
     """Covariances (V, T, 2, 2) of the drifts between the anchor view and each view."""
-    of_anchor = np.argmax(seen, axis=0), np.arange(seen.shape[1])
-    # Where a track came back to its point in both views, its errors in them are independent; where flow alone followed
-    # it, that of the later view includes that of the earlier one. The larger of both holds for either within a factor
-    # of two. Where descriptors found a track, its drift began anew.
-    is_larger = np.trace(drifts, axis1=2, axis2=3) >= np.trace(drifts[of_anchor], axis1=1, axis2=2)
-    between = np.where(is_larger[..., None, None], drifts, drifts[of_anchor])
-    between[of_anchor] = 0.0
+    anchor = np.argmax(seen, axis=0)
+    between = drifts - drifts[anchor, np.arange(seen.shape[1])]
     # A track that keeps its instant slides where the motion changes.
-    slides_px = np.where(seen[..., None], slides_px - slides_px[of_anchor], 0.0)
-    between[~seen] = 0.0
-    return between + slides_px[..., :, None] * slides_px[..., None, :]
+    slides_px = np.where(seen[..., None], slides_px - slides_px[anchor, np.arange(seen.shape[1])], 0.0)
+    # A view that is earlier than the anchor has drifted less. Where descriptors found a track, its drift began anew.
+    # The errors of two alignments do not add up, and their difference is below the least noise.
+    variances, axes = _principal_axes(np.where(seen[..., None, None], between, 0.0))
+    return _of_axes(np.abs(variances), axes) + slides_px[..., :, None] * slides_px[..., None, :]
 
 
 def _principal_axes(covariances: Floats) -> tuple[Floats, Floats]:
@@ -378,6 +375,11 @@ def _principal_axes(covariances: Floats) -> tuple[Floats, Floats]:
     cosine, sine = np.cos(angle), np.sin(angle)
     axes = np.stack([np.stack([-sine, cosine], axis=-1), np.stack([cosine, sine], axis=-1)], axis=-1)
     return np.stack([middle - radius, middle + radius], axis=-1), axes
+
+
+def _of_axes(values: Floats, axes: Floats) -> Floats:
+    """The symmetric matrices (..., 2, 2) with some eigenvalues (..., 2) and eigenvectors (..., 2, 2)."""
+    return np.asarray((axes * values[..., None, :]) @ np.swapaxes(axes, -1, -2))
 
 
 def _spread(camera: Camera, pixels: Floats, seen: Bools, score: Ints, max_tracks: int) -> Ints:

@@ -104,16 +104,15 @@ def covariances(tracks):
     return unwhitened @ np.swapaxes(unwhitened, -1, -2)
 
 
-def test_the_least_noise_is_that_of_a_pixel_and_of_the_larger_drift_of_a_view_and_the_anchor_view():
+def test_the_least_noise_is_that_of_a_pixel_and_of_the_drift_since_the_anchor_view():
     camera, views = views_of(60)
     step = np.array([[0.5, 0.2], [0.2, 0.3]])
     tracks = gather_tracks(camera, drifting(views, step), 0.05, 0.1)
     frames = np.array(tracks.frames)
-    of_anchor = frames[np.maximum(tracks.anchor, 0)]
-    larger = np.where(frames[:, None] == of_anchor, 0, np.maximum(frames[:, None], of_anchor))
+    since = np.abs(frames[:, None] - frames[np.maximum(tracks.anchor, 0)])
     variances, axes = np.linalg.eigh(step)
     for k, i in zip(*np.nonzero(tracks.seen), strict=True):
-        expected = axes @ np.diag(0.1**2 + larger[k, i] * variances) @ axes.T
+        expected = axes @ np.diag(0.1**2 + since[k, i] * variances) @ axes.T
         np.testing.assert_allclose(covariances(tracks)[k, i], expected, rtol=1e-6, atol=1e-9)
     assert tracks.noise_px == pytest.approx(tracks.least_noise_px)
     np.testing.assert_allclose(np.linalg.eigvalsh(tracks.whitening)[..., 1], 1.0)
