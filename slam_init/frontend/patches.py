@@ -25,9 +25,8 @@ import numpy as np
 
 from slam_init.types.arrays import Bools, Floats, Image, Ints
 
-#: Unknowns of an alignment: the displacement, the affine map (row by row, as displacements at the border of the patch),
-#: and the mean and the contrast of the image.
-UNKNOWNS = 8
+#: Unknowns of an alignment (:data:`slam_init.frontend.patch_kernel.UNKNOWNS`, whose import compiles).
+_UNKNOWNS = 8
 #: An alignment ends this far from the flow at most, px: twenty standard deviations of both.
 _NEAR_PX = 1.0
 #: It leaves this share of the contrast of the patch at most, or this multiple of what the flow leaves between two
@@ -85,7 +84,7 @@ class Patches:
         self._radius = window_px // 2
         # By slot: a track has one while it lives.
         self._patches = np.zeros((0, 3, (2 * self._radius + 1) ** 2))
-        self._inverses, self._brightness = np.zeros((0, UNKNOWNS, UNKNOWNS)), np.zeros((0, 2))
+        self._inverses, self._brightness = np.zeros((0, _UNKNOWNS, _UNKNOWNS)), np.zeros((0, 2))
         self._affine, self._drifts = np.zeros((0, 4)), np.zeros((0, 2, 2))
         # Alignments in a row that failed, and the frame in which a patch was cut: a running number.
         self._failures, self._cut, self._frames = np.zeros(0, np.int64), np.zeros(0, np.int64), 0
