@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slam_init.config import Config
+from slam_init.config import AcceptanceConfig, Config
 from slam_init.errors import ConfigError
 from slam_init.initializer import Initializer
 from slam_init.types.camera_pose import PoseKind
@@ -22,8 +22,8 @@ def initialized(room, **options):
 
 
 def test_a_map_whose_depths_are_not_known_grows_until_they_are(room):
-    initializer, frames, accepted = initialized(room)
-    target = initializer.config.acceptance.max_depth_sigma
+    target = 0.15
+    initializer, frames, accepted = initialized(room, acceptance=AcceptanceConfig(max_depth_sigma=target))
     assert accepted.depth_sigma > target
     assert initializer.status.refining
     for frame in frames:
