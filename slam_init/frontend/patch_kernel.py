@@ -14,7 +14,7 @@ compiled = compiler_of(Path(__file__).parent)
 #: Unknowns of an alignment: the displacement, the affine map (row by row, as displacements at the border of the patch),
 #: and the mean and the contrast of the image.
 UNKNOWNS = 8
-#: Prior standard deviation of a step, px: along an edge the patch tells no displacement.
+#: Prior standard deviation of a step, px: along an edge a patch determines no displacement.
 _STEP_PX = 0.5
 #: Noise of a pixel in grey levels at least: rounding. A patch with less contrast is flat.
 _LEAST_NOISE = 1.0
