@@ -322,6 +322,7 @@ class Tracker:
         self._drift.follow(ids, covariances[kept])
         aligned = self._patches.align(smooth, ids, moved[kept], remainders[kept])
         self._drift.return_to(ids[aligned.succeeded], aligned.drifts[aligned.succeeded])
+        # Tracks that flow has left apart may come back to one place.
         single = first_per_cell(aligned.pixels, 0.5 * self._config.min_distance * smooth.shape[1])
         return ids[single], aligned.pixels[single]
 

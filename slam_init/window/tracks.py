@@ -359,7 +359,8 @@ def _since_anchor(seen: Bools, drifts: Floats, slides_px: Floats) -> Floats:
     # A track that keeps its instant slides where the motion changes.
     slides_px = np.where(seen[..., None], slides_px - slides_px[anchor, np.arange(seen.shape[1])], 0.0)
     # A view that is earlier than the anchor has drifted less. Where descriptors found a track, its drift began anew.
-    # The errors of two alignments do not add up, and their difference is below the least noise.
+    # The errors of two alignments do not add up, so that their difference is too small. On clear images both are below
+    # the least noise.
     variances, axes = _principal_axes(np.where(seen[..., None, None], between, 0.0))
     return _of_axes(np.abs(variances), axes) + slides_px[..., :, None] * slides_px[..., None, :]
 
