@@ -28,7 +28,7 @@ from functools import partial
 
 import numpy as np
 
-from slam_init.bundle.covariances import MapCovariances, covariances
+from slam_init.bundle.covariances import LENS, MapCovariances, covariances
 from slam_init.bundle.focal import adjust_focal, camera_with_focal_factor
 from slam_init.bundle.graph import GAUGE, build_graph
 from slam_init.bundle.least_squares import fit_points, minimize, with_lenses
@@ -40,6 +40,7 @@ from slam_init.bundle.virtual_cameras import needs_virtual_cameras
 from slam_init.config import MapConfig
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
+from slam_init.types.unit_error import UnitError
 
 #: If the estimated noise is this many times the expected one, the tracks are not those of one rigid scene.
 _WORST_NOISE = 10.0
@@ -136,6 +137,7 @@ def _solution(
         pose_covariances=found.poses,
         point_covariances=found.points,
         depth_sigmas=_depth_sigmas(final, found.in_newest),
+        unit_error=_unit_error(_depth_sigmas(final, found.in_newest), found.stretched),
         seen_covariances=found.by_noise,
         seen_depth_sigmas=_depth_sigmas(final, found.by_noise),
         unknown_depths=fit.unknown_depths,
@@ -243,6 +245,20 @@ def _depth_sigmas(problem: BundleProblem, in_newest: Floats) -> Floats:
     seen = problem.world_from_cam[-1].inverse().apply(problem.points)
     squares = np.sum(seen**2, axis=1)
     return np.asarray(np.sqrt(np.einsum("li,lij,lj->l", seen, in_newest, seen)) / squares)
+
+
+def _unit_error(depth_sigmas: Floats, stretched: Floats) -> UnitError:
+    """The error of the weighted mean of the distances.
+
+    Shapes: ``depth_sigmas`` (L,), ``stretched`` (L, C).
+
+    * ``stretched``: By the causes that landmarks share, those of the lens last.
+    """
+    weights = 1 / np.maximum(depth_sigmas, 1e-12) ** 2
+    weights /= weights.sum()
+    shared = weights @ stretched
+    own = np.maximum(depth_sigmas**2 - np.sum(stretched**2, axis=1), 0.0)
+    return UnitError(float(np.sqrt(np.sum(shared[:-LENS] ** 2) + weights**2 @ own)), shared[-LENS:])
 
 
 def _focal_sigma(prior: LensPrior | None, camera: Camera, found: MapCovariances) -> float | None:

@@ -67,6 +67,8 @@ class MapCovariances(NamedTuple):
     #: noise of single tracks alone.
     in_newest: Floats
     by_noise: Floats
+    #: (L, C) How far each cause that the landmarks share moves the logarithm of a distance from the newest camera.
+    stretched: Floats
     #: (4, 4) Of the lens, in the order of :func:`slam_init.bundle.lens.lens_derivatives`.
     lens: Floats
     #: (L,) Share of a landmark with two views in the only residual that tests it, between 0 and 1; 0 for others.

@@ -269,20 +269,22 @@ def leverage_of_pairs(
 @compiled
 def spread_to_points(
     roots: Floats, followed: Floats, newest: Floats, R: Floats, seen: Floats, shared: int
-) -> tuple[Floats, Floats, Floats]:
+) -> tuple[Floats, Floats, Floats, Floats]:
     """Covariances of the points from independent causes of unit variance.
 
     Shapes: ``roots`` (L, 6), ``followed`` (L, 3, T), ``newest`` (6, T), ``R`` (3, 3), ``seen`` (L, 3), returns
-    (L, 3, 3).
+    (L, 3, 3) three times and (L, T).
 
     * ``followed``: A point moves by ``-C^-T`` times a column for its cause.
     * ``newest``: Rotation vector and translation of the newest camera for each cause.
     * ``R``: Its world_from_cam.
     * ``seen``: The points in the newest camera.
     * ``shared``: The causes from here on are errors that tracks share.
-    * Returns: The covariances in the world, in the newest camera, and there by the noise of single tracks alone.
+    * Returns: The covariances in the world, in the newest camera, and there by the noise of single tracks alone; and
+      how far each cause moves the logarithm of the distance from the newest camera.
     """
     count = len(roots)
+    stretched = np.empty((count, followed.shape[2]))
     points, in_newest, by_noise = np.zeros((count, 3, 3)), np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
     own, x, y = np.empty((3, 3)), np.empty(3), np.empty(3)
     for landmark in range(len(roots)):
@@ -306,6 +308,8 @@ def spread_to_points(
                 y[0] += s[1] * w2 - s[2] * w1 - newest[3, column]
                 y[1] += s[2] * w0 - s[0] * w2 - newest[4, column]
                 y[2] += s[0] * w1 - s[1] * w0 - newest[5, column]
+                distance2 = s[0] * s[0] + s[1] * s[1] + s[2] * s[2]
+                stretched[landmark, column] = (s[0] * y[0] + s[1] * y[1] + s[2] * y[2]) / distance2
             if column == shared:
                 by_noise[landmark] = in_newest[landmark]
             for i in range(3):
@@ -314,4 +318,4 @@ def spread_to_points(
                     in_newest[landmark, i, j] += y[i] * y[j]
                     if rays:
                         by_noise[landmark, i, j] += y[i] * y[j]
-    return points, in_newest, by_noise
+    return points, in_newest, by_noise, stretched

@@ -12,12 +12,13 @@ from slam_init.errors import SourceError
 from slam_init.system.regular_file import user_path
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.place import Place
+from slam_init.types.unit_error import UnitError
 
 _HANDOVER = "handover.npz"
 #: Shapes of the arrays that are read; -1 is any number.
 _ARRAYS: dict[str, tuple[int, ...]] = {
     "place_frames": (-1,), "place_poses": (-1, 4, 4), "place_points": (-1, 3), "place_descriptors": (-1, 128),
-    "depth_sigma": (), "place_noise": (),
+    "unit_sigma": (), "unit_by_lens": (4,), "camera_parameters": (-1,), "place_noise": (),
     "place_observation_views": (-1,), "place_observation_points": (-1,), "place_bearings": (-1, 3),
 }  # fmt: skip
 #: A hundred thousand points that ten views see have 60 MB.
@@ -56,7 +57,7 @@ def load_place(path: str | os.PathLike[str]) -> Place:
         fits = found is not None and found.ndim == len(shape) and found.dtype.kind in "iuf"
         if found is None or not fits or any(n not in (-1, m) for n, m in zip(shape, found.shape, strict=True)):
             raise SourceError(f"{path}: has no {name} of a place: run again with this version")
-        if name != "depth_sigma" and not np.isfinite(found).all():
+        if name not in ("unit_sigma", "unit_by_lens") and not np.isfinite(found).all():
             raise SourceError(f"{path}: {name} has a number that is not finite: run again")
     frames = np.asarray(arrays["place_frames"], np.int64).tolist()
     poses = [
@@ -79,5 +80,6 @@ def load_place(path: str | os.PathLike[str]) -> Place:
     described /= np.maximum(np.linalg.norm(described, axis=1, keepdims=True), 1e-12)
     rays = rays / np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-12)
     keyframes = tuple(Keyframe(f, 0.0, str(f), pose) for f, pose in zip(frames, poses, strict=True))
-    depth = float(arrays["depth_sigma"])
-    return Place(keyframes, where, described, views, points, rays, max(noise, 1e-6), depth if depth >= 0 else 0.0)
+    unit_error = UnitError(float(arrays["unit_sigma"]), np.nan_to_num(np.asarray(arrays["unit_by_lens"], float)))
+    lens = tuple(np.asarray(arrays["camera_parameters"], float).tolist())
+    return Place(keyframes, where, described, views, points, rays, max(noise, 1e-6), unit_error, lens)

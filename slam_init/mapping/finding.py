@@ -207,5 +207,6 @@ def _together(first: Place, second: Place) -> Place:
         np.concatenate([first.observation_points, len(first.points) + second.observation_points]),
         np.concatenate([first.observation_bearings, second.observation_bearings]),
         max(first.noise_rad, second.noise_rad),
-        first.depth_sigma,
+        first.unit_error,
+        first.lens,
     )

@@ -151,8 +151,9 @@ def join(first: Place, second: Place, seed: int = 0) -> Join:
     if _has_rival(a, b, inliers, rng):
         return replace(failed, reason=NoJoin.AMBIGUOUS_PLACE)
     model, sigma = _adjusted(a.of_matches(inliers), b.of_matches(inliers), model)
-    # The depths of a map and its baselines have no common unit but by its own errors, which all rays share.
-    sigma = math.hypot(sigma, first.depth_sigma, second.depth_sigma)
+    # The unit of the points of a map is known in its baselines by errors that all its rays share.
+    same_lens = first.lens == second.lens != ()
+    sigma = math.hypot(sigma, first.unit_error.of_ratio(second.unit_error, same_lens=same_lens))
     if not sigma < _MAX_SCALE_SIGMA:
         return replace(failed, reason=NoJoin.SCALE_OPEN, scale_sigma=sigma)
     return Join(model.inverse(), None, risk, sigma, total, int(inliers.sum()))

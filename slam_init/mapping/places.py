@@ -51,7 +51,7 @@ def describe_place(map_: InitialMap, located: Sequence[Keyframe], images: Mappin
     rays = [one[mask] for one, mask in zip(bearings, keep, strict=True)]
     described = [one.descriptors[mask] for one, mask in zip(found, keep, strict=True)]
     place = place_of_features(tuple(seen), rays, described, map_.camera.focal_px)
-    return replace(place, depth_sigma=map_.depth_sigma if map_.depth_sigma >= 0 else 0.0)
+    return replace(place, unit_error=map_.unit_error, lens=map_.camera.parameters)
 
 
 def place_of_features(

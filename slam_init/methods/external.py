@@ -50,6 +50,7 @@ from slam_init.types.reasons import REASONS, Verdict
 from slam_init.types.result import Result
 from slam_init.types.status import Status, frame_of
 from slam_init.types.stopwatch import Stopwatch
+from slam_init.types.unit_error import UnitError
 
 if TYPE_CHECKING:
     from slam_init.config import Config
@@ -311,6 +312,7 @@ def _map_of(keyframes: Sequence[Keyframe], camera: Camera) -> InitialMap:
         pose_covariances=np.full((len(keyframes), 6, 6), np.nan),
         point_covariances=np.zeros((0, 3, 3)),
         depth_sigmas=np.zeros(0),
+        unit_error=UnitError(),
         open_tracks=_without_tracks(newest.frame, newest.timestamp_s, newest.name),
         gauge="that of the external program",
         graph=None,

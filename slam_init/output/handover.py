@@ -20,6 +20,8 @@ array                          shape, type   content
 ``noise_px``                   float         standard deviation of a coordinate of an observation
 ``risk``                       float         probability that the map is wrong; NaN where the method states none
 ``depth_sigma``                float         median of ``point_depth_sigmas``; NaN without points
+``unit_sigma``                 float         relative, of the mean distance of the points, but for the lens
+``unit_by_lens``               (4,) float    how far four independent errors of the lens move it
 ``keyframe_frames``            (K,) int      absolute index in the source
 ``keyframe_times``             (K,) float    seconds
 ``keyframe_names``             (K,) str      names of the images
@@ -90,10 +92,12 @@ def handover_arrays(
         "gravity_sigma_deg": np.array(math.nan if map_.gravity is None else map_.gravity.sigma_deg, float),
         "camera_model": np.array(camera.model),
         "camera_size": np.array([camera.width, camera.height]),
-        "camera_parameters": np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion], float),
+        "camera_parameters": np.array(camera.parameters, float),
         "noise_px": np.array(map_.noise_px, float),
         "risk": np.array(math.nan if map_.risk is None else map_.risk, float),
         "depth_sigma": np.array(map_.depth_sigma, float),
+        "unit_sigma": np.array(map_.unit_error.own, float),
+        "unit_by_lens": map_.unit_error.by_lens,
         "keyframe_frames": _frames(map_.keyframes),
         "keyframe_times": _times(map_.keyframes),
         "keyframe_names": np.array([keyframe.name for keyframe in map_.keyframes], np.str_),

@@ -218,6 +218,11 @@ class Camera(Described):
         return math.sqrt(fx * fy)
 
     @property
+    def parameters(self) -> tuple[float, ...]:
+        """fx, fy, cx, cy, then the distortion."""
+        return (self.fx, self.fy, self.cx, self.cy, *self.distortion)
+
+    @property
     def _focal_lengths(self) -> tuple[float, float]:
         """Pixels per radian near the optical axis, to the right and down."""
         if self.lens is None:

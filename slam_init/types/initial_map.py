@@ -17,6 +17,7 @@ from slam_init.types.inertial import Gravity
 from slam_init.types.pose import Pose
 from slam_init.types.savable import Savable
 from slam_init.types.scale import Scale
+from slam_init.types.unit_error import UnitError
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +72,9 @@ class InitialMap(Described, Savable):
         Relative standard deviations of the distances of the landmarks from the newest keyframe, whose own error is in
         them, with the same errors. Tracks with a depth that the noise alone leaves unknown are no landmarks: they are
         ``open_tracks``.
+    unit_error : UnitError
+        The error of the mean distance of the landmarks from the newest keyframe: what a unit of the landmarks is in
+        units of the baselines.
     open_tracks : Observations
         The tracks of the newest keyframe that have no landmark: their depths are unknown, or they disagree with the
         map. Their bearings are by ``camera``, not corrected for a rolling shutter.
@@ -125,6 +129,7 @@ class InitialMap(Described, Savable):
     pose_covariances: Floats
     point_covariances: Floats
     depth_sigmas: Floats
+    unit_error: UnitError
     open_tracks: Observations
     gauge: str
     graph: Any

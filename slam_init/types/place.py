@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from quest.display import Described
 from slam_init.types.arrays import Bools, Floats, Image, Ints
 from slam_init.types.initial_map import Keyframe
+from slam_init.types.unit_error import UnitError
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -30,9 +31,10 @@ class Place(Described):
         Unit rays in the camera frame of the view.
     noise_rad : float
         Standard deviation of a ray in one direction.
-    depth_sigma : float
-        Relative standard deviation of the depths by the map (:attr:`InitialMap.depth_sigma`): what a unit of its points
-        is in units of its baselines. 0 where nobody stated it.
+    unit_error : UnitError
+        That of the map (:attr:`InitialMap.unit_error`).
+    lens : tuple of float
+        fx, fy, cx, cy of the camera of the map, then the distortion.
     """
 
     views: tuple[Keyframe, ...]
@@ -42,7 +44,8 @@ class Place(Described):
     observation_points: Ints
     observation_bearings: Floats
     noise_rad: float
-    depth_sigma: float = 0.0
+    unit_error: UnitError = field(default_factory=UnitError)
+    lens: tuple[float, ...] = ()
 
     @staticmethod
     def empty() -> Place:

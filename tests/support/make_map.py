@@ -14,6 +14,7 @@ from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose, Trajectory
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, Result
+from slam_init.types.unit_error import UnitError
 
 CAMERAS = {
     "pinhole": Camera("pinhole", 640, 480, 500.0, 510.0, 321.5, 238.25),
@@ -57,6 +58,7 @@ def make_map(model: str = "pinhole", keyframes: int = 4, points: int = 60, noise
         pose_covariances=np.zeros((keyframes, 6, 6)),
         point_covariances=np.tile(np.diag([1e-4, 1e-4, 4e-4]), (points, 1, 1)),
         depth_sigmas=np.linspace(0.01, 0.03, points),
+        unit_error=UnitError(0.01),
         open_tracks=Observations(
             frames[-1],
             views[-1].timestamp_s,
