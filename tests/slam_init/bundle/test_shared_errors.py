@@ -113,6 +113,42 @@ def assert_same(found, expected):
     np.testing.assert_allclose(found / units, expected / units, atol=0.02)
 
 
+def unit_of(solution, true_points, tracks):
+    """The mean logarithm of the distances from the newest camera over the true ones, by their weights."""
+    world_from_cam = solution.problem.world_from_cam
+    span = np.linalg.norm(world_from_cam[-1].t - world_from_cam[0].t)
+    distances = np.linalg.norm(solution.problem.points - world_from_cam[-1].t, axis=1) / span
+    rows = np.searchsorted(tracks, solution.problem.track_ids)
+    true = np.linalg.norm(true_points[rows] - ROTATING[-1].t, axis=1) / np.linalg.norm(ROTATING[-1].t - ROTATING[0].t)
+    weights = 1 / solution.depth_sigmas**2
+    return float(weights @ np.log(distances / true) / weights.sum())
+
+
+@pytest.mark.parametrize("parameter", range(4))
+def test_each_error_of_the_lens_moves_the_unit_as_the_map_states(parameter):
+    """A lens off by a tenth of a deviation of one parameter, seen without noise."""
+    rng, sigmas = np.random.default_rng(8), lens_prior(CAMERA, LENS).sigmas
+    off = 0.1 * sigmas * (np.arange(4) == parameter)
+    true = replace(CAMERA.refocused(off[0], off[3]), cx=CAMERA.cx + off[1], cy=CAMERA.cy + off[2])
+    points = cloud(rng, 80)
+    units = []
+    for camera in (CAMERA, true):
+        seen = problem(camera, points, ROTATING, 1e-3, rng)
+        solution = adjust(CAMERA, seen, replace(LENS, min_noise_px=1e-3), poses_known=True)
+        units.append(unit_of(solution, points, seen.track_ids))
+    stated = solution.unit_error.by_lens
+    # The lens of the map is short by what the true one is off, and the prior of k1 has units of its own.
+    assert units[1] - units[0] == pytest.approx(-0.1 * stated[parameter], abs=0.1 * 0.15 * np.abs(stated).max())
+
+
+def test_what_is_a_landmarks_own_averages_out_of_the_unit():
+    rng = np.random.default_rng(9)
+    few, many = (fitted(CAMERA, cloud(rng, count), SIDEWAYS, rng, config=MAP)[1] for count in (40, 160))
+    assert many.unit_error.own < 0.7 * few.unit_error.own
+    assert many.unit_error.own <= np.median(many.depth_sigmas)
+    assert not many.unit_error.by_lens.any()
+
+
 def test_an_exact_lens_is_held_and_a_tight_prior_gives_the_same():
     rng = np.random.default_rng(5)
     seen = problem(CAMERA, cloud(rng), ROTATING, 0.3, rng)

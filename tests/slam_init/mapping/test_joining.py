@@ -9,6 +9,7 @@ from make_place import make_place, moved, rays_to
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init import NoJoin, Similarity, join
 from slam_init.types.place import Place
+from slam_init.types.unit_error import UnitError
 
 MOTION = Similarity(2.5, rotation_from_vector(np.array([0.3, 1.0, 0.2])), np.array([1.0, 2.0, 3.0]))
 
@@ -82,10 +83,22 @@ def test_a_pattern_that_fits_at_two_places_is_ambiguous():
 
 def test_a_scale_that_the_depths_of_a_map_leave_open_is_refused():
     place = make_place()
-    known = join(replace(place, depth_sigma=0.03), replace(place, depth_sigma=0.04))
+    known = join(replace(place, unit_error=UnitError(0.03)), replace(place, unit_error=UnitError(0.04)))
     assert known.scale_sigma == pytest.approx(0.05, rel=1e-3)
-    found = join(place, replace(place, depth_sigma=0.2))
+    found = join(place, replace(place, unit_error=UnitError(0.2)))
     assert not found and found.reason is NoJoin.SCALE_OPEN and found.scale_sigma > 0.19
+
+
+def test_the_error_of_a_lens_that_both_maps_have_in_common_cancels():
+    by_lens = np.array([0.08, 0.0, 0.01, 0.05])
+    place = replace(make_place(), unit_error=UnitError(0.01, by_lens), lens=(500.0, 500.0, 320.0, 240.0))
+    alike = join(place, place)
+    assert alike and alike.scale_sigma == pytest.approx(0.01 * np.sqrt(2), rel=1e-2)
+    other = join(place, replace(place, lens=(510.0, 510.0, 320.0, 240.0)))
+    assert not other and other.reason is NoJoin.SCALE_OPEN
+    assert other.scale_sigma == pytest.approx(np.sqrt(2) * place.unit_error.sigma, rel=1e-2)
+    unknown = replace(place, lens=())
+    assert not join(unknown, unknown)
 
 
 def test_the_same_seed_gives_the_same_join():
