@@ -49,9 +49,9 @@ _STEPS = 10
 MAX_RISK = 1e-4
 #: Another similarity with this share of the inliers is a rival. Class: assumption.
 _RIVAL = 0.5
-#: Largest relative deviation of the scale: three of them are the error by which a join is useless to a tracker, whose
-#: search for a point then misses by a third of its distance. Class: level.
-_MAX_SCALE_SIGMA = 0.1
+#: Largest relative deviation of the scale: with two of them the distance of a point is off by a tenth, which is as well
+#: as a young map knows it. Class: level.
+_MAX_SCALE_SIGMA = 0.05
 #: Shifts of the matches that stand for random ones, and matches below which nothing can count. Class: budget.
 _SHUFFLES, _LEAST = 20, 8
 

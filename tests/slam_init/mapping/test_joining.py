@@ -83,8 +83,8 @@ def test_a_pattern_that_fits_at_two_places_is_ambiguous():
 
 def test_a_scale_that_the_depths_of_a_map_leave_open_is_refused():
     place = make_place()
-    known = join(replace(place, unit_error=UnitError(0.03)), replace(place, unit_error=UnitError(0.04)))
-    assert known.scale_sigma == pytest.approx(0.05, rel=1e-3)
+    known = join(replace(place, unit_error=UnitError(0.015)), replace(place, unit_error=UnitError(0.02)))
+    assert known.scale_sigma == pytest.approx(0.025, rel=1e-3)
     found = join(place, replace(place, unit_error=UnitError(0.2)))
     assert not found and found.reason is NoJoin.SCALE_OPEN and found.scale_sigma > 0.19
 
