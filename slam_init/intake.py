@@ -71,6 +71,7 @@ class Intake:
         self.masked = 0.0
         self._clock, self._overlay = FrameClock(self.history), StaticOverlay()
         self._thread: int | None = None
+        self._source = ""
         self._gravity_contradicts = False
         self._depths_given = self._depths_known = 0
 
@@ -95,6 +96,7 @@ class Intake:
         gravity: Gravity | None = None,
     ) -> Frame:
         """Check an image, its time, its mask, its depth and its gravity, and make a frame of them."""
+        self._check_source("images")
         if self._waits_for_size:
             self._complete_camera(image)
         frame = frame_of(image, timestamp_s, self.history.newest + 1, self.history.camera, mask)
@@ -110,6 +112,7 @@ class Intake:
 
     def track(self, frame: Frame) -> Observations:
         """Follow the tracks into a frame."""
+        self._source = "images"
         self.masked = 0.0 if frame.mask is None else 1.0 - np.count_nonzero(frame.mask) / frame.mask.size
         current = self.tracker.track(frame)
         self._overlay.observe(frame, current)
@@ -119,6 +122,7 @@ class Intake:
         self, current: Observations, revised: Sequence[Observations]
     ) -> tuple[Observations, Sequence[Observations]]:
         """Check the time and the rays of tracks from elsewhere; return them with the rays of the lens in use."""
+        self._check_source("tracks")
         if self._waits_for_size:
             raise SlamInitError("tracks tell no size of the images: give the Initializer a Camera (Camera.from_K)")
         if not isinstance(current, Observations):
@@ -138,6 +142,11 @@ class Intake:
         check_rays(camera, current)
         return current, revised
 
+    def _check_source(self, source: str) -> None:
+        """Refuse images after tracks, and tracks after images: their tracks have other ids."""
+        if self._source not in ("", source):
+            raise SlamInitError(f"{source} after {self._source}: give an Initializer either images or tracks")
+
     def depths(self, depth: Depth | None, current: Observations) -> TrackDepths | None:
         """The depths of the tracks of a frame; None without a depth."""
         camera = self.history.camera
@@ -154,6 +163,7 @@ class Intake:
         gravity: Gravity | None = None,
     ) -> None:
         """Add the tracks of the next frame to the history."""
+        self._source = self._source or "tracks"
         self.history.add(current, revised)
         if depths is not None and len(depths.values):
             self._depths_given += 1

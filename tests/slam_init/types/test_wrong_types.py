@@ -182,3 +182,20 @@ def test_a_null_byte_names_no_folder(room_run):
 def test_what_tells_the_scale_has_its_type(further, room_run):
     with pytest.raises(SlamInitError, match="is of the type"):
         find_scale(room_run.result.map, parse_scale("distance:1"), **further)
+
+
+def test_an_initializer_takes_images_or_tracks_and_not_both():
+    image = np.random.default_rng(0).integers(0, 256, (48, 64), np.uint8)
+    camera = Camera("pinhole", 64, 48, 60.0, 60.0, 31.5, 23.5)
+    of_tracks, of_images = Initializer(camera), Initializer(camera)
+    pixels = np.array([[10.0, 10.0], [20.0, 30.0]])
+    seen = [Observations(k, float(k), "", np.arange(2), pixels, camera.bearings(pixels)) for k in range(3)]
+    of_tracks.process_tracks(seen[0])
+    with pytest.raises(SlamInitError, match="images after tracks: give an Initializer either images or tracks"):
+        of_tracks.process(image)
+    of_tracks.process_tracks(seen[1])
+    of_images.process(image)
+    with pytest.raises(SlamInitError, match="tracks after images"):
+        of_images.process_tracks(seen[1])
+    of_images.process(image)
+    assert (of_tracks.frames_read, of_images.frames_read) == (2, 2)
