@@ -84,11 +84,6 @@ from slam_init.window.uncertainty import (
 from slam_init.window.zooming_motion import wrong_by_zooms
 from slam_init.window.zooming_rotation import ZoomingRotation, with_zooms
 
-#: A direction that is wrong with a larger probability is unknown, however far behind the rivals are.
-#: Class: level.
-_UNKNOWN = 0.2
-
-
 @dataclass(frozen=True)
 class WindowRisk:
     """The probability that a map of the best hypothesis is wrong, with its terms."""
@@ -230,7 +225,7 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
     if rotation <= MERE_ROTATION:
         camera = camera_estimate(expanded, optimism.factor(lens_held=False))
     # Another test takes two fits, which a direction that is unknown is not worth.
-    lasting_in_noise = rotation > FLOOR and direction <= _UNKNOWN and keeps_errors(hypotheses)
+    lasting_in_noise = rotation > FLOOR and direction <= UNDECIDED and keeps_errors(hypotheses)
     if lasting_in_noise:
         wide = with_errors_in_noise(hypotheses)
         of_wide = rotation_probability(wide, expand(wide, wide.motions[0]), lasting_in_noise=True)[1]
@@ -238,9 +233,10 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
         lasting_in_noise, rotation = of_wide < rotation, min(of_wide, rotation)
     # Points at infinity lie on no plane, so that a plane needs no such test.
     rotation = max(rotation, 0.0 if hypotheses.planar else bodies_probability(hypotheses, ON_BODIES))
-    other = other_motion(hypotheses) if rotation <= MERE_ROTATION else OtherMotion()
+    # A window that has no map without the terms of rivals and bodies is not worth their fits.
+    refused = rotation > UNDECIDED or direction > UNDECIDED
+    other = OtherMotion() if refused else other_motion(hypotheses)
     left = max_risk - _total(direction, 0.0, rotation, other.probability)
-    refused = rotation > UNDECIDED or direction > _UNKNOWN
     rival, nearest = rival_term(hypotheses, expanded, direction_deg, most=-1.0 if refused else min(left, UNDECIDED))
     total = _total(direction, rival, rotation, other.probability)
     distances = inverse_distances(expanded)
