@@ -95,6 +95,8 @@ def _poses_to_start_from(hypotheses: WindowHypotheses, both: Bools, bearings: Fl
         pose = one.cam2_from_cam1
         model = np.concatenate([quaternion_from_matrix(pose.R), pose.t])
         yield from _poses(fit_plane(model, m, n, noise_rad).poses)
+    # The window knows the noise better than the frame that proposed its motions.
+    yield from _proposed(m, n, noise_rad)
     rest = both & ~explained_tracks(hypotheses)
     yield from _proposed(bearings[0, rest], bearings[1, rest], noise_rad)
     yield from _by_second_pair(hypotheses, bearings, noise_rad)
