@@ -7,9 +7,9 @@ Two gaps are closed here. Both matter for an accepted map only, so a frame that 
   point has a distance of its own. So all motions are fitted once more with free depths. The plane keeps its precision
   only where both fits agree on the motion.
 * **The right motion may not be among the proposals.** quest proposes from one pair, and from most of its matches.
-  Further starts are: the conjugate motion of the plane of each motion, the motion of the tracks that the best one does
-  not explain (sequential RANSAC), the motion by a second pair, and directions of the baseline that are spread over the
-  sphere. Each start is fitted to the pair, and to all views if it explains the pair about as well as the best motion.
+  Further starts are: the motions of the pair at the noise that the window has found, the conjugate motion of the plane
+  of each motion, the motion of the tracks that the best one does not explain (sequential RANSAC), the motion by a second
+  pair, and directions of the baseline that are spread over the sphere. Each start is fitted to the pair, and to all views if it explains the pair about as well as the best motion.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def _of_pair(motion: Motion, frames: tuple[int, ...]) -> dict[int, Pose]:
 
 
 def _poses_to_start_from(hypotheses: WindowHypotheses, both: Bools, bearings: Floats) -> Iterator[Pose]:
-    """Motions of the pair: conjugates, of other tracks, of a second pair, and in all directions."""
+    """Motions of the pair: conjugates, of all tracks, of other tracks, of a second pair, and in all directions."""
     noise_rad = hypotheses.tracks.noise_px / hypotheses.tracks.camera.focal_px
     m, n = bearings[0, both], bearings[1, both]
     for one in hypotheses.motions:
