@@ -39,8 +39,8 @@ PULL_FREEDOM = 4.0
 #: Class: assumption.
 ON_BODIES = 0.5
 
-#: A rotation or a rival with a larger probability is undecided, however precisely it is known. A direction that is wrong
-#: with a larger probability is unknown, however far behind the rivals are.
+#: A rotation or a rival with a larger probability is undecided, however precisely it is known. A direction that is
+#: wrong with a larger probability is unknown, however far behind the rivals are.
 #: Class: level.
 UNDECIDED = 0.05
 

@@ -84,6 +84,7 @@ from slam_init.window.uncertainty import (
 from slam_init.window.zooming_motion import wrong_by_zooms
 from slam_init.window.zooming_rotation import ZoomingRotation, with_zooms
 
+
 @dataclass(frozen=True)
 class WindowRisk:
     """The probability that a map of the best hypothesis is wrong, with its terms."""

@@ -7,9 +7,10 @@ Two gaps are closed here. Both matter for an accepted map only, so a frame that 
   point has a distance of its own. So all motions are fitted once more with free depths. The plane keeps its precision
   only where both fits agree on the motion.
 * **The right motion may not be among the proposals.** quest proposes from one pair, and from most of its matches.
-  Further starts are: the motions of the pair at the noise that the window has found, the conjugate motion of the plane
-  of each motion, the motion of the tracks that the best one does not explain (sequential RANSAC), the motion by a second
-  pair, and directions of the baseline that are spread over the sphere. Each start is fitted to the pair, and to all views if it explains the pair about as well as the best motion.
+  Further starts are: the motions of the pair at the noise of the window, the conjugate motion of the plane of each
+  motion, the motion of the tracks that the best one does not explain (sequential RANSAC), the motion by a second pair,
+  and directions of the baseline that are spread over the sphere. Each start is fitted to the pair, and to all views if
+  it explains the pair about as well as the best motion.
 """
 
 from __future__ import annotations
