@@ -84,8 +84,8 @@ def _cut(image: Image, _: Image, __: np.random.Generator) -> Image:
 
 def _camera_of_cut(camera: Camera) -> Camera:
     width, height = camera.width, camera.height
-    size = {"width": 3 * width // 5, "height": 3 * height // 5}
-    return replace(camera, cx=camera.cx - width // 5, cy=camera.cy - height // 5, **size)
+    cx, cy = camera.cx - width // 5, camera.cy - height // 5
+    return replace(camera, width=3 * width // 5, height=3 * height // 5, cx=cx, cy=cy)
 
 
 def _upside_down(camera: Camera) -> Camera:
@@ -145,9 +145,8 @@ def table(rows: Iterable[tuple[str, str, TrialRow]], methods: Sequence[str]) -> 
     for (variant, sequence), found in sorted(cells.items(), key=lambda cell: cell[0][1] != "all"):
         told = [_told(found.get(method, [])) for method in methods]
         lines.append([variant, sequence, str(len(next(iter(found.values())))), *told])
-    return markdown_table(
-        ["", "sequence", "starts", *(f"{method}: correct/false/none, wait" for method in methods)], lines
-    )
+    told = [f"{method}: correct/false/none, wait" for method in methods]
+    return markdown_table(["", "sequence", "starts", *told], lines)
 
 
 def _told(rows: Sequence[TrialRow]) -> str:

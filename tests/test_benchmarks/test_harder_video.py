@@ -35,10 +35,12 @@ def epipolar_error_px(source):
 
 
 def test_the_table_counts_outcomes_and_a_start_without_a_right_map_waits_for_its_limit():
+    same = {"source": "room", "method": "quest", "group": "room", "frames_limit": 40}
     rows = [
-        ("dark", "room", TrialRow("room", "quest", 0, "correct", frames_to_accept=3, group="room", frames_limit=40)),
-        ("dark", "room", TrialRow("room", "quest", 1, "false", frames_to_accept=5, group="room", frames_limit=40)),
-        ("dark", "room", TrialRow("room", "quest", 2, "none", group="room", frames_limit=40)),
+        TrialRow(start=0, outcome="correct", frames_to_accept=3, **same),
+        TrialRow(start=1, outcome="false", frames_to_accept=5, **same),
+        TrialRow(start=2, outcome="none", **same),
     ]
-    line = table(rows, ["quest"]).splitlines()[2]
-    assert "1/1/1 27.33" in line and "all" in line
+    line = table([("dark", "room", row) for row in rows], ["quest"]).splitlines()[2]
+    assert "1/1/1 27.33" in line
+    assert "all" in line
