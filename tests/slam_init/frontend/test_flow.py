@@ -6,7 +6,7 @@ import pytest
 from make_scene import texture, window
 
 from slam_init.config import TrackingConfig
-from slam_init.frontend.flow import Drift, Exposure, flow, gradient_products
+from slam_init.frontend.flow import Drift, Exposure, flow, gradient_products, of_edges
 from slam_init.frontend.tracks import Tracker
 from slam_init.types.camera import Camera
 
@@ -48,20 +48,46 @@ def test_the_gradients_of_the_patches_are_those_of_a_filter_over_the_whole_image
 
 
 def test_the_errors_of_a_step_have_the_order_of_the_stated_deviations():
-    """The factor was measured on other images: within a factor of two and a half."""
+    """The factor was measured on other images. These edges do not turn or bend, which the covariances allow for."""
     ratios = []
     for seed in range(4):
         start, found = followed(image(100, 60, 6.0, seed=seed), image(104.3, 61.7, 6.0, seed=seed + 50))
         errors = (found.pixels - start - (-4.3, -1.7))[found.kept]
         whitened = np.linalg.solve(np.linalg.cholesky(found.covariances[found.kept]), errors[..., None])
         ratios.append(np.median(np.abs(whitened)) / 0.6745)
-    assert 0.4 < np.median(ratios) < 2.5
+    assert 0.3 < np.median(ratios) < 2.5
+
+
+def test_a_track_on_a_straight_edge_slides_along_it():
+    """The edge turns by two degrees: a displacement of the patch leaves a wedge, which pulls it along the edge."""
+    rng = np.random.default_rng(3)
+    y, x = np.mgrid[:240, :320].astype(float)
+    rough = cv2.GaussianBlur(rng.normal(size=(240, 320)), (0, 0), 2.0) * 30
+
+    def edge(angle):
+        across = (x - 160) * np.cos(angle) + (y - 120) * np.sin(angle)
+        return np.clip(np.round(128 + 60 * np.tanh(across) + 0.5 * rough), 0, 255).astype(np.uint8)
+
+    start = np.column_stack([np.full(9, 160.0), np.linspace(60, 180, 9)])
+    found = flow(edge(0.0), edge(np.radians(2)), start, CONFIG)
+    stated = np.sqrt(np.diagonal(found.covariances[found.kept], axis1=1, axis2=2))
+    assert found.kept.sum() > 5
+    assert (stated[:, 1] > 4 * stated[:, 0]).all()
+    # The noise of the pixels alone would state .27 px.
+    assert np.median(stated[:, 1]) > 0.6
+
+
+def test_a_corner_has_no_edge_to_slide_along():
+    isotropic = np.array([[[9.0, 0.0], [0.0, 9.0]]])
+    turned = np.array([[[9.0, 3.0], [3.0, 9.0]]])
+    np.testing.assert_allclose(of_edges(isotropic), [0.0], atol=1e-12)
+    np.testing.assert_allclose(of_edges(turned), [6.0])
 
 
 def test_noise_raises_the_covariances():
     _, clean = followed(image(100, 60, 1.0), image(102, 60, 1.0, seed=1))
     _, noisy = followed(image(100, 60, 8.0), image(102, 60, 8.0, seed=1))
-    assert noisy.step_px > 3 * clean.step_px
+    assert noisy.step_px > 2 * clean.step_px
 
 
 def test_a_track_slides_along_the_trails_of_a_blurred_image():
