@@ -126,6 +126,7 @@ def _solution(
     final, camera = fit.problem, fit.camera
     variable = lens if lens.sigmas.any() and not needs_virtual_cameras(camera) else None
     graph_noise_px = errors.overdispersion * noise_px
+    depth_sigmas = _depth_sigmas(final, found.in_newest)
     return BundleSolution(
         problem=final,
         before=_same_landmarks(start, final),
@@ -136,8 +137,8 @@ def _solution(
         overdispersion=errors.overdispersion,
         pose_covariances=found.poses,
         point_covariances=found.points,
-        depth_sigmas=_depth_sigmas(final, found.in_newest),
-        unit_error=_unit_error(_depth_sigmas(final, found.in_newest), found.stretched),
+        depth_sigmas=depth_sigmas,
+        unit_error=_unit_error(depth_sigmas, found.stretched),
         seen_covariances=found.by_noise,
         seen_depth_sigmas=_depth_sigmas(final, found.by_noise),
         unknown_depths=fit.unknown_depths,

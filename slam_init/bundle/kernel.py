@@ -290,6 +290,7 @@ def spread_to_points(
     for landmark in range(len(roots)):
         c00, c11, c22, c10, c20, c21 = roots[landmark]
         F, s = followed[landmark], seen[landmark]
+        distance2 = s[0] * s[0] + s[1] * s[1] + s[2] * s[2]
         # The rays: the columns of C^-T, with the sign of the causes.
         own[:] = 0.0
         own[0, 0], own[1, 1], own[2, 2] = 1.0, 1.0, 1.0
@@ -308,7 +309,6 @@ def spread_to_points(
                 y[0] += s[1] * w2 - s[2] * w1 - newest[3, column]
                 y[1] += s[2] * w0 - s[0] * w2 - newest[4, column]
                 y[2] += s[0] * w1 - s[1] * w0 - newest[5, column]
-                distance2 = s[0] * s[0] + s[1] * s[1] + s[2] * s[2]
                 stretched[landmark, column] = (s[0] * y[0] + s[1] * y[1] + s[2] * y[2]) / distance2
             if column == shared:
                 by_noise[landmark] = in_newest[landmark]

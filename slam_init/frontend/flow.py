@@ -45,8 +45,6 @@ _STEP_PX = 2
 #: Added to the mean squares of gradients, so that a flat patch has a finite covariance: a few times the 0.02 that
 #: rounding grey levels makes.
 _ROUNDING = 0.1
-
-
 #: What the motion of a patch leaves at an edge, px: it turns, bends, and hides what is behind it. Unlike noise it is
 #: alike along the edge and does not average out, so that a track slides along the edge by this times the ratio of the
 #: slopes across and along. Across the epipolar lines of true poses, tracks whose ratio is 2, 4, 7 and 15 are off by .1,
@@ -123,7 +121,7 @@ def flow(before: Image, after: Image, pixels: Floats, config: TrackingConfig, ex
     products = gradient_products(after, moved[kept], config.window_px)
     remainders = np.zeros(len(pixels))
     remainders[kept] = remainder.ravel()[kept]
-    squares = (_SCALE * remainders[kept]) ** 2 + MISFIT_PX**2 * of_edges(products)
+    squares = (_SCALE * remainders[kept]) ** 2 + MISFIT_PX**2 * anisotropy(products)
     covariances[kept] = squares[:, None, None] * np.linalg.inv(products)
     return Flow(kept, moved, covariances, remainders, _trail(products, (moved - pixels)[kept]))
 
@@ -186,10 +184,10 @@ def gradient_products(image: Image, pixels: Floats, window_px: int) -> Floats:
     return np.stack([np.stack([xx + _ROUNDING, xy], axis=1), np.stack([xy, yy + _ROUNDING], axis=1)], axis=1)
 
 
-def of_edges(products: Floats) -> Floats:
-    """What products (N, 2, 2) of gradients tell across edges, beyond what they tell along them (N,): 0 for a corner."""
+def anisotropy(products: Floats) -> Floats:
+    """Differences (N,) of the eigenvalues of structure tensors (N, 2, 2): 0 where the slopes have no direction."""
     xx, xy, yy = products[:, 0, 0], products[:, 0, 1], products[:, 1, 1]
-    return np.asarray(2 * np.hypot(0.5 * (xx - yy), xy))
+    return np.asarray(np.hypot(xx - yy, 2 * xy))
 
 
 def _trail(products: Floats, motions: Floats) -> float | None:

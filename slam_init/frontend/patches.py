@@ -23,7 +23,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slam_init.frontend.flow import MISFIT_PX, of_edges
+from slam_init.frontend.flow import MISFIT_PX, anisotropy
 from slam_init.types.arrays import Bools, Floats, Image, Ints
 
 #: Unknowns of an alignment (:data:`slam_init.frontend.patch_kernel.UNKNOWNS`, whose import compiles).
@@ -86,7 +86,7 @@ class Patches:
         # By slot: a track has one while it lives.
         self._patches = np.zeros((0, 3, (2 * self._radius + 1) ** 2))
         self._inverses, self._brightness = np.zeros((0, _UNKNOWNS, _UNKNOWNS)), np.zeros((0, 2))
-        self._affine, self._drifts, self._edges = np.zeros((0, 4)), np.zeros((0, 2, 2)), np.zeros(0)
+        self._affine, self._drifts, self._anisotropy = np.zeros((0, 4)), np.zeros((0, 2, 2)), np.zeros(0)
         # Alignments in a row that failed, and the frame in which a patch was cut: a running number.
         self._failures, self._cut, self._frames = np.zeros(0, np.int64), np.zeros(0, np.int64), 0
         # In ascending order of the tracks.
@@ -117,7 +117,7 @@ class Patches:
         by_patch = _turns_of(affine)
         noise = _SCALE * np.maximum(greys[accepted], _ROUNDING)
         covariances = by_patch @ self._inverses[slots, :6, :6] @ np.swapaxes(by_patch, 1, 2)
-        covariances *= (noise**2 + MISFIT_PX**2 * self._edges[slots])[:, None, None]
+        covariances *= (noise**2 + MISFIT_PX**2 * self._anisotropy[slots])[:, None, None]
         for frame in np.unique(self._cut[slots]):
             cut = np.flatnonzero(self._cut[slots] == frame)
             if len(cut) >= _LEAST_PATCHES:
@@ -147,7 +147,7 @@ class Patches:
         new, slots = new[was_cut], slots[was_cut]
         self._affine[slots], self._drifts[slots] = _IDENTITY, drifts[new]
         slopes = self._patches[slots, 1:]
-        self._edges[slots] = of_edges(slopes @ np.swapaxes(slopes, 1, 2))
+        self._anisotropy[slots] = anisotropy(slopes @ np.swapaxes(slopes, 1, 2))
         self._failures[slots], self._cut[slots] = 0, self._frames
         ids, slots = np.concatenate([self._ids[kept], track_ids[new]]), np.concatenate([self._slots[kept], slots])
         order = np.argsort(ids)
@@ -179,7 +179,7 @@ class Patches:
 
         self._patches, self._inverses = extended(self._patches), extended(self._inverses)
         self._brightness, self._affine, self._drifts = map(extended, (self._brightness, self._affine, self._drifts))
-        self._edges = extended(self._edges)
+        self._anisotropy = extended(self._anisotropy)
         self._failures, self._cut = (np.append(one, np.zeros(more, np.int64)) for one in (self._failures, self._cut))
         return np.append(free, np.arange(first, first + more))
 

@@ -186,7 +186,7 @@ def _wrong_by_sigmas(rotation_deg: float, direction_deg: float) -> float:
 
 
 def risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
-    """Compose the risk of the best hypothesis; above ``max_risk`` the term of the rivals is a lower bound."""
+    """Compose the risk of the best hypothesis; above ``max_risk`` the terms of rivals and bodies are lower bounds."""
     with single_threaded():
         return _risk_of(hypotheses, max_risk)
 

@@ -42,6 +42,14 @@ SEQUENCES = {
     "kitti/06_start": 5,
     "tartanair/hospital_clip": 1,
 }
+#: Photographs, which have few frames: backward alone.
+PHOTOGRAPHS = dict.fromkeys(
+    (
+        "strecha/castle-P19", "strecha/fountain-P11", "strecha/entry-P10", "lund/door", "middlebury/templeRing_19",
+        "phone/lund_street",
+    ),
+    1,
+)  # fmt: skip
 _UPSIDE_DOWN = np.diag([1.0, -1.0, 1.0])
 _BEST_QUALITY = 95
 
@@ -167,8 +175,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--limit-frames", type=positive, default=40, metavar="N", help="of a trial (40)")
     arguments = parser.parse_args(argv)
     methods, rows = tuple(arguments.methods.split(",")), []
-    copies = [(variant, name) for variant in arguments.variants for name in SEQUENCES]
-    for variant, name in progress(copies, "copy"):
+    copies = [
+        (variant, name, every)
+        for variant in arguments.variants
+        for name, every in (SEQUENCES | (PHOTOGRAPHS if VARIANTS[variant].backward else {})).items()
+    ]
+    for variant, name, every in progress(copies, "copy"):
         path = data_folder() / name
         if not path.is_dir():
             print(f"no {path}: set SLAM_INIT_DATA to a folder of sequences", file=sys.stderr)
@@ -178,7 +190,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if not (folder / "groundtruth.txt").exists():
             write(open_source(str(path)), VARIANTS[variant], folder)
         settings = Settings(limit_frames=arguments.limit_frames)
-        plan = Plan(tuple(describe_sources([str(folder)])), methods, SEQUENCES[name], settings=settings)
+        plan = Plan(tuple(describe_sources([str(folder)])), methods, every, settings=settings)
         results = arguments.out / "trials" / variant.replace(" ", "-") / path.name
         results.parent.mkdir(parents=True, exist_ok=True)
         compare(plan, results, jobs=1, progress=False)
