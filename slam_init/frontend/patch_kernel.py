@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from quest.robust.kernels.compiler import compiler_of
-from slam_init.types.arrays import Bools, Floats, Image, Ints
+from quest.robust.kernels.compiler import compiler_of, inlined
+from slam_init.types.arrays import Bools, Floats, Floats32, Ints
 
 compiled = compiler_of(Path(__file__).parent)
 
@@ -20,30 +20,40 @@ _STEP_PX = 0.5
 _LEAST_NOISE = 1.0
 #: Rounding of a place that is the sum of some steps, px.
 _ROUNDING_PX = 1e-6
+#: The next pixel of a line, as an unsigned number.
+_NEXT = np.uint64(1)
 #: Steps of an alignment, and the squared displacement (px^2) from which on they end: a hundredth of a pixel.
 _STEPS, _CONVERGED = 6, 1e-4
 
 
-@compiled
-def sample_row(image: Image, x: float, y: float, by_x: float, by_y: float, row: Floats) -> None:
+@inlined
+def sample_line(
+    greys: Floats32, width: int, x: float, y: float, by_x: float, by_y: float, corners: Ints, parts: Floats,
+    line: Floats,
+) -> None:  # fmt: skip
     """Sample an image between its pixels, along a line from a place on.
 
-    Shapes: ``row`` (K,).
+    Shapes: ``greys`` (H W,), ``corners`` (K,), ``parts`` (2, K), ``line`` (K,).
+
+    * ``corners, parts``: Room for the pixel to the upper left of each place, and for the place's distances from it.
     """
-    for i in range(len(row)):
-        column, line = int(x), int(y)
-        right, down = x - column, y - line
-        above, below = float(image[line, column]), float(image[line + 1, column])
-        above += right * (image[line, column + 1] - above)
-        below += right * (image[line + 1, column + 1] - below)
-        row[i] = above + down * (below - above)
-        x += by_x
-        y += by_y
+    # Two loops: the first one has no reads that depend on what it computes, so the processor does some places at once.
+    for i in range(len(line)):
+        at_x, at_y = x + by_x * i, y + by_y * i
+        column, row = np.int32(at_x), np.int32(at_y)
+        parts[0, i], parts[1, i] = at_x - column, at_y - row
+        corners[i] = row * width + column
+    for i in range(len(line)):
+        # An unsigned index needs no test whether it counts from the end.
+        above, below = np.uint64(corners[i]), np.uint64(corners[i] + width)
+        upper = greys[above] + parts[0, i] * (greys[above + _NEXT] - greys[above])
+        lower = greys[below] + parts[0, i] * (greys[below + _NEXT] - greys[below])
+        line[i] = upper + parts[1, i] * (lower - upper)
 
 
 @compiled
 def cut_patches(
-    image: Image, pixels: Floats, slots: Ints, radius: int, patches: Floats, inverses: Floats, brightness: Floats
+    image: Floats32, pixels: Floats, slots: Ints, radius: int, patches: Floats, inverses: Floats, brightness: Floats
 ) -> Bools:
     """Cut patches out of an image, with their slopes and the inverses of their normal equations.
 
@@ -56,15 +66,15 @@ def cut_patches(
     """
     height, width = image.shape
     side, reach = 2 * radius + 1, radius + 2.0
-    cut = np.zeros(len(pixels), np.bool_)
+    cut, greys = np.zeros(len(pixels), np.bool_), image.reshape(-1)
     around, J = np.empty((side + 2, side + 2)), np.empty(UNKNOWNS)
-    normal = np.empty((UNKNOWNS, UNKNOWNS))
+    normal, corners, parts = np.empty((UNKNOWNS, UNKNOWNS)), np.empty(side + 2, np.int64), np.empty((2, side + 2))
     for n in range(len(pixels)):
         x, y, slot = pixels[n, 0], pixels[n, 1], slots[n]
         if not (x >= reach and y >= reach and x < width - 1 - reach and y < height - 1 - reach):
             continue
         for j in range(side + 2):
-            sample_row(image, x - radius - 1, y + (j - radius - 1), 1.0, 0.0, around[j])
+            sample_line(greys, width, x - radius - 1, y + (j - radius - 1), 1.0, 0.0, corners, parts, around[j])
         inner = around[1:-1, 1:-1]
         mean, contrast = inner.mean(), inner.std()
         if contrast < _LEAST_NOISE:
@@ -93,7 +103,7 @@ def cut_patches(
 
 @compiled
 def align_patches(
-    image: Image,
+    image: Floats32,
     slots: Ints,
     radius: int,
     patches: Floats,
@@ -114,7 +124,8 @@ def align_patches(
     """
     height, width = image.shape
     side = 2 * radius + 1
-    left, row = np.full(len(slots), np.inf), np.empty(side)
+    greys, left = image.reshape(-1), np.full(len(slots), np.inf)
+    corners, parts, line = np.empty(side, np.int64), np.empty((2, side)), np.empty(side)
     sums, step = np.empty(UNKNOWNS), np.empty(UNKNOWNS)
     for n in range(len(slots)):
         slot, x, y = slots[n], pixels[n, 0], pixels[n, 1]
@@ -133,12 +144,13 @@ def align_patches(
             s0, s1, s2, s3, s4, s5, s6, s7, square = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for j in range(side):
                 down = float(j - radius)
-                sample_row(image, x - a * radius + b * down, y - c * radius + d * down, a, c, row)
+                at_x, at_y = x - a * radius + b * down, y - c * radius + d * down
+                sample_line(greys, width, at_x, at_y, a, c, corners, parts, line)
                 g0, g1, m0, m1 = 0.0, 0.0, 0.0, 0.0
                 for i in range(side):
                     across, k = float(i - radius), j * side + i
                     grey = patches[slot, 0, k]
-                    error = row[i] - mean - contrast * grey
+                    error = line[i] - mean - contrast * grey
                     by_x, by_y = patches[slot, 1, k] * error, patches[slot, 2, k] * error
                     g0 += by_x
                     g1 += by_y

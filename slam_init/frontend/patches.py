@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slam_init.frontend.flow import MISFIT_PX, anisotropy
-from slam_init.types.arrays import Bools, Floats, Image, Ints
+from slam_init.types.arrays import Bools, Floats, Floats32, Image, Ints
 
 #: Unknowns of an alignment (:data:`slam_init.frontend.patch_kernel.UNKNOWNS`, whose import compiles).
 _UNKNOWNS = 8
@@ -56,11 +56,12 @@ _SMOOTHED_PX = 0.7
 _IDENTITY: Floats = np.array([1.0, 0.0, 0.0, 1.0])
 
 
-def smoothed(image: Image) -> Image:
-    """The image that patches are cut out of and aligned with."""
+def smoothed(image: Image) -> Floats32:
+    """The image that patches are cut out of and aligned with, of whole grey levels."""
     import cv2
 
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), _SMOOTHED_PX), np.uint8)
+    # Processors interpolate between floats at less cost than between bytes, which they convert at each place.
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), _SMOOTHED_PX)).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +93,7 @@ class Patches:
         # In ascending order of the tracks.
         self._ids, self._slots = np.zeros(0, np.int64), np.zeros(0, np.int64)
 
-    def align(self, image: Image, track_ids: Ints, pixels: Floats, remainders: Floats) -> Aligned:
+    def align(self, image: Floats32, track_ids: Ints, pixels: Floats, remainders: Floats) -> Aligned:
         """Align the patches of tracks with an image, from where flow ends.
 
         Shapes: ``image`` (H, W), ``track_ids`` (N,), ``pixels`` (N, 2), ``remainders`` (N,).
@@ -130,7 +131,7 @@ class Patches:
         drifts[rows] = A @ self._drifts[slots] @ np.swapaxes(A, 1, 2) + covariances[:, :2, :2]
         return Aligned(succeeded, moved, drifts)
 
-    def follow(self, image: Image, track_ids: Ints, pixels: Floats, drifts: Floats) -> None:
+    def follow(self, image: Floats32, track_ids: Ints, pixels: Floats, drifts: Floats) -> None:
         """Keep the patches of the tracks of a frame, and cut those of the tracks that have none or that fail.
 
         Shapes: ``image`` (H, W), ``track_ids`` (N,) in ascending order, ``pixels`` (N, 2), ``drifts`` (N, 2, 2).

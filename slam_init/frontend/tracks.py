@@ -29,7 +29,7 @@ from slam_init.frontend.flow import Drift, Exposure, flow
 from slam_init.frontend.masking import Trackable
 from slam_init.frontend.patches import Patches, smoothed
 from slam_init.frontend.sift import detect_sift, first_per_cell, match_descriptors
-from slam_init.types.arrays import Bools, Floats, Image, Ints
+from slam_init.types.arrays import Bools, Floats, Floats32, Image, Ints
 from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
 from slam_init.types.depth import TrackDepths
@@ -257,7 +257,7 @@ class Tracker:
             return self._trackable
         return Trackable(frame.mask, self._config.window_px)
 
-    def _link(self, frame: Frame, gray: Image, smooth: Image) -> tuple[Ints, Floats, bool]:
+    def _link(self, frame: Frame, gray: Image, smooth: Floats32) -> tuple[Ints, Floats, bool]:
         """Tracks found in this frame: ids, pixels, and whether descriptors linked them (else flow did)."""
         if self._last is None or self._last_gray is None:
             return np.zeros(0, np.int64), np.zeros((0, 2)), False
@@ -314,7 +314,7 @@ class Tracker:
         return ids[single], pixels[single], True
 
     def _aligned(
-        self, smooth: Image, kept: Bools, moved: Floats, covariances: Floats, remainders: Floats
+        self, smooth: Floats32, kept: Bools, moved: Floats, covariances: Floats, remainders: Floats
     ) -> tuple[Ints, Floats]:
         """The tracks of the last frame that the flow kept, brought back to their points: ids and pixels."""
         assert self._last is not None
