@@ -24,7 +24,7 @@ def gain_of_lasting_errors(tracks: WindowTracks, R: Floats) -> float:
     """
     cosines = (np.trace(R, axis1=1, axis2=2) - 1) / 2
     displacement_px = tracks.camera.focal_px * float(np.arccos(np.clip(cosines, -1.0, 1.0)).max())
-    return 1 + (min(LASTING_SHARE * displacement_px, LASTING_PX) / tracks.noise_px) ** 2
+    return 1 + (min(LASTING_SHARE * displacement_px, LASTING_PX) / tracks.residual_px) ** 2
 
 
 def with_lasting_errors(tracks: WindowTracks, R: Floats) -> WindowTracks:
@@ -38,7 +38,7 @@ def with_lasting_errors(tracks: WindowTracks, R: Floats) -> WindowTracks:
 
 def gain_of_shared_errors(tracks: WindowTracks) -> float:
     """Sum of the squares, in units of the noise, of errors that the tracks of a view share."""
-    return float(tracks.seen[:, tracks.anchor >= 0].sum()) * (SHARED_PX / tracks.noise_px) ** 2
+    return float(tracks.seen[:, tracks.anchor >= 0].sum()) * (SHARED_PX / tracks.residual_px) ** 2
 
 
 def gain_of_turning_errors(tracks: WindowTracks, readout_s: float) -> float:

@@ -161,6 +161,12 @@ class WindowTracks:
         """Standard deviation of a coordinate of a pixel: the median of the observations."""
         return float(np.median(self.sigma_px[self.seen])) if self.seen.any() else float(np.median(self.sigma_px))
 
+    @cached_property
+    def residual_px(self) -> float:
+        """Standard deviation of a coordinate of a residual: the median of the observations beyond the anchor views."""
+        beyond = self.seen & (np.arange(len(self.seen))[:, None] > self.anchor)
+        return float(np.median(self.sigma_px[beyond])) if beyond.any() else self.noise_px
+
     def bearings(
         self, log_scale: float, readout_s: float, k1: float, principal_px: Floats | tuple[float, float] = (0.0, 0.0)
     ) -> Floats:

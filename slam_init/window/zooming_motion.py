@@ -22,7 +22,7 @@ import numpy as np
 from slam_init.types.arrays import Floats
 from slam_init.window.hypotheses import WindowHypotheses, with_plane
 from slam_init.window.joint_fit import JointFit, fit_window
-from slam_init.window.levels import LARGEST_ZOOM, WRONG_DIRECTION_DEG, ZOOMED_COST
+from slam_init.window.levels import FLOOR, LARGEST_ZOOM, WRONG_DIRECTION_DEG, ZOOMED_COST
 from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.motion import fit_motion
 from slam_init.window.other_motion import bearings_of_best
@@ -92,8 +92,11 @@ def zooming_motions(hypotheses: WindowHypotheses, rotation: ZoomingRotation) -> 
     # What a tracker keeps from view to view grows with the displacement of the image, as the effect of a zoom does.
     dispersion = held.dispersion * gain_of_lasting_errors(best.tracks, held.state.R)
     for tracks, fit, zooms in _starts(hypotheses, held, rotation):
-        found = _optimum(tracks, fit, zooms, priors, dispersion)
-        yield replace(found, log_evidence=found.log_evidence + 0.5 * held.cost / dispersion)
+        found, lowest = _optimum(tracks, fit, zooms, priors, dispersion), held.cost
+        if found.log_evidence + 0.5 * lowest / dispersion > math.log(FLOOR):
+            # The way there may lead to another mode of the motion, which explains more tracks without zooms too.
+            lowest = min(lowest, fit_window(tracks, found.fit.state, priors, max_steps=_ROUNDS * _STEPS).cost)
+        yield replace(found, log_evidence=found.log_evidence + 0.5 * lowest / dispersion)
 
 
 def _starts(
