@@ -67,3 +67,17 @@ def test_each_start_costs_what_its_tracks_cost_with_its_zooms_undone_and_nothing
     for tracks, fit, zooms in zooming_motion._starts(found, found.motions[0].fit, rotation):
         again = fit_window(zoomed(tracks, zooms), fit.state, found.priors, max_steps=0)
         assert again.cost == pytest.approx(fit.cost, rel=0.01)
+
+
+def test_a_better_mode_of_the_motion_is_no_evidence_of_zooms(monkeypatch):
+    """The fit without zooms is in a mode that is worse by 20 nats, and the zooms leave it."""
+    found = hypotheses("room", 2, baseline=0.1)
+    rotation, state = with_zooms(found), found.motions[0].fit.state
+
+    def in_a_worse_mode(tracks, start, priors, max_steps):
+        fit = fit_window(tracks, start, priors, max_steps=max_steps)
+        return replace(fit, cost=fit.cost + 40) if start is state else fit
+
+    evidence = max(one.log_evidence for one in zooming_motions(found, rotation))
+    monkeypatch.setattr(zooming_motion, "fit_window", in_a_worse_mode)
+    assert max(one.log_evidence for one in zooming_motions(found, rotation)) < evidence + 1
