@@ -101,6 +101,73 @@ def cut_patches(
     return cut
 
 
+@inlined
+def is_inside(at: Floats, radius: int, width: int, height: int) -> bool:
+    """Whether all pixels of a patch lie in an image.
+
+    Shapes: ``at`` (8,): place, affine map, mean and contrast.
+    """
+    reach_x, reach_y = radius * (abs(at[2]) + abs(at[3])), radius * (abs(at[4]) + abs(at[5]))
+    inside_x = reach_x + _ROUNDING_PX <= at[0] < width - 1 - reach_x - _ROUNDING_PX
+    inside_y = reach_y + _ROUNDING_PX <= at[1] < height - 1 - reach_y - _ROUNDING_PX
+    return bool(inside_x and inside_y)
+
+
+@inlined
+def products_with_errors(
+    greys: Floats32, width: int, at: Floats, patch: Floats, corners: Ints, parts: Floats, line: Floats, sums: Floats
+) -> float:
+    """Sums over a patch of its errors times their derivatives by the unknowns.
+
+    Shapes: ``at, sums`` (8,), ``patch`` (3, K); see :func:`sample_line`.
+
+    * Returns: The sum of the squares of the errors.
+    """
+    x, y, a, b, c, d, mean, contrast = at[0], at[1], at[2], at[3], at[4], at[5], at[6], at[7]
+    radius, square = len(line) // 2, 0.0
+    sums[:] = 0.0
+    for j in range(len(line)):
+        down = float(j - radius) / radius
+        at_x, at_y = x + radius * (b * down - a), y + radius * (d * down - c)
+        sample_line(greys, width, at_x, at_y, a, c, corners, parts, line)
+        by_x, by_y, across_x, across_y, by_mean, by_contrast = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for i in range(len(line)):
+            across, k = float(i - radius), j * len(line) + i
+            error = line[i] - mean - contrast * patch[0, k]
+            error_x, error_y = patch[1, k] * error, patch[2, k] * error
+            by_x += error_x
+            by_y += error_y
+            across_x += error_x * across
+            across_y += error_y * across
+            by_mean += error
+            by_contrast += error * patch[0, k]
+            square += error * error
+        sums[0] += by_x
+        sums[1] += by_y
+        sums[2] += across_x / radius
+        sums[3] += by_x * down
+        sums[4] += across_y / radius
+        sums[5] += by_y * down
+        sums[6] += by_mean
+        sums[7] += by_contrast
+    return square
+
+
+@inlined
+def follow_inverse(at: Floats, step: Floats, radius: int) -> None:
+    """Let the map of a patch be followed by the inverse of a step, in place.
+
+    Shapes: ``at, step`` (8,).
+    """
+    a, b, c, d = at[2], at[3], at[4], at[5]
+    e, f, g, h = 1.0 + step[2] / radius, step[3] / radius, step[4] / radius, 1.0 + step[5] / radius
+    inverse = 1.0 / (e * h - f * g)
+    e, f, g, h = h * inverse, -f * inverse, -g * inverse, e * inverse
+    u, v = -(e * step[0] + f * step[1]), -(g * step[0] + h * step[1])
+    at[0], at[1] = at[0] + a * u + b * v, at[1] + c * u + d * v
+    at[2], at[3], at[4], at[5] = a * e + b * g, a * f + b * h, c * e + d * g, c * f + d * h
+
+
 @compiled
 def align_patches(
     image: Floats32,
@@ -126,72 +193,32 @@ def align_patches(
     side = 2 * radius + 1
     greys, left = image.reshape(-1), np.full(len(slots), np.inf)
     corners, parts, line = np.empty(side, np.int64), np.empty((2, side)), np.empty(side)
-    sums, step = np.empty(UNKNOWNS), np.empty(UNKNOWNS)
+    at, sums, step = np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS)
     for n in range(len(slots)):
-        slot, x, y = slots[n], pixels[n, 0], pixels[n, 1]
-        a, b, c, d = affine[n, 0], affine[n, 1], affine[n, 2], affine[n, 3]
-        mean, contrast, remains = brightness[slot, 0], brightness[slot, 1], np.inf
+        slot, remains = slots[n], np.inf
+        at[:2], at[2:6], at[6:] = pixels[n], affine[n], brightness[slot]
         for _ in range(_STEPS):
-            reach_x, reach_y = radius * (abs(a) + abs(b)), radius * (abs(c) + abs(d))
-            if not (
-                x - reach_x >= _ROUNDING_PX
-                and y - reach_y >= _ROUNDING_PX
-                and x + reach_x < width - 1 - _ROUNDING_PX
-                and y + reach_y < height - 1 - _ROUNDING_PX
-            ):
+            if not is_inside(at, radius, width, height):
                 remains = np.inf
                 break
-            s0, s1, s2, s3, s4, s5, s6, s7, square = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-            for j in range(side):
-                down = float(j - radius)
-                at_x, at_y = x - a * radius + b * down, y - c * radius + d * down
-                sample_line(greys, width, at_x, at_y, a, c, corners, parts, line)
-                g0, g1, m0, m1 = 0.0, 0.0, 0.0, 0.0
-                for i in range(side):
-                    across, k = float(i - radius), j * side + i
-                    grey = patches[slot, 0, k]
-                    error = line[i] - mean - contrast * grey
-                    by_x, by_y = patches[slot, 1, k] * error, patches[slot, 2, k] * error
-                    g0 += by_x
-                    g1 += by_y
-                    m0 += by_x * across
-                    m1 += by_y * across
-                    s6 += error
-                    s7 += error * grey
-                    square += error * error
-                s0 += g0
-                s1 += g1
-                s2 += m0
-                s3 += g0 * down
-                s4 += m1
-                s5 += g1 * down
-            sums[0], sums[1], sums[2], sums[3] = s0, s1, s2 / radius, s3 / radius
-            sums[4], sums[5], sums[6], sums[7] = s4 / radius, s5 / radius, s6, s7
+            square = products_with_errors(greys, width, at, patches[slot], corners, parts, line, sums)
             for p in range(UNKNOWNS):
                 step[p] = 0.0
                 for q in range(UNKNOWNS):
                     step[p] += inverses[slot, p, q] * sums[q]
                 square -= sums[p] * step[p]
-            mean += step[6]
-            contrast += step[7]
-            if not contrast >= _LEAST_NOISE:
+            at[6:] += step[6:]
+            if not at[7] >= _LEAST_NOISE:
                 remains = np.inf
                 break
-            remains = np.sqrt(max(square, 0.0)) / (side * contrast)
+            remains = np.sqrt(max(square, 0.0)) / (side * at[7])
             # The slopes of the image are those of the patch times the ratio of the contrasts.
             for p in range(6):
-                step[p] *= brightness[slot, 1] / contrast
-            # The map of the patch is followed by the inverse of the step.
-            e, f, g, h = 1.0 + step[2] / radius, step[3] / radius, step[4] / radius, 1.0 + step[5] / radius
-            inverse = 1.0 / (e * h - f * g)
-            e, f, g, h = h * inverse, -f * inverse, -g * inverse, e * inverse
-            u, v = -(e * step[0] + f * step[1]), -(g * step[0] + h * step[1])
-            x, y = x + a * u + b * v, y + c * u + d * v
-            a, b, c, d = a * e + b * g, a * f + b * h, c * e + d * g, c * f + d * h
+                step[p] *= brightness[slot, 1] / at[7]
+            follow_inverse(at, step, radius)
             if step[0] * step[0] + step[1] * step[1] < _CONVERGED:
                 break
         left[n] = remains
-        if np.isfinite(remains) and np.isfinite(x + y + a + b + c + d):
-            pixels[n, 0], pixels[n, 1] = x, y
-            affine[n, 0], affine[n, 1], affine[n, 2], affine[n, 3] = a, b, c, d
+        if np.isfinite(remains) and np.isfinite(at.sum()):
+            pixels[n], affine[n] = at[:2], at[2:6]
     return left
