@@ -10,6 +10,7 @@ from slam_init.datasets.bounded import read_npz
 from slam_init.datasets.text import pose_from_matrix
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import user_path
+from slam_init.types.frame import MOST_NUMBERS
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.place import Place
 from slam_init.types.unit_error import UnitError
@@ -59,7 +60,10 @@ def load_place(path: str | os.PathLike[str]) -> Place:
             raise SourceError(f"{path}: has no {name} of a place: run again with this version")
         if name not in ("unit_sigma", "unit_by_lens") and not np.isfinite(found).all():
             raise SourceError(f"{path}: {name} has a number that is not finite: run again")
-    frames = np.asarray(arrays["place_frames"], np.int64).tolist()
+    frames = np.asarray(arrays["place_frames"], float)
+    whole = (frames >= 0) & (frames < MOST_NUMBERS) & (frames == np.floor(frames))
+    if not whole.all() or (np.diff(frames) <= 0).any():
+        raise SourceError(f"{path}: place_frames are no ascending indices of frames: run again")
     poses = [
         pose_from_matrix(f"{path}: pose {k}", matrix[:3])
         for k, matrix in enumerate(np.asarray(arrays["place_poses"], float))
@@ -79,7 +83,8 @@ def load_place(path: str | os.PathLike[str]) -> Place:
         raise SourceError(f"{path}: place_noise is {noise:g} rad, and its place reaches to {farthest:g}: run again")
     described /= np.maximum(np.linalg.norm(described, axis=1, keepdims=True), 1e-12)
     rays = rays / np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-12)
-    keyframes = tuple(Keyframe(f, 0.0, str(f), pose) for f, pose in zip(frames, poses, strict=True))
+    indices = frames.astype(np.int64).tolist()
+    keyframes = tuple(Keyframe(f, 0.0, str(f), pose) for f, pose in zip(indices, poses, strict=True))
     unit_error = UnitError(float(arrays["unit_sigma"]), np.nan_to_num(np.asarray(arrays["unit_by_lens"], float)))
     lens = tuple(np.asarray(arrays["camera_parameters"], float).tolist())
     return Place(keyframes, where, described, views, points, rays, max(noise, 1e-6), unit_error, lens)

@@ -26,6 +26,11 @@ _OTHER_AXES = {
 _UNIT_TOLERANCE = 1e-6
 
 
+#: A pixel this many sizes of the image away from it is no measurement of this camera: a lens of 170 degrees has rays at
+#: eleven sizes. The polynomials of the error fields of all tracks would follow it.
+_FARTHEST_SIZES = 20.0
+
+
 def check_lengths(name: str, bearings: Floats) -> None:
     """Raise SlamInitError where a finite bearing is not of length 1."""
     # Clipped first: the square of a huge number is not finite.
@@ -38,12 +43,20 @@ def check_lengths(name: str, bearings: Floats) -> None:
 
 
 def check_rays(camera: Camera, current: Observations) -> None:
-    """Raise SlamInitError where the bearings of tracks are not the rays of their pixels; the message names the axes."""
+    """Raise SlamInitError where pixels are far outside of the image, or where bearings are not their rays.
+
+    The message names the axes of such bearings.
+    """
     bearings = np.asarray(current.bearings, float)
     if bearings.shape != (len(current.pixels), 3) or not np.isfinite(bearings).all():
         return  # the history tells what is wrong
     check_lengths(f"frame {current.frame}", bearings)
-    rays = camera.bearings(np.asarray(current.pixels, float))
+    pixels = np.asarray(current.pixels, float)
+    far = (np.abs(pixels) > _FARTHEST_SIZES * max(camera.width, camera.height)).any(axis=1)
+    if far.any():
+        worst = np.array2string(pixels[int(np.argmax(far))], precision=3)
+        raise SlamInitError(f"frame {current.frame}: the pixel {worst} is far outside of the image: leave it out")
+    rays = camera.bearings(pixels)
     known = np.isfinite(rays).all(axis=1)
     if not known.any():
         return

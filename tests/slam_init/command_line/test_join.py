@@ -75,6 +75,10 @@ def test_a_map_without_a_place_is_bad_input(tmp_path, capsys):
         (lambda a: {"place_noise": np.array(1e300)}, "place_noise is 1e"),
         (lambda a: {"place_noise": np.array(-1.0)}, "place_noise is -1"),
         (lambda a: {"place_points": a["place_points"] * 1e200}, "reaches to"),
+        (lambda a: {"place_frames": a["place_frames"] + 0.5}, "no ascending indices"),
+        (lambda a: {"place_frames": a["place_frames"][::-1]}, "no ascending indices"),
+        (lambda a: {"place_frames": a["place_frames"] - 9}, "no ascending indices"),
+        (lambda a: {"place_frames": a["place_frames"] * 10**18}, "no ascending indices"),
     ],
 )
 def test_a_place_without_a_meaning_is_bad_input(changed, said, tmp_path):

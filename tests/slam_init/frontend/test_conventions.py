@@ -51,6 +51,15 @@ def test_a_ray_that_is_not_of_length_one_is_refused_and_the_frame_can_be_given_a
     np.testing.assert_array_equal(bad.map.points, good.map.points)
 
 
+def test_a_pixel_far_outside_of_the_image_is_refused():
+    observed = tracks(0)
+    pixels = observed.pixels.copy()
+    pixels[5] = 1e12, 40.0
+    far = Observations(0, 0.0, "", observed.track_ids, pixels, CAMERA.bearings(pixels))
+    with pytest.raises(SlamInitError, match=r"frame 0: the pixel \[1.e\+12 4.e\+01\] is far outside of the image"):
+        Initializer(CAMERA).process_tracks(far)
+
+
 def test_rays_of_32_bits_are_taken():
     initializer = Initializer(CAMERA)
     for k in range(3):
