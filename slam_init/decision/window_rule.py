@@ -63,6 +63,10 @@ _LONGEST_REST, _MANY_VIEWS, _FAR_DEG = 3, 6, 2 * WRONG_DIRECTION_DEG
 #: lost between two windows: of four drawn worlds without a map after three such frames, two have one after one.
 #: Class: level, as a probability, a factor and in frames.
 _EVEN_ODDS, _TELLS_MORE, _REST_AT_EVEN_ODDS = 0.5, 1.2, 1
+#: A camera that turns for long tells as little after a hundred frames as after ten. So either rest may grow to this
+#: share of the frames so far, and a map comes later by that share at the most.
+#: Class: level.
+_SHARE_OF_FRAMES = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +113,7 @@ class WindowRule:
         self._last: JudgedWindow | None = None
         # The best score of the pairs of the last judged window, and the frames since then that were not judged.
         self._score, self._rested = 0.0, 0
+        self._frames = 0
 
     def renewed(self) -> WindowRule:
         """A rule with the same options that has judged nothing."""
@@ -129,6 +134,7 @@ class WindowRule:
         * Returns: None where no pair was chosen, and no motion is known or the window holds the pair alone; or where
           the last window was so far from a map that this frame cannot be enough.
         """
+        self._frames += 1
         score = max((pair.direction_score for pair in pairs), default=0.0)
         if self._is_far(score):
             self._rested += 1
@@ -174,13 +180,13 @@ class WindowRule:
 
     def _is_far(self, score: float) -> bool:
         """Whether a frame is left out: the last window was far from a map, and the pairs show little more now."""
-        last = self._last
-        if last is None or self._rested >= _LONGEST_REST or len(last.best.rows) < _MANY_VIEWS:
+        last, share = self._last, int(_SHARE_OF_FRAMES * self._frames)
+        if last is None or len(last.best.rows) < _MANY_VIEWS:
             return False
         if last.risk.direction_sigma_deg * self._score > _FAR_DEG * score:
-            return True
-        tells_more = score >= _TELLS_MORE * self._score or self._rested >= _REST_AT_EVEN_ODDS
-        return last.risk.total > _EVEN_ODDS and not tells_more
+            return self._rested < max(_LONGEST_REST, share)
+        more_likely_wrong = last.risk.total > _EVEN_ODDS and score < _TELLS_MORE * self._score
+        return more_likely_wrong and self._rested < max(_REST_AT_EVEN_ODDS, share)
 
     def _propose_and_fit(
         self, chosen: PairPreview | None, views: _Views, attempt: Attempt, stopwatch: Stopwatch
