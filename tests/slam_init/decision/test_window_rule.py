@@ -4,6 +4,7 @@ from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -386,6 +387,19 @@ def test_a_frame_rests_after_a_window_at_even_odds_unless_the_pairs_tell_more(mo
     ]
     assert all(tells_more or frames > 1 for frames, tells_more in after)
     assert after.count((2, False)) >= 2
+
+
+@pytest.mark.parametrize(("frames", "sigma_deg", "rests"), [(19, 5.0, 1), (20, 5.0, 2), (29, 90.0, 3), (100, 90.0, 10)])
+def test_a_rest_lasts_for_a_tenth_of_the_frames_so_far_at_most(frames, sigma_deg, rests):
+    """Or for one frame after a window at even odds, and three where the direction is unknown."""
+    rule = WindowRule(WINDOW_CONFIG, history_of([], CAMERA), RollingShutter(CAMERA))
+    hopeless = SimpleNamespace(total=1.0, direction_sigma_deg=sigma_deg)
+    rule._last = SimpleNamespace(risk=hopeless, best=SimpleNamespace(rows=range(12)))
+    rule._frames, rule._score = frames, 1.0
+    while rule._is_far(1.0):
+        rule._rested += 1
+    assert rule._rested == rests
+    assert not rule._is_far(20.0)
 
 
 @pytest.mark.parametrize(("focal_error", "told"), [(0.15, True), (-0.15, True), (0.0, False)])
