@@ -6,7 +6,8 @@
 * ``/path`` (``nav_msgs/Path``): all of these poses.
 * ``/points`` (``sensor_msgs/PointCloud2``): the landmarks in ``map``: x, y, z, rgb.
 
-Path and points have the time of the first keyframe, so that a player shows them from the start.
+Path and points have the time of the first keyframe, so that a player shows them from the start. A player offers the
+topics that are sent once as transient local: listeners of transforms ask for it, and late ones get the message too.
 :mod:`slam_init.output.ros_messages` makes the messages.
 """
 
@@ -20,9 +21,13 @@ from typing import Any
 from slam_init.output.ros_messages import RosMessages, stamp_ns
 from slam_init.types.initial_map import InitialMap, Keyframe
 
+#: Topics that are sent once.
+_ONCE = frozenset({"/tf_static", "/points", "/path"})
+
 
 def mcap_bytes(map_: InitialMap, located: Sequence[Keyframe] = ()) -> bytes:
     """Write the recording."""
+    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
@@ -35,6 +40,11 @@ def mcap_bytes(map_: InitialMap, located: Sequence[Keyframe] = ()) -> bytes:
         ("/points", start, messages.points(start, map_)),
         ("/path", start, messages.path(start, views)),
     ]
+    unlimited = QosTime(sec=9223372036, nsec=854775807)  # as ROS writes it: 2^63 - 1 ns
+    latched = Qos(
+        QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL, unlimited, unlimited,
+        QosLiveliness.AUTOMATIC, unlimited, avoid_ros_namespace_conventions=False,
+    )  # fmt: skip
     covariances = dict(zip((one.frame for one in map_.keyframes), map_.pose_covariances, strict=True))
     for one in views:
         sent.append(("/tf", stamp_ns(one), messages.camera(one)))
@@ -42,9 +52,12 @@ def mcap_bytes(map_: InitialMap, located: Sequence[Keyframe] = ()) -> bytes:
             sent.append(("/keyframes", stamp_ns(one), messages.keyframe(one, covariances[one.frame])))
     with tempfile.TemporaryDirectory() as folder:
         bag = Path(folder) / "map"
-        with Writer(bag, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        # Version 8 writes policies as numbers, which all players read; Humble reads no names.
+        with Writer(bag, version=8, storage_plugin=StoragePlugin.MCAP) as writer:
             topics = {
-                topic: writer.add_connection(topic, message.__msgtype__, typestore=store)
+                topic: writer.add_connection(
+                    topic, message.__msgtype__, typestore=store, offered_qos_profiles=[latched] * (topic in _ONCE)
+                )
                 for topic, message in {topic: message for topic, _, message in sent}.items()
             }
             for topic, time_ns, message in sent:

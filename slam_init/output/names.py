@@ -20,6 +20,8 @@ UNFINISHED = ".partial.rrd"
 SCENE = "scene"
 SCENE_FILES = (
     *(f"sparse/0/{name}.bin" for name in ("cameras", "images", "points3D")),
+    # Gaussian splatting makes this file when it first opens a scene, and prefers it from then on.
+    "sparse/0/points3D.ply",
     "transforms.json",
     "points.ply",
 )

@@ -56,6 +56,7 @@ def _camera(camera: Camera) -> dict[str, Json] | None:
     if camera.model == "fisheye":
         names: tuple[str, ...] = ("k1", "k2", "k3", "k4")
         model = "OPENCV_FISHEYE"
+        shared["is_fisheye"] = True  # instant-ngp reads no camera_model
     elif camera.model in ("pinhole", "radtan"):
         names, model = ("k1", "k2", "p1", "p2", "k3")[: len(camera.distortion)], "OPENCV"
     else:

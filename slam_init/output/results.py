@@ -34,14 +34,13 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from slam_init.errors import OutputError, SourceError, check_type
 from slam_init.output.colmap import colmap_model, numbers_text
 from slam_init.output.folder import OutputFolder, output_error, staged_names
 from slam_init.output.handover import handover_bytes
 from slam_init.output.names import COLMAP_FILES, OVERVIEW, run_files, segment_folder
 from slam_init.output.nerfstudio import transforms_text
+from slam_init.output.ply import coloured_points
 from slam_init.output.summary import Summary, summary_of, summary_text
 from slam_init.system.regular_file import read_regular, user_path
 from slam_init.types.camera import Camera
@@ -246,22 +245,12 @@ def tum_line(keyframe: Keyframe) -> str:
 
 
 def ply_bytes(map_: InitialMap) -> bytes:
-    """Write the landmarks of a map in PLY format.
-
-    * Returns: Binary, little-endian; positions are float, colours are uchar.
-    """
-    header = (
-        "ply\nformat binary_little_endian 1.0\n"
-        "comment world frame: the first keyframe's camera, x right, y down, z forward\n"
-        f"comment unit: {'the median depth in the first view' if map_.scale is None else 'metre'}\n"
-        f"element vertex {len(map_.points)}\n"
-        "property float x\nproperty float y\nproperty float z\n"
-        "property uchar red\nproperty uchar green\nproperty uchar blue\n"
-        "end_header\n"
+    """Write the landmarks of a map in PLY format, see :mod:`slam_init.output.ply`."""
+    comments = (
+        "world frame: the first keyframe's camera, x right, y down, z forward",
+        f"unit: {'the median depth in the first view' if map_.scale is None else 'metre'}",
     )
-    vertices = np.zeros(len(map_.points), dtype=[("xyz", "<f4", 3), ("rgb", "u1", 3)])
-    vertices["xyz"], vertices["rgb"] = map_.points, map_.colors
-    return header.encode() + vertices.tobytes()
+    return coloured_points(map_.points, map_.colors, comments)
 
 
 @dataclass(frozen=True)

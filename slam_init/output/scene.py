@@ -4,6 +4,7 @@ The files of the scene::
 
     images/frame-000012.png                     undistorted, three channels
     sparse/0/{cameras,images,points3D}.bin      COLMAP's binary model of these images
+    sparse/0/points3D.ply                       its points for Gaussian splatting
     transforms.json, points.ply                 the same for nerfstudio
 
 All images have one pinhole camera. Gaussian splatting reads no principal point: it takes the centre of the image. So
@@ -25,7 +26,7 @@ from numpy.typing import NDArray
 from slam_init.output.colmap import colmap_model
 from slam_init.output.names import SCENE, SCENE_FILES
 from slam_init.output.nerfstudio import transforms_text
-from slam_init.output.results import ply_bytes
+from slam_init.output.ply import coloured_points
 from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
 from slam_init.types.initial_map import InitialMap, Keyframe
@@ -150,7 +151,11 @@ def scene_files(map_: InitialMap, located: Sequence[Keyframe], undistortion: Und
     undistorted, others = undistortion.map(map_), renamed(located)
     transforms = transforms_text(undistorted, others, "points.ply")
     assert transforms is not None, "nerfstudio has pinhole cameras"
-    contents = (*colmap_model(undistorted, others).binaries(), transforms.encode(), ply_bytes(map_))
+    model = colmap_model(undistorted, others)
+    points = np.array([one.xyz for one in model.points]).reshape(-1, 3)
+    colors = np.array([one.rgb for one in model.points], np.uint8).reshape(-1, 3)
+    ply = coloured_points(points, colors, normals=True)
+    contents = (*model.binaries(), ply, transforms.encode(), ply)
     return {f"{SCENE}/{name}": content for name, content in zip(SCENE_FILES, contents, strict=True)}
 
 

@@ -117,8 +117,12 @@ def stella_bytes(map_: InitialMap, described: Sequence[Described]) -> bytes:
 
 
 def _undistorted(map_: InitialMap) -> Floats:
-    """Observations (M, 2) in the pinhole camera with the same matrix; those of a panorama as they are."""
+    """Observations (M, 2) in the pinhole camera with the same matrix, or in stella's panorama.
+
+    In stella's panorama the first pixel begins at 0, so that its centre is at 0.5; in its pinhole camera it is at (cx,
+    cy) of the calibration as here.
+    """
     camera = map_.camera
     if camera.model == "equirectangular":
-        return map_.observation_pixels
+        return map_.observation_pixels + 0.5
     return camera.normalize(map_.observation_pixels) * (camera.fx, camera.fy) + (camera.cx, camera.cy)

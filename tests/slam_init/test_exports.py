@@ -9,6 +9,7 @@ import msgpack
 import numpy as np
 import pycolmap
 import pytest
+import yaml
 from make_lenses import LENSES
 from make_map import CAMERAS, make_map
 from make_source import GivenFrames
@@ -124,8 +125,9 @@ def test_transforms_json_and_its_points_say_the_same_as_the_colmap_model(tmp_pat
     intrinsics = [content[name] for name in ("fl_x", "fl_y", "cx", "cy")]
     np.testing.assert_allclose(intrinsics, camera.params)
     header, _, body = (scene / content["ply_file_path"]).read_bytes().partition(b"end_header\n")
-    assert b"element vertex 60\n" in header
-    points = np.frombuffer(body, [("xyz", "<f4", 3), ("rgb", "u1", 3)])["xyz"].astype(float)
+    assert b"element vertex %d\n" % len(read.points3D) in header
+    points = np.frombuffer(body, [("xyz", "<f4", 3), ("normal", "<f4", 3), ("rgb", "u1", 3)])["xyz"].astype(float)
+    np.testing.assert_allclose(points, [read.points3D[i].xyz for i in sorted(read.points3D)], rtol=1e-6)
     assert len(content["frames"]) == len(read.images)
     for frame in content["frames"]:
         assert (scene / frame["file_path"]).is_file()
@@ -135,6 +137,38 @@ def test_transforms_json_and_its_points_say_the_same_as_the_colmap_model(tmp_pat
         ours = np.column_stack([content["cx"] - content["fl_x"] * x / z, content["cy"] + content["fl_y"] * y / z])
         theirs = [image.project_point(point) for point in points]
         np.testing.assert_allclose(ours, np.array(theirs), atol=1e-6)
+
+
+def test_points_that_gaussian_splatting_has_left_in_a_scene_are_replaced(tmp_path):
+    """Its loader writes sparse/0/points3D.ply from points3D.bin, and prefers it from then on."""
+    exported(tmp_path / "out", "fisheye", ("scene",))
+    points = tmp_path / "out" / "scene" / "sparse" / "0" / "points3D.ply"
+    points.write_bytes(b"of an earlier map")
+    exported(tmp_path / "out", "pinhole", ("scene",))
+    assert points.read_bytes() == (tmp_path / "out" / "scene" / "points.ply").read_bytes()
+
+
+def test_a_panorama_for_stella_has_its_first_pixel_from_0_to_1(tmp_path):
+    """Its model has the longitude 0 in the middle of the columns from 0 to the width."""
+    camera = LENSES["equirectangular"]
+    map_, rng = make_map(), np.random.default_rng(2)
+    points = rng.normal(size=(60, 3)) * [1.0, 0.4, 1.0] + [0, 0, 6.0]
+    seen = [camera.project(keyframe.world_from_cam.inverse().apply(points)) for keyframe in map_.keyframes]
+    k, i = np.repeat(np.arange(len(seen)), len(points)), np.tile(np.arange(len(points)), len(seen))
+    map_ = replace(
+        map_, camera=camera, points=points, colors=np.zeros((60, 3), np.uint8), observation_keyframes=k,
+        observation_landmarks=i, observation_pixels=np.concatenate(seen),
+    )  # fmt: skip
+    slam_init.export(map_, tmp_path, ("stella",), {one.frame: picture(camera) for one in map_.keyframes})
+    content = msgpack.unpackb((tmp_path / STELLA).read_bytes())
+    for one in content["keyframes"].values():
+        x, y, z, w = one["rot_cw"]
+        cam_from_world = Pose.from_quaternion(np.array([w, x, y, z]), np.array(one["trans_cw"]))
+        rays = cam_from_world.apply(np.array([content["landmarks"][str(j)]["pos_w"] for j in one["lm_ids"]]))
+        longitude, latitude = np.arctan2(rays[:, 0], rays[:, 2]), -np.arcsin(rays[:, 1] / np.linalg.norm(rays, axis=1))
+        parts = np.column_stack([0.5 + longitude / (2 * np.pi), 0.5 - latitude / np.pi])
+        pixels = [keypoint["pt"] for keypoint in one["undist_keypts"]]
+        np.testing.assert_allclose(pixels, parts * [camera.width, camera.height], atol=1e-4)
 
 
 @pytest.mark.parametrize("model", ["pinhole", "radtan", "fisheye"])
@@ -187,6 +221,12 @@ def test_a_reader_of_mcap_finds_transforms_poses_with_covariances_and_coloured_p
         q, t = message.rotation if hasattr(message, "rotation") else message.orientation, getattr(message, place)
         return Pose.from_quaternion(np.array([q.w, q.x, q.y, q.z]), np.array([t.x, t.y, t.z]))
 
+    # Listeners of transforms ask for transient local; policies are numbers, as Humble reads no names.
+    durability = {
+        topic: [one["durability"] for one in yaml.safe_load(messages[0].channel.metadata["offered_qos_profiles"]) or ()]
+        for topic, messages in sent.items()
+    }
+    assert durability == {"/tf": [], "/keyframes": [], "/tf_static": [1], "/path": [1], "/points": [1]}
     for one, view in zip(sent["/tf"], views, strict=True):
         (transform,) = one.ros_msg.transforms
         assert (transform.header.frame_id, transform.child_frame_id) == ("map", "camera")

@@ -21,6 +21,17 @@ def test_a_blank_image_has_no_features():
     assert len(detect_sift(np.zeros((60, 80), np.uint8), 100).pixels) == 0
 
 
+def test_keypoints_lie_in_the_middle_of_blobs():
+    """Of Gaussian blobs at places between pixels; the median tells a shift of all."""
+    y, x = np.mgrid[:200, :200]
+    grid = np.stack(np.meshgrid(*[np.arange(30, 190, 40)] * 2), axis=-1).reshape(-1, 2)
+    centres = grid + np.random.default_rng(0).uniform(-0.5, 0.5, grid.shape)
+    image = 60 + sum(120 * np.exp(-((x - u) ** 2 + (y - v) ** 2) / 18) for u, v in centres)
+    found = detect_sift(np.clip(np.round(image), 0, 255).astype(np.uint8), 500).pixels
+    nearest = found[np.argmin(np.linalg.norm(found[None] - centres[:, None], axis=2), axis=1)]
+    np.testing.assert_allclose(np.median(nearest - centres, axis=0), 0.0, atol=0.05)
+
+
 @given(st.lists(st.tuples(st.floats(-20, 700), st.floats(-20, 700)), max_size=30), st.floats(0.5, 50.0))
 def test_of_the_points_in_a_cell_the_first_is_kept(points, cell_px):
     cells = [(math.floor(x / cell_px), math.floor(y / cell_px)) for x, y in points]

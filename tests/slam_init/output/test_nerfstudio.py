@@ -23,6 +23,8 @@ def test_in_the_axes_of_opengl_the_scene_lies_at_negative_z_and_up_is_positive()
 def test_the_intrinsics_have_nerfstudios_names_and_pixel_centres(model):
     content, camera = json.loads(transforms_text(make_map(model))), CAMERAS[model]
     assert content["camera_model"] == ("OPENCV_FISHEYE" if model == "fisheye" else "OPENCV")
+    # instant-ngp reads no camera_model.
+    assert content.get("is_fisheye", False) == (model == "fisheye")
     assert (content["fl_x"], content["fl_y"], content["w"], content["h"]) == (camera.fx, camera.fy, 640, 480)
     assert (content["cx"], content["cy"]) == (camera.cx + 0.5, camera.cy + 0.5)
     names = ("k1", "k2", "k3", "k4") if model == "fisheye" else ("k1", "k2", "p1", "p2", "k3")
