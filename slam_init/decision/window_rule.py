@@ -111,9 +111,8 @@ class WindowRule:
         self._reference: int | None = None
         self._rotates = False
         self._last: JudgedWindow | None = None
-        # The best score of the pairs of the last judged window, and the frames since then that were not judged.
-        self._score, self._rested = 0.0, 0
-        self._frames = 0
+        # The best score of the pairs of the last judged window, the frames since then that were not judged, and all.
+        self._score, self._rested, self._frames = 0.0, 0, 0
 
     def renewed(self) -> WindowRule:
         """A rule with the same options that has judged nothing."""
@@ -180,13 +179,13 @@ class WindowRule:
 
     def _is_far(self, score: float) -> bool:
         """Whether a frame is left out: the last window was far from a map, and the pairs show little more now."""
-        last, share = self._last, int(_SHARE_OF_FRAMES * self._frames)
+        last, part = self._last, int(_SHARE_OF_FRAMES * self._frames)
         if last is None or len(last.best.rows) < _MANY_VIEWS:
             return False
         if last.risk.direction_sigma_deg * self._score > _FAR_DEG * score:
-            return self._rested < max(_LONGEST_REST, share)
+            return self._rested < max(_LONGEST_REST, part)
         more_likely_wrong = last.risk.total > _EVEN_ODDS and score < _TELLS_MORE * self._score
-        return more_likely_wrong and self._rested < max(_REST_AT_EVEN_ODDS, share)
+        return more_likely_wrong and self._rested < max(_REST_AT_EVEN_ODDS, part)
 
     def _propose_and_fit(
         self, chosen: PairPreview | None, views: _Views, attempt: Attempt, stopwatch: Stopwatch
