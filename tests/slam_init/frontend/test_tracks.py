@@ -8,6 +8,7 @@ import pytest
 from make_scene import texture, window
 
 from slam_init.config import TrackingConfig
+from slam_init.frontend import tracks
 from slam_init.frontend.tracks import History, Tracker, common_tracks, confirmed_by, expected_by
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
@@ -143,6 +144,26 @@ def test_matches_tell_the_flow_where_to_look_so_that_tracks_go_on_over_a_jump():
     i, j = common_tracks(seen, jumped)
     assert len(i) > 0.4 * still_visible.sum()
     assert np.mean(np.linalg.norm(jumped.pixels[j] - seen.pixels[i] - (-130, 0), axis=1) < 1.0) > 0.95
+
+
+@pytest.mark.parametrize(("keypoints", "by_descriptors"), [(450, True), (150, False)])
+def test_a_flow_that_descriptors_contradict_gives_way_to_half_as_many(monkeypatch, keypoints, by_descriptors):
+    """Of two photographs flow follows two fifths of the tracks to wrong places. A few descriptors do not contradict."""
+    flow = tracks.flow
+
+    def wrong(before, after, pixels, config, expected=None):
+        found = flow(before, after, pixels, config, expected)
+        kept = np.arange(len(pixels)) % 5 < 2
+        return replace(found, kept=kept, pixels=pixels + [[9.0, 2.0]]) if expected is None else found
+
+    frames = frames_from((100, 60), (160, 60))
+    monkeypatch.setattr(tracks, "flow", wrong)
+    config = replace(CONFIG, sift_features=keypoints)
+    tracker, (seen, linked) = follow(frames, config=config)
+    moved = displacement(tracker.history[0], linked)
+    right = np.linalg.norm(moved - (-60, 0), axis=1) < 1.0
+    assert len(moved) > 30 and len(seen) > 100
+    assert right.mean() > 0.95 if by_descriptors else not right.any()
 
 
 def test_points_are_expected_where_the_matches_around_them_went():
