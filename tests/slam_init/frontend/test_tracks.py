@@ -154,7 +154,7 @@ def test_a_flow_that_descriptors_contradict_gives_way_to_half_as_many(monkeypatc
     def wrong(before, after, pixels, config, expected=None):
         found = flow(before, after, pixels, config, expected)
         kept = np.arange(len(pixels)) % 5 < 2
-        return replace(found, kept=kept, pixels=pixels + [[9.0, 2.0]]) if expected is None else found
+        return replace(found, kept=kept, pixels=pixels + np.array([9.0, 2.0])) if expected is None else found
 
     frames = frames_from((100, 60), (160, 60))
     monkeypatch.setattr(tracks, "flow", wrong)
