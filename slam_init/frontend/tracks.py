@@ -3,9 +3,9 @@
 In video, points are followed by Lucas-Kanade flow from frame to frame, with a forward-backward check, and brought back
 to where they began by the patches around them (:mod:`~slam_init.frontend.patches`). If the flow loses more than half of
 the tracks in one step (photographs, a cut, a fast pan), SIFT descriptors link the frame to the last few frames, if they
-link more points than the flow, or contradict it. The tracks that the flow kept go on beside the new ones where the
-descriptors confirm the flow (:func:`confirmed_by`): a map whose landmarks they show is not lost at such a frame. Both
-give the same kind of tracks: the modules that use the tracks do not know their origin.
+link more points than the flow, or as many and contradict it. The tracks that the flow kept go on beside the new ones
+where the descriptors confirm the flow (:func:`confirmed_by`): a map whose landmarks they show is not lost at such a
+frame. Both give the same kind of tracks: the modules that use the tracks do not know their origin.
 
 Descriptors take 100 to 360 ms. A video whose frames must not wait is linked by the flow alone (see
 :meth:`Tracker.track`).
@@ -41,9 +41,10 @@ from slam_init.types.lens_in_use import LensInUse
 #: around the track. The flow of a frame is trusted where two thirds of its tracks agree: in 4 links of a driving car 86
 #: to 93 %, of which 98 % are right by the true motion; in 6 links of photographs whose flow is wrong 16 to 59 %.
 _NEIGHBOURS, _LEAST_CONFIRMED = 4, 2 / 3
-#: A flow that the descriptors contradict gives way where they link half as many points. Fewer may be chance: in a
-#: blurred frame they link a tenth of what the flow keeps, and the flow is right.
-_LEAST_AGAINST = 0.5
+#: Two numbers of links that differ by less than this many deviations of the larger one are alike: then a flow that the
+#: descriptors contradict gives way. Fewer matches contradict nothing: where lamps flicker, four tenths of a right flow
+#: agree with the few matches there are.
+_CHANCE = 2.0
 
 
 def common_tracks(a: Observations, b: Observations) -> tuple[Ints, Ints]:
@@ -285,7 +286,8 @@ class Tracker:
         last, i_last, i_now = matches[-1]
         matched = last.pixels[i_last], sift.pixels[i_now]
         confirmed = self._confirmed(matched, kept, moved)
-        contradicted = len(i_last) >= _LEAST_AGAINST * kept.sum() > 0 and not confirmed.any()
+        as_many = len(i_last) >= kept.sum() - _CHANCE * np.sqrt(kept.sum())
+        contradicted = as_many and kept.any() and not confirmed.any()
         if len(i_last) <= kept.sum() and not contradicted:
             return *self._aligned(smooth, kept, moved, followed.covariances, followed.remainders), False
         for old, i_old, i_new in reversed(matches):
