@@ -64,7 +64,8 @@ _LONGEST_REST, _MANY_VIEWS, _FAR_DEG = 3, 6, 2 * WRONG_DIRECTION_DEG
 #: Class: level, as a probability, a factor and in frames.
 _EVEN_ODDS, _TELLS_MORE, _REST_AT_EVEN_ODDS = 0.5, 1.2, 1
 #: A camera that turns for long tells as little after a hundred frames as after ten. So either rest may grow to this
-#: share of the frames so far, and a map comes later by that share at the most.
+#: share of the frames so far, and a map comes later by that share at the most. Of 100 frames of a camera that turns in
+#: the hand 25 are judged, 53 without; 1500 worlds of another generator have as many right and false maps.
 #: Class: level.
 _SHARE_OF_FRAMES = 0.1
 

@@ -286,9 +286,8 @@ class Tracker:
         last, i_last, i_now = matches[-1]
         matched = last.pixels[i_last], sift.pixels[i_now]
         confirmed = self._confirmed(matched, kept, moved)
-        as_many = len(i_last) >= kept.sum() - _CHANCE * np.sqrt(kept.sum())
-        contradicted = as_many and kept.any() and not confirmed.any()
-        if len(i_last) <= kept.sum() and not contradicted:
+        more = int(kept.sum()) - len(i_last)
+        if more >= 0 and (more > _CHANCE * np.sqrt(kept.sum()) or confirmed.any() or not kept.any()):
             return *self._aligned(smooth, kept, moved, followed.covariances, followed.remainders), False
         for old, i_old, i_new in reversed(matches):
             self._join(old, sift, i_old, i_new)

@@ -1,10 +1,7 @@
 """Laws of the rule of the window: the stated risk of the joint fit decides, and nothing else."""
 
-from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +15,6 @@ from slam_init.calibration.prior import camera_with_focal
 from slam_init.config import Config
 from slam_init.datasets.points import PointSource
 from slam_init.decision import window_map, window_rule
-from slam_init.decision.screening import LEAST_PARALLAX_SHARE
 from slam_init.decision.window_rule import WindowRule
 from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.initializer import Initializer
@@ -208,97 +204,6 @@ def test_a_pair_with_an_uncertain_direction_is_low_parallax():
     assert outcome.hypotheses == ()
 
 
-# -- from frame to frame --------------------------------------------------------------------------
-
-
-class Frames:
-    """Frames of a source that a rule judges one by one, each paired with the first frame."""
-
-    def __init__(self, source):
-        self.observations = list(source.observations())
-        self.rule = WindowRule(
-            WINDOW_CONFIG, history_of(self.observations, source.camera), RollingShutter(source.camera)
-        )
-        self.camera = source.camera
-
-    def judge(self, k, *, chosen, reference=0):
-        """The outcome of frame k, whose pair is chosen or not."""
-        pair = preview_of([self.observations[reference], self.observations[k]], self.camera)
-        return self.rule.judge(pair if chosen else None, [pair], self.observations[k], Stopwatch())
-
-
-def test_before_a_motion_is_known_a_frame_without_a_chosen_pair_is_not_judged():
-    frames = Frames(point_source("room", 0, baseline=0.03))
-    assert frames.judge(1, chosen=False) is None
-    assert frames.rule.provisional() is None
-    assert frames.judge(2, chosen=True).attempt.window is not None
-
-
-def test_motions_live_on_in_frames_without_a_chosen_pair_and_can_be_accepted_there():
-    frames = Frames(point_source("wall", 0, views=8, baseline=0.3, points=FEWER))
-    outcomes = [frames.judge(1, chosen=True), *(frames.judge(k, chosen=False) for k in range(2, 8))]
-    for k, outcome in enumerate(outcomes, 1):
-        attempt = outcome.attempt
-        assert attempt.frames[:2] == (0, k)
-        assert (attempt.two_view is not None) == (k == 1)  # quest is not asked again
-        assert attempt.window.views == k + 1
-        assert attempt.inliers.any()
-    assert outcomes[0].accepted is None
-    accepted = [outcome for outcome in outcomes if outcome.accepted is not None]
-    assert accepted
-    assert accepted[-1] is outcomes[-1]
-
-
-def test_after_a_window_that_tells_no_direction_at_most_three_frames_are_left_out(monkeypatch):
-    monkeypatch.setattr(window_rule, "_FAR_DEG", 1e-9)
-    frames = Frames(point_source("wall", 0, baseline=0.3, points=FEWER))
-    outcomes = [frames.judge(1, chosen=True), *(frames.judge(k, chosen=False) for k in range(2, 12))]
-    assert [k for k, outcome in enumerate(outcomes, 1) if outcome is None] == [6, 7, 8, 10, 11]
-
-
-def test_a_pair_that_shows_more_parallax_is_judged_at_once(monkeypatch):
-    """The direction is known in proportion to the parallax."""
-    frames, judged = Frames(point_source("wall", 0, baseline=0.3, points=FEWER)), []
-    for k in range(1, 6):
-        last = frames.judge(k, chosen=k == 1)
-    monkeypatch.setattr(window_rule, "_FAR_DEG", 0.7 * last.motion.direction_sigma_deg)
-    pair = preview(frames, 6)
-    score = preview(frames, 5).direction_score / pair.direction_score
-    for more in (1.0, 2.0):
-        seen = replace(pair, parallax_px=more * score * pair.parallax_px)
-        judged.append(deepcopy(frames.rule).judge(None, [seen], frames.observations[6], Stopwatch()) is not None)
-    assert judged == [False, True]
-
-
-def preview(frames, k):
-    return preview_of([frames.observations[0], frames.observations[k]], frames.camera)
-
-
-def test_after_a_mere_rotation_no_window_is_fitted_until_a_pair_shows_parallax():
-    frames = Frames(point_source("rotation", 3, focal_error=0.05, noise_px=0.3))
-    judged = [frames.judge(k, chosen=True).attempt for k in range(1, 12)]
-    assert {attempt.verdict for attempt in judged} == {Verdict.PURE_ROTATION}
-    first = next(k for k, attempt in enumerate(judged) if attempt.window is not None)
-    assert judged[first].window.risk_rotation > 0.5
-    still = [attempt for attempt in judged[first + 1 :] if attempt.preview.parallax_share < LEAST_PARALLAX_SHARE]
-    assert still
-    assert all(attempt.window is None and attempt.two_view is None for attempt in still)
-
-
-def test_a_frame_without_a_chosen_pair_is_judged_with_the_reference_of_the_last_chosen_pair():
-    frames = Frames(point_source("wall", 0, baseline=0.3))
-    assert frames.judge(3, chosen=True, reference=1).accepted is None
-    assert frames.judge(4, chosen=False, reference=0) is None
-    assert frames.judge(4, chosen=False, reference=1).attempt.frames[:2] == (1, 4)
-
-
-def test_the_initializer_judges_frames_between_those_that_quest_is_asked_for():
-    attempts = followed("wall", 0, 0.3).initializer.finish().attempts
-    assert [attempt.frames[1] for attempt in attempts] == list(range(1, len(attempts) + 1))
-    assert all(attempt.window is not None for attempt in attempts)
-    assert len({attempt.two_view is not None for attempt in attempts}) == 2  # some asked, some not
-
-
 # -- keyframes of the map -------------------------------------------------------------------------
 
 
@@ -370,38 +275,6 @@ def test_the_provisional_map_is_none_then_too_risky_then_the_accepted_map(world)
     assert initializer.provisional.map is initializer.finish().map
 
 
-def test_a_frame_rests_after_a_window_at_even_odds_unless_the_pairs_tell_more(monkeypatch):
-    judged, fit_and_state = [], WindowRule._fit_and_state_risk
-
-    def spied(rule, attempt, views):
-        outcome = fit_and_state(rule, attempt, views)
-        judged.append((views.pair.current.frame, rule._score, rule._last))
-        return outcome
-
-    monkeypatch.setattr(WindowRule, "_fit_and_state_risk", spied)
-    finished(point_source("corridor", 1, baseline=0.02, noise_px=1.0, points=FEWER))
-    after = [
-        (frame - before, score >= 1.2 * score_before)
-        for (before, score_before, last), (frame, score, _) in pairwise(judged)
-        if last is not None and len(last.best.rows) >= 6 and last.risk.total > 0.5
-    ]
-    assert all(tells_more or frames > 1 for frames, tells_more in after)
-    assert after.count((2, False)) >= 2
-
-
-@pytest.mark.parametrize(("frames", "sigma_deg", "rests"), [(19, 5.0, 1), (20, 5.0, 2), (29, 90.0, 3), (100, 90.0, 10)])
-def test_a_rest_lasts_for_a_tenth_of_the_frames_so_far_at_most(frames, sigma_deg, rests):
-    """Or for one frame after a window at even odds, and three where the direction is unknown."""
-    rule = WindowRule(WINDOW_CONFIG, history_of([], CAMERA), RollingShutter(CAMERA))
-    hopeless = SimpleNamespace(total=1.0, direction_sigma_deg=sigma_deg)
-    rule._last = SimpleNamespace(risk=hopeless, best=SimpleNamespace(rows=range(12)))
-    rule._frames, rule._score = frames, 1.0
-    while rule._is_far(1.0):
-        rule._rested += 1
-    assert rule._rested == rests
-    assert not rule._is_far(20.0)
-
-
 @pytest.mark.parametrize(("focal_error", "told"), [(0.15, True), (-0.15, True), (0.0, False)])
 def test_a_turning_camera_with_a_wrong_focal_length_is_told_to_check_it(focal_error, told):
     source = point_source("rotate-then-move", 1, baseline=0.1, focal_error=focal_error, noise_px=0.3, points=FEWER)
@@ -446,6 +319,13 @@ def test_asking_for_the_provisional_map_does_not_change_the_result(world):
 # -- configuration and output ---------------------------------------------------------------------
 
 
+def test_the_initializer_judges_frames_between_those_that_quest_is_asked_for():
+    attempts = followed("wall", 0, 0.3).initializer.finish().attempts
+    assert [attempt.frames[1] for attempt in attempts] == list(range(1, len(attempts) + 1))
+    assert all(attempt.window is not None for attempt in attempts)
+    assert len({attempt.two_view is not None for attempt in attempts}) == 2  # some asked, some not
+
+
 def test_without_a_third_view_the_window_holds_the_pair_alone():
     source = point_source("room", 2)
     result = finished(source, initializer=make_initializer("quest-two-view", source.camera, Config()))
@@ -459,20 +339,6 @@ def test_without_a_third_view_the_window_holds_the_pair_alone():
     assert direction < 15
     by_keyword = finished(source, initializer=Initializer(source.camera, third_view=False))
     assert bytes_of(by_keyword.map) == bytes_of(result.map)
-
-
-def test_a_window_whose_equations_have_no_solution_is_refused(monkeypatch):
-    def singular(*_):
-        raise np.linalg.LinAlgError("Singular matrix")
-
-    frames = Frames(point_source("room", 0, baseline=0.03))
-    with monkeypatch.context() as patched:
-        patched.setattr("slam_init.decision.window_rule.risk_of", singular)
-        refused = frames.judge(2, chosen=True)
-    assert refused.attempt.verdict == Verdict.NO_CONSISTENT_MOTION
-    assert refused.attempt.map.failure == "the window has no solution: Singular matrix"
-    assert frames.judge(3, chosen=False) is None  # its motions are forgotten
-    assert frames.judge(4, chosen=True).attempt.window is not None
 
 
 @pytest.mark.slow
