@@ -15,11 +15,8 @@ from slam_init.bundle.problem import BundleProblem, LensPrior
 from slam_init.config import MapConfig
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
-from slam_init.types.lens_in_use import CALIBRATED_SIGMA, MAX_FOCAL_SIGMA, k1_sigma
+from slam_init.types.lens_in_use import CALIBRATED_SIGMA, MAX_FOCAL_SIGMA, UNKNOWN_PRINCIPAL_SIGMA, k1_sigma
 
-#: Standard deviation of each coordinate of the principal point, over the width of the image: the optical axis of phones
-#: is off by a hundredth, that of a cropped or shifted image by a twentieth.
-PRINCIPAL_SIGMA = 0.025
 #: Steps of the derivatives. Poses and points follow most of a change of the lens, and a millionth of what is left may
 #: count: errors of a thousandth of the derivatives would tell as much about the focal length as a turning camera does.
 _STEP, _PIXEL_STEP = 1e-6, 1e-3
@@ -36,7 +33,7 @@ def lens_prior(stated: Camera, config: MapConfig) -> LensPrior:
     return LensPrior(
         stated,
         config.focal_sigma if config.refine_focal else focal,
-        share * PRINCIPAL_SIGMA * stated.width,
+        share * UNKNOWN_PRINCIPAL_SIGMA * stated.width,
         share * k1_sigma(stated),
         (config.refine_focal or estimated, False, False, estimated),
     )

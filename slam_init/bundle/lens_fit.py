@@ -26,11 +26,11 @@ from quest.geometry.quaternion import rotation_from_vector
 from slam_init.bundle.least_squares import CAUCHY
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
+from slam_init.types.lens_in_use import PULL_FREEDOM, UNKNOWN_K1_SIGMA
 
-#: Standard deviations of k1 and k2 of a lens of which nothing is known. Wide lenses have a k1 of up to -.3, and a k2 of
-#: up to its square.
+#: Standard deviation of k2 of a lens of which nothing is known: wide lenses have one of up to the square of their k1.
 #: Class: assumption.
-_K1_SIGMA, _K2_SIGMA = 0.15, 0.1
+_K2_SIGMA = 0.1
 #: The same of the principal point about the centre, over the width of the image: the optical axis of phones is off by a
 #: hundredth.
 #: Class: assumption, over the width.
@@ -41,9 +41,6 @@ _OPTIMISM = 2.0
 #: Relative deviation of the focal length by what the model of the lens leaves out.
 #: Class: measured.
 _MODEL_SIGMA = 0.03
-#: A lens beyond its prior compensates errors that the model does not have: as of the risk of a window.
-#: Class: assumption.
-_PULL_FREEDOM = 4.0
 #: Parts of the image (columns, rows) whose errors are independent.
 #: Class: assumption.
 _REGIONS = (4, 3)
@@ -145,7 +142,7 @@ class _Fit:
         known = (*prior.distortion, 0.0, 0.0)[:2]
         self._mean = np.array([math.log(prior.focal_px / start.focal_px), *known, 0.0, 0.0])
         principal_px = _PRINCIPAL_SIGMA * prior.width
-        self._sigma = np.array([prior.focal_sigma or 1.0, _K1_SIGMA, _K2_SIGMA, principal_px, principal_px])
+        self._sigma = np.array([prior.focal_sigma or 1.0, UNKNOWN_K1_SIGMA, _K2_SIGMA, principal_px, principal_px])
         size = np.array([prior.width, prior.height]) / _REGIONS
         place = np.minimum(self._measured[self._of_point[1]] // size, np.array(_REGIONS) - 1).astype(int)
         self._regions = np.zeros((math.prod(_REGIONS), len(matches.X)))
@@ -304,7 +301,7 @@ class _Fit:
             axis=0,
         )
         pulls = (self._lens - self._mean) / self._sigma
-        sigmas = _OPTIMISM * np.sqrt(variances * (1 + float(pulls @ pulls) / _PULL_FREEDOM))
+        sigmas = _OPTIMISM * np.sqrt(variances * (1 + float(pulls @ pulls) / PULL_FREEDOM))
         inliers = float(np.mean(self._squares(self._state, self._lens) < 9.0))
         return LensEstimate(
             focal_px=self._focal_px * math.exp(float(self._lens[0])),

@@ -11,24 +11,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quest.geometry.epipolar import depths_from_pose
+from quest.noise import GATE_SIGMAS
 from slam_init.decision.lens import advice_on, followed
 from slam_init.decision.pose_so_far import WindowMotion
 from slam_init.decision.two_views import MatchedPair
 from slam_init.types.arrays import Bools
 from slam_init.types.evidence import RotationOnlyEvidence, WindowEvidence
 from slam_init.types.gates import Gate, GateName, at_most
-from slam_init.types.lens_in_use import MAX_FOCAL_SIGMA, LensInUse
+from slam_init.types.lens_in_use import CALIBRATED_SIGMA, MAX_FOCAL_SIGMA, LensInUse
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.levels import (
-    AGREES_SIGMAS,
-    DOUBTFUL_FOCAL_SIGMAS,
-    INSIGNIFICANT_GAIN,
-    LEAST_FOCAL_ERROR,
-    MERE_ROTATION,
+    DOUBTFUL_SIGMAS,
+    EVEN_ODDS,
     TOLD_FOCAL_ERROR,
+    UNDECIDED,
 )
 from slam_init.window.motion import FittedMotion
 from slam_init.window.risk import WindowRisk
@@ -62,7 +61,7 @@ class JudgedWindow:
     @property
     def only_rotates(self) -> bool:
         """Whether the camera merely rotates."""
-        return self.risk.rotation > MERE_ROTATION
+        return self.risk.rotation > EVEN_ODDS
 
     @property
     def motion(self) -> WindowMotion:
@@ -115,8 +114,8 @@ class JudgedWindow:
         * Returns: None where the camera rotated too little to tell a focal length that is off by five hundredths.
         """
         log_scale, sigma = self.hypotheses.focal_of_rotation
-        doubtful = abs(log_scale) >= LEAST_FOCAL_ERROR and abs(log_scale) > DOUBTFUL_FOCAL_SIGMAS * sigma
-        if not doubtful and DOUBTFUL_FOCAL_SIGMAS * sigma > TOLD_FOCAL_ERROR:
+        doubtful = abs(log_scale) >= 0.5 * CALIBRATED_SIGMA and abs(log_scale) > DOUBTFUL_SIGMAS * sigma
+        if not doubtful and DOUBTFUL_SIGMAS * sigma > TOLD_FOCAL_ERROR:
             return None
         factor = math.exp(log_scale)
         return RotationOnlyEvidence(factor, factor if doubtful else None)
@@ -172,7 +171,7 @@ class JudgedWindow:
         found, stated = self.risk.camera.focal, self.lens.stated
         if stated.focal_sigma is None or stated.source not in ("estimated", "file"):
             return found.sigma
-        if abs(self.lens.log_scale + found.log_scale) > AGREES_SIGMAS * stated.focal_sigma:
+        if abs(self.lens.log_scale + found.log_scale) > GATE_SIGMAS * stated.focal_sigma:
             return found.sigma
         # An estimate by the frames that are read again knows the window already.
         return stated.focal_sigma if stated.source == "estimated" else min(found.sigma, stated.focal_sigma)
@@ -188,7 +187,7 @@ class JudgedWindow:
         """The verdict and the advice: no translation if it is not significant, else the largest term of the risk."""
         planar, risk = self.hypotheses.planar, self.risk
         # A rotation with a wrong focal length looks like a plane with two motions: then neither motion may be right.
-        unlikely = max_risk if planar and risk.rival >= risk.direction else INSIGNIFICANT_GAIN
+        unlikely = max_risk if planar and risk.rival >= risk.direction else UNDECIDED
         if risk.rotation > unlikely or risk.rotation >= max(risk.rival, risk.direction):
             return Verdict.PURE_ROTATION, None
         if risk.moving >= max(risk.rival, risk.direction_if_rigid):

@@ -18,10 +18,6 @@ from slam_init.window.uncertainty import CameraEstimate
 #: The pinhole model with k1 does not describe such a lens, so that no motion tells its focal length.
 #: Class: assumption, in sides of the image and as k1.
 _WIDE_FOCAL, _WIDE_K1 = 0.5, -0.1
-#: The camera follows an estimate that differs by more: half of what a calibration leaves open, which moves a pixel in
-#: the corner by a hundredth of its distance from the centre, be it by the focal length or by the distortion.
-#: Class: geometry.
-_FOLLOWED = 0.01
 
 
 def priors_of(lens: LensInUse, config: Config) -> Priors:
@@ -41,7 +37,9 @@ def priors_of(lens: LensInUse, config: Config) -> Priors:
 def followed(lens: LensInUse, found: CameraEstimate) -> LensInUse:
     """The lens to go on with after an estimate: the same one, unless it is unknown and the estimate is far off."""
     log_scale, k1 = found.focal.log_scale, found.distortion.k1
-    far = max(abs(log_scale), abs(k1)) > _FOLLOWED
+    # Half of what a calibration leaves open moves a pixel in the corner by a hundredth of its distance from the centre,
+    # be it by the focal length or by the distortion.
+    far = max(abs(log_scale), abs(k1)) > 0.5 * CALIBRATED_SIGMA
     return lens.moved(log_scale, k1) if lens.is_unknown and far else lens
 
 

@@ -26,7 +26,7 @@ import numpy as np
 from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses
-from slam_init.window.levels import MERE_ROTATION, WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
+from slam_init.window.levels import EVEN_ODDS, WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
 from slam_init.window.motion import FittedMotion, difference_deg
 from slam_init.window.risk import WindowRisk, confirmed, risk_of
 from slam_init.window.rival import rival_odds
@@ -99,7 +99,7 @@ def posterior_of(hypotheses: WindowHypotheses, risk: WindowRisk, world_from_cam:
         moving=risk.moving,
         floor=risk.floor,
         map=float(shares[0] * (at_map - at_fit)),
-        only_rotates=tail > MERE_ROTATION,
+        only_rotates=tail > EVEN_ODDS,
     )
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quest.robust.rotation import refine_rotation
+from slam_init.frontend.keyframes import SAME_SCENE
 from slam_init.frontend.tracks import History, common_tracks
 from slam_init.types.arrays import Floats
 from slam_init.types.camera_pose import CameraPose, PoseKind
@@ -23,10 +24,6 @@ from slam_init.types.pose import Pose
 #: A rotation needs two rays; with eight, half of them may be outliers.
 #: Class: geometry.
 _LEAST_TRACKS = 8
-#: The anchor is replaced where it shares fewer than this share of the tracks of a frame: what it shows no longer covers
-#: the view.
-#: Class: assumption.
-_LEAST_SHARED = 0.5
 #: Scales of the robust kernel, from a fast turn between photographs to the residuals of a parallax of a tenth of a
 #: degree.
 #: Class: geometry.
@@ -106,7 +103,7 @@ class PoseSoFar:
             if anchor is None or anchor not in history or anchor not in self._known:
                 continue
             i, j = common_tracks(history[anchor], current)
-            if len(i) >= _LEAST_TRACKS and (len(i) >= _LEAST_SHARED * len(current) or anchor == before):
+            if len(i) >= _LEAST_TRACKS and (len(i) >= SAME_SCENE * len(current) or anchor == before):
                 self._anchor = anchor
                 R, sigma_rad = _aligned(history[anchor].bearings[i], current.bearings[j])
                 known, variance = self._known[anchor]

@@ -13,27 +13,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from quest.noise import GATE_SIGMAS
 from quest.robust.rotation import refine_rotation
 from quest.robust.spatial_blocks import directions_of, scatter_of_sum
 from slam_init.config import Config
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import RotationOnlyEvidence
+from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 
 #: Focal factors that are tried. Focal lengths from memory or from a data sheet are wrong by up to a tenth.
 #: Class: assumption.
 _FACTORS = np.linspace(0.9, 1.1, 21)
 #: A focal length is suspected only if it is wrong by two hundredths or more, twice the error of a careless calibration.
-#: Class: assumption.
-_LEAST_OFF = 0.02
-#: Required gain by the free focal length. The first number is chi-square with one degree of freedom, exceeded by chance
-#: once in 15 000 cases. The second is in standard deviations over regions of the image, so that a body that moves by
-#: itself cannot decide.
-#: Class: level, in chi-square and standard deviations.
-_LEAST_GAIN, _LEAST_GAIN_Z = 16.0, 3.0
-#: Squared residuals are truncated at three standard deviations in each of their two components.
+_LEAST_OFF = CALIBRATED_SIGMA
+#: Required gain by the free focal length: chi-square with one degree of freedom, exceeded by chance once in 15 000
+#: cases. Over regions of the image it has to exceed the gate too, so that a body that moves by itself cannot decide.
 #: Class: level, in chi-square.
-_GATE2 = 18.0
+_LEAST_GAIN = 16.0
 #: A rotation moves tracks farther across the lens than a short translation does, and the remaining error of the lens
 #: calibration grows with the displacement. A lens that is calibrated to half a pixel leaves three times the correlated
 #: error of a translation.
@@ -92,7 +89,8 @@ def fit_rotation_only(rays1: Floats, rays2: Floats, noise_rad: float) -> Rotatio
     best = int(np.argmin(residuals))
     stated = int(np.argmin(np.abs(_FACTORS - 1)))
     variance = max(2 * float(residuals[best]) ** 2, 1e-24)
-    costs = np.minimum(lengths[[stated, best]] ** 2 / variance, _GATE2)
+    # Squared residuals are truncated at the gate in each of their two components.
+    costs = np.minimum(lengths[[stated, best]] ** 2 / variance, 2 * GATE_SIGMAS**2)
     difference = costs[0] - costs[1]
     gain, scatter = float(difference.sum()), scatter_of_sum(difference, directions_of(m))
     return RotationOnlyCamera(
@@ -113,7 +111,7 @@ def suspected_focal_factor(rotation_only: RotationOnlyCamera, expected_rad: floa
       the last one that was tried (the matches of a plane pull the factor beyond all bounds).
     """
     explains = rotation_only.residual_rad <= expected_rad
-    matters = rotation_only.gain > _LEAST_GAIN and rotation_only.gain_z > _LEAST_GAIN_Z
+    matters = rotation_only.gain > _LEAST_GAIN and rotation_only.gain_z > GATE_SIGMAS
     off = abs(rotation_only.focal_factor - 1) >= _LEAST_OFF - 1e-9
     inside = _FACTORS[0] < rotation_only.focal_factor < _FACTORS[-1]
     return rotation_only.focal_factor if explains and matters and off and inside else None

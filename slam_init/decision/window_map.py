@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from quest.noise import GATE_SIGMAS
 from slam_init.bundle.adjustment import restated
 from slam_init.bundle.problem import BundleFailure, BundleSolution, PosePrior
 from slam_init.config import Config
@@ -21,14 +22,11 @@ from slam_init.types.initial_map import InitialMap
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import ProvisionalMap
-from slam_init.window.levels import CERTAIN_FOCAL_SIGMAS, RISK_OF_A_VIEW
+from slam_init.window.levels import EVEN_ODDS, RISK_OF_A_VIEW
 from slam_init.window.motion import FittedMotion, difference_deg
 from slam_init.window.other_motion import fit_other_motion
 from slam_init.window.risk import WindowRisk
 
-#: Bundle adjustment has left the motion of a map where that is as likely wrong as right.
-#: Class: level.
-_EVEN = 0.5
 #: Poses that are held have a prior with this share of their deviations, which moves them by a hundredth of what the
 #: landmarks ask for where both know them alike.
 #: Class: definition, as a share.
@@ -72,7 +70,7 @@ class WindowMaps:
 
     def provisional(self) -> ProvisionalMap | None:
         """The map of the best motion with its risk; None where it cannot be built."""
-        bundle, _ = self._agreeing(self._window.risk.total, _EVEN)
+        bundle, _ = self._agreeing(self._window.risk.total, EVEN_ODDS)
         if not isinstance(bundle, BundleSolution):
             return None
         risk = self.risk_of(bundle).total
@@ -124,7 +122,7 @@ class WindowMaps:
             return bundle, table
         prior = PosePrior(*np.radians([risk.rotation_sigma_deg, risk.direction_sigma_deg]).tolist())
         bundle, table = self._without_moved_views(frames, of_view, prior)
-        if not isinstance(bundle, BundleSolution) or not of_pair < self.risk_of(bundle).total <= _EVEN:
+        if not isinstance(bundle, BundleSolution) or not of_pair < self.risk_of(bundle).total <= EVEN_ODDS:
             return bundle, table
         bundle, table = self._without_moved_views(frames, of_view, prior.times(_HELD))
         return (restated(bundle, prior, self._config.map) if isinstance(bundle, BundleSolution) else bundle), table
@@ -173,7 +171,7 @@ class WindowMaps:
         # A focal length that is certain to be off would bend the map. An estimate within its own standard deviation is
         # no reason to leave a calibration: errors that neighbouring tracks share pull it by a tenth on a board.
         sigma = self._window.risk.camera.focal.sigma
-        if abs(state.log_scale) > max(CALIBRATED_SIGMA, CERTAIN_FOCAL_SIGMAS * sigma):
+        if abs(state.log_scale) > max(CALIBRATED_SIGMA, GATE_SIGMAS * sigma):
             options = replace(options, refine_focal=True, focal_sigma=CALIBRATED_SIGMA)
         config, factor = replace(self._config, map=options), math.exp(state.log_scale)
         return map_of_poses(lens.camera, config, table, poses, threshold_rad, prior, factor), table

@@ -48,7 +48,7 @@ from slam_init.types.result import Attempt, ProvisionalMap
 from slam_init.types.stopwatch import Stopwatch
 from slam_init.window.depth_evidence import GivenDepths
 from slam_init.window.hypotheses import WindowHypotheses
-from slam_init.window.levels import UNDECIDED, WRONG_DIRECTION_DEG
+from slam_init.window.levels import EVEN_ODDS, UNDECIDED, WRONG_DIRECTION_DEG
 from slam_init.window.live import LiveHypotheses
 from slam_init.window.risk import WindowRisk, confirmed, risk_of
 from slam_init.window.tracks import MAX_VIEWS
@@ -62,7 +62,7 @@ _LONGEST_REST, _MANY_VIEWS, _FAR_DEG = 3, 6, 2 * WRONG_DIRECTION_DEG
 #: grown by less than this factor: the tracks tell less than half as much again. With more frames left out, motions are
 #: lost between two windows: of four drawn worlds without a map after three such frames, two have one after one.
 #: Class: level, as a probability, a factor and in frames.
-_EVEN_ODDS, _TELLS_MORE, _REST_AT_EVEN_ODDS = 0.5, 1.2, 1
+_TELLS_MORE, _REST_AT_EVEN_ODDS = 1.2, 1
 #: A camera that turns for long tells as little after a hundred frames as after ten. So either rest may grow to this
 #: share of the frames so far, and a map comes later by that share at the most. Of 100 frames of a camera that turns in
 #: the hand 25 are judged, 53 without; 1500 worlds of another generator have as many right and false maps.
@@ -185,7 +185,7 @@ class WindowRule:
             return False
         if last.risk.direction_sigma_deg * self._score > _FAR_DEG * score:
             return self._rested < max(_LONGEST_REST, part)
-        more_likely_wrong = last.risk.total > _EVEN_ODDS and score < _TELLS_MORE * self._score
+        more_likely_wrong = last.risk.total > EVEN_ODDS and score < _TELLS_MORE * self._score
         return more_likely_wrong and self._rested < max(_REST_AT_EVEN_ODDS, part)
 
     def _propose_and_fit(

@@ -36,7 +36,7 @@ _LONGEST_WAIT = 8
 _BLURRED, _SECOND_FRAMES = float(np.sqrt(2)), 30
 #: Two frames that share half of their tracks see the same scene.
 #: Class: assumption.
-_SAME_SCENE = 0.5
+SAME_SCENE = 0.5
 #: A candidate is dropped after 300 frames, since tracks drift and drift looks like parallax. In 600 to 900 frames of
 #: pure rotation, a tenth of the tracks of the oldest candidate drifted by 2 px, and the candidate was tried repeatedly.
 #: Class: measured.
@@ -195,11 +195,11 @@ class KeyframeManager:
             to_newest = next(pair for pair in pairs if pair.reference == newest)
             if to_newest.overlap >= settings.new_overlap and current.frame - newest < self._new_after:
                 return
-            if blurred and to_newest.overlap >= _SAME_SCENE and current.frame - newest < 2 * self._new_after:
+            if blurred and to_newest.overlap >= SAME_SCENE and current.frame - newest < 2 * self._new_after:
                 return
             # The new candidate sees the same scene as the newest one. So the new candidate waits until it reaches the
             # same score, or until it is ``new_after_frames`` frames old; from then on its score does not matter.
-            if newest in self._retry and to_newest.overlap >= _SAME_SCENE:
+            if newest in self._retry and to_newest.overlap >= SAME_SCENE:
                 later = current.frame + self._new_after
                 self._retry[current.frame] = replace(self._retry[newest], from_frame=later)
         # Candidates that lost their tracks are dropped first, then those with the lowest score.

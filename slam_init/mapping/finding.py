@@ -20,7 +20,7 @@ from quest.display import Described
 from slam_init.errors import SlamInitError
 from slam_init.frontend.sift import detect_sift, match_descriptors
 from slam_init.mapping.joining import MAX_RISK
-from slam_init.mapping.places import RATIO, place_of_features
+from slam_init.mapping.places import GATE_PX, KEYPOINTS, RATIO, place_of_features
 from slam_init.mapping.resection import resect
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
@@ -29,10 +29,6 @@ from slam_init.types.initial_map import Keyframe
 from slam_init.types.place import Place
 from slam_init.types.pose import Pose
 
-#: Keypoints of a frame: as of a view of a place. Class: budget.
-_KEYPOINTS = 1500
-#: A match is explained within so many pixels: a keypoint of a coarse level is known to a pixel or two. Class: level.
-_GATE_PX = 3.0
 #: Gates of the test of chance, as shares; the wide gate by which random matches are counted; and shifts of the matches
 #: that stand for random ones. Class: definition.
 _GATES, _WIDE, _SHUFFLES = 0.5 ** np.arange(4.0), 16.0, 20
@@ -127,14 +123,14 @@ class Finder:
                 f"{camera.width}x{camera.height}: give the calibration of these images"
             )
         check_image(frame.image, (camera.width, camera.height), f"the image of frame {frame.index}")
-        found = detect_sift(frame.gray, _KEYPOINTS)
+        found = detect_sift(frame.gray, KEYPOINTS)
         rays = camera.bearings(found.pixels)
         known = np.isfinite(rays).all(axis=1)
         return self.locate_features(frame.index, frame.timestamp_s, frame.name, rays[known], found.descriptors[known])
 
     def locate_features(self, index: int, timestamp_s: float, name: str, rays: Floats, described: Floats) -> Found:
         """The same from the rays (N, 3) and the RootSIFT descriptors (N, 128) of its keypoints."""
-        gate_rad = _GATE_PX / self._camera.focal_px
+        gate_rad = GATE_PX / self._camera.focal_px
         i, j = match_descriptors(self.place.descriptors, described, RATIO)
         resected = resect(self.place.points[i], rays[j], gate_rad, self._guess)
         if resected is None:

@@ -22,12 +22,12 @@ from slam_init.types.place import Place
 
 #: Keypoints of a view, views of the keyframes and as many of located frames, and views that a view is matched with: 45
 #: pairs at most. Class: budget.
-_KEYPOINTS, _VIEWS, _NEXT = 1500, 6, 5
+KEYPOINTS, _VIEWS, _NEXT = 1500, 6, 5
 #: Lowe's ratio, as he measured it (IJCV 2004). Class: measured.
 RATIO = 0.8
 #: Largest distance of a keypoint from its epipolar line, and from the projection of its point. A keypoint of a coarse
 #: level is known to a pixel or two. Class: level.
-_GATE_PX = 3.0
+GATE_PX = 3.0
 #: Least angle between two rays of a point: at a noise of .5 px and a focal length of 500 px its depth is known to a
 #: third. A join weighs rays, not depths, so that such a point still tells. Class: level.
 _PARALLAX_DEG = 0.25
@@ -45,7 +45,7 @@ def describe_place(map_: InitialMap, located: Sequence[Keyframe], images: Mappin
     for views in (map_.keyframes, located):
         at_hand = [view for view in views if view.frame in images]
         seen += [at_hand[k] for k in evenly_spaced(len(at_hand), _VIEWS)]
-    found = [detect_sift(images[view.frame], _KEYPOINTS) for view in seen]
+    found = [detect_sift(images[view.frame], KEYPOINTS) for view in seen]
     bearings = [map_.camera.bearings(one.pixels) for one in found]
     keep = [np.isfinite(one).all(axis=1) for one in bearings]
     rays = [one[mask] for one, mask in zip(bearings, keep, strict=True)]
@@ -61,7 +61,7 @@ def place_of_features(
 
     Shapes: ``rays`` (N, 3), ``described`` (N, 128), for each view.
     """
-    gate = _GATE_PX / focal_px
+    gate = GATE_PX / focal_px
     tracks = _tracks(views, rays, described, gate)  # (V, T), the feature or -1
     poses = [view.world_from_cam for view in views]
     seen = tracks >= 0

@@ -23,6 +23,18 @@ MAX_FOCAL_SIGMA = 0.06
 #: up to 0.3.
 #: Class: assumption.
 _STATED_K1_SIGMA, _UNSTATED_K1_SIGMA = 0.01, 0.05
+#: The same of a lens of which nothing is known: wide ones have a k1 of up to -.3.
+#: Class: assumption.
+UNKNOWN_K1_SIGMA = 0.15
+#: Standard deviation of each coordinate of a principal point that nobody calibrated, over the width of the image: the
+#: optical axis of phones is off by a hundredth, that of a cropped or shifted image by a twentieth.
+#: Class: assumption, over the width.
+UNKNOWN_PRINCIPAL_SIGMA = 0.025
+#: A lens beyond its prior compensates errors that the model does not have. One that is off by two standard deviations
+#: widens the deviations of a fit by sqrt(2), one that is off by more in proportion, as Student's distribution with so
+#: many degrees of freedom is wider than a Gaussian one far out.
+#: Class: assumption.
+PULL_FREEDOM = 4.0
 
 
 def k1_sigma(stated: Camera) -> float:

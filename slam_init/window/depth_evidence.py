@@ -28,9 +28,9 @@ from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.depth import DepthKind, TrackDepths
 from slam_init.window.levels import (
     DEPTH_IS_WRONG,
-    DEPTH_PARTS,
     LARGEST_DEPTH_VOTE,
-    LEAST_TRACKS_WITH_DEPTH,
+    LEAST_TRACKS,
+    REGIONS,
     SHIFT_SIGMA,
     STATED_SIGMA_PARTS,
     UNRELATED_DEPTH,
@@ -78,11 +78,11 @@ class GivenDepths:
                 continue
             ids, found, in_window = np.intersect1d(given.track_ids, tracks.track_ids, return_indices=True)
             used = np.isfinite(given.values[found]) & tracks.seen[row, in_window] & (tracks.anchor[in_window] >= 0)
-            if used.sum() < LEAST_TRACKS_WITH_DEPTH:
+            if used.sum() < LEAST_TRACKS:
                 continue
             at, of = in_window[used], found[used]
             size = np.array([tracks.camera.width, tracks.camera.height])
-            cells = np.clip(tracks.pixels[row, at] / size * DEPTH_PARTS, 0, np.subtract(DEPTH_PARTS, 1)).astype(int)
+            cells = np.clip(tracks.pixels[row, at] / size * REGIONS, 0, np.subtract(REGIONS, 1)).astype(int)
             parts = len(np.unique(cells, axis=0))
             return GivenDepths(tracks.frames[row], ids[used], at, given.values[of], given.sigmas[of], given.kind, parts)
         return None
@@ -93,7 +93,7 @@ class GivenDepths:
             return 0.0
         # The same tracks for both: those that neither motion explains have no depth under it.
         used = best.fit.explains[self.at] | rival.fit.explains[self.at]
-        if used.sum() < LEAST_TRACKS_WITH_DEPTH:
+        if used.sum() < LEAST_TRACKS:
             return 0.0
         unrelated = math.log(DEPTH_IS_WRONG) + self._log_likelihood(
             np.array([UNRELATED_DEPTH / float(np.median(self.sigmas[used]))])

@@ -8,14 +8,15 @@ from quest.geometry.quaternion import vector_from_rotation
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.window.arguments import Equations, Fitted, Layout, Lens, Observed, Scene, Sums
 from slam_init.window.kernels import accumulate
+from slam_init.window.levels import LARGEST_VOTE
 from slam_init.window.projection import camera_vector
 from slam_init.window.state import Priors, WindowState
 from slam_init.window.steps import step_poses, step_tracks
 from slam_init.window.track_equations import collect, eliminate
 from slam_init.window.tracks import WindowTracks
 
-#: Cost of a track that leaves the plane: three nats, as much as a track may vote for or against a hypothesis.
-OFF_PLANE_COST = 6.0
+#: Cost of a track that leaves the plane: as much as a track may vote for or against a hypothesis.
+OFF_PLANE_COST = LARGEST_VOTE
 #: Stiffness of the held baseline over that of its view.
 _GAUGE = 1e4
 #: Degrees of freedom of Student's distribution of measured gravity: an accelerometer that is not at rest, or a mount

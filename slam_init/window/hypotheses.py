@@ -24,11 +24,12 @@ import numpy as np
 from quest.estimate import Hypothesis, RelativePose
 from slam_init.mapping.plane import plane_of_motion
 from slam_init.types.arrays import Floats, evenly_spaced
+from slam_init.types.lens_in_use import UNKNOWN_K1_SIGMA, UNKNOWN_PRINCIPAL_SIGMA
 from slam_init.types.pose import Pose
 from slam_init.window.depth_evidence import GivenDepths
 from slam_init.window.equations import explained_at_most
 from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
-from slam_init.window.levels import LARGEST_VOTE, WORTH_TRYING, WRONG_FOCAL, WRONG_FOCAL_COST, WRONG_K1, WRONG_PRINCIPAL
+from slam_init.window.levels import LARGEST_VOTE, UNDECIDED, WRONG_FOCAL, WRONG_FOCAL_COST
 from slam_init.window.locating import MIN_RESECTED, align_views, locate_views
 from slam_init.window.motion import FittedMotion, Motion, fit_motion, noise_factor_at
 from slam_init.window.planarity import is_plane
@@ -44,7 +45,7 @@ _NOISE_TOLERANCE, _NOISE_ROUNDS = 0.07, 2
 _GIVEN_UP = 1.5
 #: A motion whose cost is higher by this cannot become the best: 300 nats.
 #: Class: level, in twice the nats.
-_FAR_BEHIND = 600.0
+FAR_BEHIND = 600.0
 #: A gain is certain where it exceeds that by chance by so many standard deviations (one in 10^12) even if error fields
 #: explain half of it, the most that they can.
 #: Class: level.
@@ -175,7 +176,7 @@ def motions_of_pair(
     """
     proposed: list[Hypothesis | RelativePose] = [pose, *pose.alternatives]
     chance = pose.evidence.parallax_p
-    if pose.kind == "rotation" and (chance is None or chance > WORTH_TRYING):
+    if pose.kind == "rotation" and (chance is None or chance > UNDECIDED):
         return []
     motions = []
     for one in proposed:
@@ -268,7 +269,7 @@ def _fit_each(tracks: WindowTracks, motions: Sequence[Motion], priors: Priors) -
     fits: list[FittedMotion] = []
     for motion in motions:
         same = [one for one in fits if set(one.frames) == set(motion.cam_from_world)]
-        hopeless = min((one.fit.cost for one in same), default=math.inf) + _FAR_BEHIND
+        hopeless = min((one.fit.cost for one in same), default=math.inf) + FAR_BEHIND
         give_up = math.inf if all(one.is_new for one in same) else _GIVEN_UP * hopeless
         fits.append(fit_motion(tracks, motion, priors, hopeless, give_up=give_up))
     return fits
@@ -311,11 +312,11 @@ def _fit_rotation(
     # A focal length that is no calibration may be wrong at no price.
     unknown = priors.focal_sigma >= WRONG_FOCAL
     any_focal = replace(
-        priors, focal_sigma=max(WRONG_FOCAL, priors.focal_sigma), k1_sigma=max(WRONG_K1, priors.k1_sigma)
+        priors, focal_sigma=max(WRONG_FOCAL, priors.focal_sigma), k1_sigma=max(UNKNOWN_K1_SIGMA, priors.k1_sigma)
     )
     start = None if living else _far_start(tracks, rotations, any_focal)
     # Far from the answer the principal point would follow outliers.
-    any_focal = replace(any_focal, principal_sigma_px=WRONG_PRINCIPAL * tracks.camera.width)
+    any_focal = replace(any_focal, principal_sigma_px=UNKNOWN_PRINCIPAL_SIGMA * tracks.camera.width)
     hopeless = _hopeless_rotation(tracks, rotations, priors, best)
     wrong = _fit_turning(tracks, living[0] if start is None else start, any_focal, hopeless)
     ends: tuple[Motion, ...] = (_turning_motion(tracks, wrong),)

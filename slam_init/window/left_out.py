@@ -16,9 +16,10 @@ from quest.uncertainty.tails import gaussian_tail
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.levels import (
     BODIES_MOVE,
+    EVEN_ODDS,
     HELD_BY_A_BODY,
     LARGEST_TENSION,
-    LEAST_OTHER_TRACKS,
+    LEAST_TRACKS,
     ON_BODIES,
     UNDECIDED,
     WRONG_DIRECTION_DEG,
@@ -31,9 +32,6 @@ from slam_init.window.uncertainty import places_of
 
 #: Steps of a fit: it starts at the best motion.
 _STEPS = 15
-#: A largest gain that chance exceeds more often than not shows no body.
-#: Class: level.
-_NO_TENSION = 0.5
 
 
 def wrong_by_a_half(hypotheses: WindowHypotheses) -> float:
@@ -45,7 +43,7 @@ def wrong_by_a_half(hypotheses: WindowHypotheses) -> float:
     """
     best, priors = hypotheses.motions[0], hypotheses.priors
     used = np.flatnonzero(best.fit.explains)
-    if len(used) < LEAST_OTHER_TRACKS:
+    if len(used) < LEAST_TRACKS:
         return 0.0
     places = places_of(best.fit)
     scale = best.fit.dispersion * variance_by_neighbours(best.tracks, best.fit, priors, places)
@@ -70,7 +68,7 @@ def wrong_by_a_half(hypotheses: WindowHypotheses) -> float:
 def _probability(largest: float) -> float:
     """Probability of a body that holds the best motion, by the largest of the gains, in standard deviations."""
     below, count = 1 - gaussian_tail(largest), HALVES
-    if below**count < _NO_TENSION:
+    if below**count < EVEN_ODDS:
         return 0.0
     by_chance = count * math.exp(-0.5 * largest**2) / math.sqrt(2 * math.pi) * below ** (count - 1)
     by_body = BODIES_MOVE * HELD_BY_A_BODY / LARGEST_TENSION

@@ -28,25 +28,23 @@ WRONG_ROTATION_DEG, WRONG_DIRECTION_DEG = 5.0, 15.0
 #: Class: assumption.
 FEW_VIEWS = 0.7
 
-#: Where a map follows the lens of the fit, a focal length that is off by two standard deviations of its prior widens
-#: the direction by sqrt(2), one that is off by more in proportion, as Student's distribution with four degrees of
-#: freedom is wider than a Gaussian one far out.
-#: Class: assumption.
-PULL_FREEDOM = 4.0
-
 #: Before a camera that only rotates, a moving body looks like a near object before points at infinity. So the rest of
 #: the tracks has to show a translation without the tracks that gain most: bodies that hold this share of them.
 #: Class: assumption.
 ON_BODIES = 0.5
 
 #: A rotation or a rival with a larger probability is undecided, however precisely it is known. A direction that is
-#: wrong with a larger probability is unknown, however far behind the rivals are.
+#: wrong with a larger probability is unknown, however far behind the rivals are. A gain over the rotation-only camera
+#: that chance exceeds more often is no evidence of a translation. But motions of a pair are tried whose parallax chance
+#: exceeds less often: quest speaks of a translation from 1e-4 on, and further views may turn a twentieth into a
+#: certainty.
 #: Class: level.
 UNDECIDED = 0.05
 
-#: The camera merely rotates where chance exceeds the gain over the rotation-only camera more often than not.
+#: More likely than not: that a camera merely rotates, that bundle adjustment has left the motion of a map, that a
+#: window is wrong and worth no frame after it, that tracks tell a zoom, or that chance has made a gain.
 #: Class: level.
-MERE_ROTATION = 0.5
+EVEN_ODDS = 0.5
 
 #: Mean gain of a track, in chi-square, where there is no translation: its direction is chosen to suit the tracks, and
 #: outliers gain more than noise (32 drawn windows).
@@ -60,10 +58,6 @@ CHANCE_GAIN = 0.9
 #: tracks locate than this share of those of the pair may be located by a body.
 #: Class: assumption.
 SHARE_OF_BODIES, BODIES_MOVE = 0.25, 0.05
-
-#: Two fits of a motion agree within this number of standard deviations, and within what makes two fits one.
-#: Class: level.
-AGREES_SIGMAS = 3.0
 
 #: Two fits nearer than this are one: an order below what makes a map wrong.
 #: Class: definition.
@@ -93,26 +87,12 @@ FAR_BEHIND_IN_PAIR = 100.0
 
 # -- the camera that only rotates, and the votes ---------------------------------------------------------
 
-#: Largest probability of the parallax of a pair without translation, for which its motions are tried: quest speaks of a
-#: translation from 1e-4 on, but further views may turn a twentieth into a certainty.
-#: Class: level.
-WORTH_TRYING = 0.05
-
 #: Nearly all focal lengths are known to two per cent, but some are guessed, and off by a fifth. For the camera that
 #: only rotates the stated focal length is right, or wrong with this standard deviation of its logarithm at a price of
 #: three nats (odds of one to twenty). So a fifth costs 5.5 nats, where the prior of right ones would charge 40, and a
 #: translation would be the cheaper explanation. Half as long again costs 11: level flight looks like such a rotation.
 #: Class: assumption, as a logarithm and in twice the nats.
 WRONG_FOCAL, WRONG_FOCAL_COST = 0.1, 6.0
-
-#: The same for a distortion that the calibration lacks: lenses of phones and wide angles have a k1 of up to 0.3.
-#: Class: assumption.
-WRONG_K1 = 0.15
-
-#: The same for the principal point, over the width of the image: the optical axis of phones is off by a hundredth, that
-#: of a cropped or shifted image by a twentieth. Only a camera that turns about several axes shows it.
-#: Class: assumption, over the width.
-WRONG_PRINCIPAL = 0.025
 
 #: Largest vote of a track, as a difference of costs (twice the nats): so much it costs to say that it is an outlier.
 #: Class: level, in twice the nats.
@@ -156,10 +136,11 @@ SHARED_PX = 0.02
 ZOOMS = ((0.003, 0.02), (0.01, 0.006), (0.03, 0.002))
 SHIFTS = ((0.001, 0.05), (0.003, 0.02), (0.01, 0.005))
 
-#: Probability that the lens of a camera that only rotates zooms or that its images are shifted, and the standard
-#: deviation of the zooms; that of the shifts is the largest of ``SHIFTS``.
+#: Probability that the lens of a camera that only rotates zooms or that its images are shifted. The standard deviations
+#: are the largest ones.
 #: Class: assumption.
-LENS_ZOOMS, LARGEST_ZOOM = 0.1, 0.03
+LENS_ZOOMS = 0.1
+LARGEST_ZOOM = ZOOMS[-1][0]
 
 #: Most that zooms cost, twice the negative log of their probability (2 log 100): in one shot of a hundred a person
 #: zooms, by any factor. Without a bound, a zoom by a quarter would count as 8 standard deviations in each view.
@@ -186,9 +167,10 @@ NEIGHBOURHOOD = 0.1
 #: Class: assumption, over the share of the tracks.
 RARER_BY_SHARE = 10.0
 
-#: Outlier threshold of the other motion, in standard deviations of the noise; fewer tracks than this have none.
-#: Class: level, in standard deviations and tracks.
-OTHER_SIGMAS, LEAST_OTHER_TRACKS = 3.0, 20
+#: Fewer tracks than this show no motion of their own, lie on no plane, and compare no depths: half of them may be
+#: outliers, and ten tracks contradict a motion (quest's least number of matches).
+#: Class: level.
+LEAST_TRACKS = 20
 
 #: Of the scenes with a body that moves one in four has one that holds the best motion where it is wrong (4 of 16 worlds
 #: of a generator that nobody had seen, with bodies on 30 to 65 % of the tracks). The other half of the view then gains
@@ -213,9 +195,10 @@ UNRELATED_DEPTH = 0.3
 #: Class: assumption, in nats.
 LARGEST_DEPTH_VOTE = 3.0
 
-#: Parts of the image (columns, rows) whose depths err independently.
-#: Class: assumption.
-DEPTH_PARTS = (4, 3)
+#: Parts of the image (columns, rows) that err independently: errors of the lens, of the shutter and of depths extend
+#: over a quarter of the image, and a dozen sums determine a standard deviation to a fifth.
+#: Class: geometry.
+REGIONS = (4, 3)
 
 #: The stated deviation of depths is worth this many parts of the image: it may be off by a factor of 1.5.
 #: Class: assumption.
@@ -224,10 +207,6 @@ STATED_SIGMA_PARTS = 4
 #: Standard deviation of an unknown shift, over the median of the scaled values.
 #: Class: assumption.
 SHIFT_SIGMA = 1.0
-
-#: Least number of tracks with a depth.
-#: Class: level.
-LEAST_TRACKS_WITH_DEPTH = 20
 
 # -- whether points lie on a plane -----------------------------------------------------------------------
 
@@ -248,9 +227,9 @@ RELIEF_SIGMAS = 1.5
 #: Class: measured.
 TOLD_RELIEF, TOLD_SIGMAS, LARGEST_GAIN = 0.2, 20.0, 9.0
 
-#: Least share of the tracks that a plane holds, and their least number.
+#: Least share of the tracks that a plane holds.
 #: Class: level.
-LEAST_ON_PLANE, LEAST_TRACKS_ON_PLANE = 0.5, 20
+LEAST_ON_PLANE = 0.5
 
 # -- the map of an accepted motion -----------------------------------------------------------------------
 
@@ -258,18 +237,10 @@ LEAST_ON_PLANE, LEAST_TRACKS_ON_PLANE = 0.5, 20
 #: Class: assumption.
 RISK_OF_A_VIEW = 0.1
 
-#: A calibration is left where the focal length is off by so many of its standard deviations: once in 400 by chance.
-#: Class: level.
-CERTAIN_FOCAL_SIGMAS = 3.0
-
 # -- what names the reason of a refusal, and accepts nothing ---------------------------------------------
 
-#: A gain over the rotation-only camera that chance exceeds more often than this is no evidence of a translation. A
-#: direction without a translation is uncertain too, so that its term would hide the cause.
-#: Class: level.
-INSIGNIFICANT_GAIN = 0.05
-
-#: A focal length is suspected only if it is off by a hundredth or more, the error of a careless calibration, and by
-#: five of its standard deviations: errors that the tracks share double them. Five hundredths have to be told.
+#: A focal length or a distortion is suspected only if it is off by so many of its standard deviations: errors that the
+#: tracks share double them. And a focal length only if it is off by half of what a calibration leaves open. Five
+#: hundredths of it have to be told.
 #: Class: assumption.
-LEAST_FOCAL_ERROR, DOUBTFUL_FOCAL_SIGMAS, TOLD_FOCAL_ERROR = 0.01, 5.0, 0.05
+DOUBTFUL_SIGMAS, TOLD_FOCAL_ERROR = 5.0, 0.05

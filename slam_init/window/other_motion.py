@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from quest.estimate import Hypothesis, RelativePose, estimate_relative_pose
+from quest.noise import GATE_SIGMAS
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.pose import Pose
 from slam_init.window.equations import explained_at_most
@@ -23,8 +24,7 @@ from slam_init.window.joint_fit import costs_off_plane
 from slam_init.window.levels import (
     FLOOR,
     LARGEST_VOTE,
-    LEAST_OTHER_TRACKS,
-    OTHER_SIGMAS,
+    LEAST_TRACKS,
     RARER_BY_SHARE,
     WRONG_DIRECTION_DEG,
     WRONG_ROTATION_DEG,
@@ -62,7 +62,7 @@ def other_motion(hypotheses: WindowHypotheses) -> OtherMotion:
     """Find a rigid motion of the tracks that the best motion does not explain."""
     tracks, explained = hypotheses.tracks, explained_tracks(hypotheses)
     rest = (tracks.anchor >= 0) & ~explained
-    if rest.sum() < LEAST_OTHER_TRACKS or _odds(hypotheses, explained.sum(), rest.sum()) < FLOOR:
+    if rest.sum() < LEAST_TRACKS or _odds(hypotheses, explained.sum(), rest.sum()) < FLOOR:
         return OtherMotion()
     found = _proposed(hypotheses, rest)
     # The pair may not tell the motion again that was found in the window before.
@@ -77,7 +77,7 @@ def _carried(hypotheses: WindowHypotheses, rest: Bools) -> OtherMotion | None:
         return None
     followed = before.points.track_ids[before.points.explained]
     moving = np.flatnonzero(rest & np.isin(tracks.track_ids, followed))
-    if len(moving) < LEAST_OTHER_TRACKS:
+    if len(moving) < LEAST_TRACKS:
         return None
     bearings, rotations = bearings_of_best(hypotheses)[:, moving], hypotheses.rotation_only.state.R
     # A body may hide them in the newest view.
@@ -94,14 +94,14 @@ def _proposed(hypotheses: WindowHypotheses, rest: Bools) -> OtherMotion:
     """
     tracks, rays = hypotheses.tracks, bearings_of_best(hypotheses)[:2]
     rest = rest & np.isfinite(rays).all(axis=(0, 2))
-    if rest.sum() < LEAST_OTHER_TRACKS:
+    if rest.sum() < LEAST_TRACKS:
         return OtherMotion()
-    threshold_rad = OTHER_SIGMAS * tracks.noise_px / tracks.camera.focal_px
+    threshold_rad = GATE_SIGMAS * tracks.noise_px / tracks.camera.focal_px
     pose = estimate_relative_pose(rays[0, rest], rays[1, rest], threshold_rad=threshold_rad)
     if not isinstance(pose, RelativePose):
         return OtherMotion()
     others = tracks.track_ids[np.flatnonzero(rest)[pose.inliers]]
-    if len(others) < LEAST_OTHER_TRACKS:
+    if len(others) < LEAST_TRACKS:
         return OtherMotion(0.0, others, Pose(pose.R, pose.t))
     # Tracks of one plane have two motions in a pair.
     proposed: list[Hypothesis | RelativePose] = [pose, *pose.alternatives]
@@ -122,7 +122,7 @@ def _weighed(hypotheses: WindowHypotheses, fitted: FittedMotion, rest: Bools) ->
     votes = _votes(hypotheses, fitted)
     others = tracks.track_ids[votes < -LARGEST_VOTE]
     # A motion that explains all tracks is a rival, and shows no body.
-    shows_body = np.count_nonzero(votes > LARGEST_VOTE) >= LEAST_OTHER_TRACKS
+    shows_body = np.count_nonzero(votes > LARGEST_VOTE) >= LEAST_TRACKS
     shows_body &= not _agree(hypotheses.motions[0].motion, fitted.motion)
     probability = _probability(hypotheses, votes) if shows_body else 0.0
     pose = fitted.cam2_from_cam1 if fitted.rows[1] == 1 else Pose.identity()

@@ -15,7 +15,7 @@ from slam_init.window.joint_fit import costs_off_plane, information_of_relief
 from slam_init.window.levels import (
     LARGEST_GAIN,
     LEAST_ON_PLANE,
-    LEAST_TRACKS_ON_PLANE,
+    LEAST_TRACKS,
     PLANE_SIGMAS,
     RELIEF_SIGMAS,
     TOLD_RELIEF,
@@ -39,7 +39,7 @@ def _fits_plane(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> b
     """Whether the points of a fit lie on its plane: a relief would show, and distances of their own gain nothing."""
     on_plane = fitted.fit.state.on_plane & (tracks.anchor >= 0)
     count = int(on_plane.sum())
-    if count < max(LEAST_TRACKS_ON_PLANE, LEAST_ON_PLANE * float((tracks.anchor >= 0).sum())):
+    if count < max(LEAST_TRACKS, LEAST_ON_PLANE * float((tracks.anchor >= 0).sum())):
         return False
     part = fitted.tracks
     if not _tells_relief(part, fitted, priors):

@@ -32,21 +32,20 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from quest.noise import GATE_SIGMAS
 from slam_init.system.linear_algebra import deviations, single_threaded
 from slam_init.types.arrays import Floats
 from slam_init.types.evidence import Margin
-from slam_init.types.lens_in_use import CALIBRATED_SIGMA
+from slam_init.types.lens_in_use import CALIBRATED_SIGMA, PULL_FREEDOM
 from slam_init.window.half_at_rest import bodies_probability
 from slam_init.window.hypotheses import WindowHypotheses, with_plane, with_rotation_anew
 from slam_init.window.left_out import wrong_by_a_half
 from slam_init.window.levels import (
-    AGREES_SIGMAS,
     BODIES_MOVE,
+    EVEN_ODDS,
     FEW_VIEWS,
     FLOOR,
-    MERE_ROTATION,
     ON_BODIES,
-    PULL_FREEDOM,
     SAME_DIRECTION_DEG,
     SAME_ROTATION_DEG,
     SHARE_OF_BODIES,
@@ -223,7 +222,7 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
     if_lens_right = float(weights @ _with_varying_lens(of_fit[0], varying, 0))
     if_lens_right = min(1.0, if_lens_right + three_directions(WRONG_ROTATION_DEG, rotation_of_fit_deg))
     gain, rotation, camera = rotation_probability(hypotheses, expanded)
-    if rotation <= MERE_ROTATION:
+    if rotation <= EVEN_ODDS:
         camera = camera_estimate(expanded, optimism.factor(lens_held=False))
     # Another test takes two fits, which a direction that is unknown is not worth.
     lasting_in_noise = rotation > FLOOR and direction <= UNDECIDED and keeps_errors(hypotheses)
@@ -315,8 +314,8 @@ def _with_free_depths(
     known = [one for one in free.motions[1:] if planes.fit_near(one)]
     of_free = _risk_of(replace(free, motions=tuple(one for one in free.motions if one not in known)))
     rotation_deg, direction_deg = best.difference_deg(again)
-    near = rotation_deg <= AGREES_SIGMAS * of_free.rotation_sigma_deg + SAME_ROTATION_DEG
-    if not near or direction_deg > AGREES_SIGMAS * of_free.direction_sigma_deg + SAME_DIRECTION_DEG:
+    near = rotation_deg <= GATE_SIGMAS * of_free.rotation_sigma_deg + SAME_ROTATION_DEG
+    if not near or direction_deg > GATE_SIGMAS * of_free.direction_sigma_deg + SAME_DIRECTION_DEG:
         return free, _risk_of(free)
     rival, direction = min(1.0, max(risk.rival, by_points) + of_free.rival), risk.direction
     # The plane of shifted frames is another one in each view, so that it tells nothing about the direction.

@@ -17,7 +17,7 @@ import numpy as np
 from quest.robust.spatial_blocks import regions_of
 from slam_init.types.arrays import Floats
 from slam_init.types.evidence import Margin
-from slam_init.window.hypotheses import WindowHypotheses
+from slam_init.window.hypotheses import FAR_BEHIND, WindowHypotheses
 from slam_init.window.joint_fit import fit_window
 from slam_init.window.levels import (
     BODIES_MOVE,
@@ -38,8 +38,7 @@ _UNLIKELY = 0.01
 #: Largest number of Gauss-Newton steps from a fit without fields to one with fields: they converge quadratically.
 _STEPS_WITH_FIELDS = 5
 #: A rival that is further behind than this is not looked at with error fields: they explain less.
-#: Class: level, in nats.
-_FAR_BEHIND_NATS = 300.0
+_FAR_BEHIND_NATS = 0.5 * FAR_BEHIND
 #: So many costs with fields are kept: the risk of the same motions is stated two or three times before a map.
 _KEPT = 16
 

@@ -22,6 +22,7 @@ import numpy as np
 
 from quest.estimate import Hypothesis, RelativePose, estimate_relative_pose
 from quest.geometry.quaternion import quaternion_from_matrix
+from quest.noise import GATE_SIGMAS
 from quest.robust.plane import fit_plane
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Bools, Floats
@@ -35,9 +36,6 @@ from slam_init.window.other_motion import bearings_of_best, explained_tracks
 #: Steps of a fit with free depths. It starts at the poses of a plane, from where twelve steps left costs of 1675 and
 #: 2420 that end at 1207 and 721: the order of the motions turned.
 _STEPS = 60
-#: Outlier threshold of the starts, in standard deviations of the noise.
-#: Class: level, in standard deviations.
-_SIGMAS = 3.0
 #: Directions of the baseline, in the reference: both ways along its axes.
 _DIRECTIONS: Floats = np.vstack([np.eye(3), -np.eye(3)])
 
@@ -123,7 +121,7 @@ def _proposed(m: Floats, n: Floats, noise_rad: float) -> Iterator[Pose]:
     """The motion of matches and its alternatives."""
     if len(m) < MIN_RESECTED:
         return
-    pose = estimate_relative_pose(m, n, threshold_rad=min(_SIGMAS * noise_rad, 1.0))
+    pose = estimate_relative_pose(m, n, threshold_rad=min(GATE_SIGMAS * noise_rad, 1.0))
     proposed: list[Hypothesis | RelativePose] = [pose, *pose.alternatives] if isinstance(pose, RelativePose) else []
     for one in proposed:
         if np.any(one.t):

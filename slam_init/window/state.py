@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from quest.noise import GATE_SIGMAS
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 from slam_init.window.arguments import FIELD_TERMS
@@ -25,7 +26,7 @@ class Priors:
     #: Standard deviation of each coefficient of the error field of a view, in pixels; 0 for no field.
     field_sigma_px: float = 0.0
     #: An observation counts as an outlier around this number of standard deviations.
-    gate_sigmas: float = 3.0
+    gate_sigmas: float = GATE_SIGMAS
     #: Standard deviation of the readout of a rolling shutter about none, in seconds; 0 where it is known, so that the
     #: rays are corrected already.
     readout_sigma_s: float = 0.0

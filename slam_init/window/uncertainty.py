@@ -23,6 +23,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
+from quest.noise import GATE_SIGMAS
 from quest.robust.spatial_blocks import regions_of
 from slam_init.system.linear_algebra import deviations
 from slam_init.types.arrays import Bools, Floats
@@ -31,23 +32,18 @@ from slam_init.window.arguments import FIELD_TERMS
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import JointFit
 from slam_init.window.kernels import TUKEY_GATES
-from slam_init.window.levels import SHIFTS, TURNING_FACTOR, ZOOMS
+from slam_init.window.levels import DOUBTFUL_SIGMAS, REGIONS, SHIFTS, TURNING_FACTOR, ZOOMS
 from slam_init.window.linearization import Linearization, information_by_chance, linearize_with_fields
 from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, FieldMarginal, marginalize_fields
 from slam_init.window.motion import FittedMotion
 from slam_init.window.state import Priors, WindowState
 from slam_init.window.tracks import WindowTracks
 
-#: Regions across and down for the scatter of the scores: a dozen sums determine a standard deviation to a fifth, and
-#: errors of the lens and of the shutter extend over a quarter of the image.
-_SCORE_REGIONS = (4, 3)
 #: A lens that zooms shifts a view by its optical axis, over the width of the image: half a pixel of 1280.
 _NO_SHIFT = 3e-4
-#: An estimated readout is told from none at this number of its standard deviations.
-_TOLD_READOUT_SIGMAS = 3.0
-#: The stated distortion is suspected at five standard deviations, as errors that tracks share double them, and from
-#: 0.02 on: in the corner of a view of 70 degrees that moves a pixel by a hundredth of its distance from the centre.
-_DOUBTFUL_SIGMAS, _LEAST_DISTORTION = 5.0, 0.02
+#: The stated distortion is suspected from here on: in the corner of a view of 70 degrees that moves a pixel by a
+#: hundredth of its distance from the centre.
+_LEAST_DISTORTION = 0.02
 #: So many expansions are kept: before a map is accepted, the risk of the same motions is stated two or three times.
 _KEPT = 4
 
@@ -92,8 +88,8 @@ class ExpandedFit:
         * Returns: Its squares, summed over the regions, are the variances of the unknowns by the scatter.
         """
         used = np.flatnonzero(self.tracks.anchor >= 0)
-        region = regions_of(places_of(self.fit), _SCORE_REGIONS)[used]
-        member = np.zeros((math.prod(_SCORE_REGIONS), len(used)))
+        region = regions_of(places_of(self.fit), REGIONS)[used]
+        member = np.zeros((math.prod(REGIONS), len(used)))
         member[region, np.arange(len(used))] = 1.0
         sums = member @ self.linearization.shares[np.ix_(used, ~self.linearization.is_field)]
         # As many sums are used up as a direction has unknowns.
@@ -182,7 +178,7 @@ class ReadoutEstimate:
     @property
     def told_seconds(self) -> float:
         """The readout, 0 where the tracks do not tell it from none."""
-        return self.seconds if abs(self.seconds) > _TOLD_READOUT_SIGMAS * self.sigma_s else 0.0
+        return self.seconds if abs(self.seconds) > GATE_SIGMAS * self.sigma_s else 0.0
 
 
 @dataclass(frozen=True)
@@ -207,7 +203,7 @@ class DistortionEstimate:
     @property
     def suspected(self) -> float | None:
         """``k1`` where the stated distortion is suspected to be wrong, else None."""
-        told = abs(self.k1) > max(_DOUBTFUL_SIGMAS * self.sigma, _LEAST_DISTORTION)
+        told = abs(self.k1) > max(DOUBTFUL_SIGMAS * self.sigma, _LEAST_DISTORTION)
         return self.k1 if told else None
 
 

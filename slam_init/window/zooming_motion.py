@@ -22,7 +22,7 @@ import numpy as np
 from slam_init.types.arrays import Floats
 from slam_init.window.hypotheses import WindowHypotheses, with_plane
 from slam_init.window.joint_fit import JointFit, fit_window
-from slam_init.window.levels import FLOOR, LARGEST_ZOOM, WRONG_DIRECTION_DEG, ZOOMED_COST
+from slam_init.window.levels import EVEN_ODDS, FLOOR, LARGEST_ZOOM, WRONG_DIRECTION_DEG, ZOOMED_COST
 from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.motion import fit_motion
 from slam_init.window.other_motion import bearings_of_best
@@ -41,9 +41,6 @@ _ZOOM_SIGMAS = (0.03, 0.1, 0.3)
 #: each time at this share of its length. It ends where zooms move by less than a tenth of a pixel at the border of an
 #: image, or where a round gains less than this (nats).
 _ROUNDS, _STEPS, _TRIES, _SHORTER, _CONVERGED, _LEAST_GAIN = 10, 8, 3, 0.3, 2e-4, 0.2
-#: Zooms are told from this probability on.
-#: Class: level.
-_TOLD = 0.5
 #: Longest step of a zoom: its effect on the pixels is expanded to the first order.
 _LONGEST_STEP = 0.15
 
@@ -79,7 +76,7 @@ def wrong_by_zooms(hypotheses: WindowHypotheses, rotation: ZoomingRotation) -> f
         pair = replace(best, fit=found.fit)
         aside_deg = math.hypot(found.direction_sigma_deg, pair.difference_deg(best)[1])
         far = float(two_directions(WRONG_DIRECTION_DEG, np.array([aside_deg]))[0])
-        told = probability > _TOLD and len(found.zooms) > 2 and np.abs(found.zooms).max() > LARGEST_ZOOM
+        told = probability > EVEN_ODDS and len(found.zooms) > 2 and np.abs(found.zooms).max() > LARGEST_ZOOM
         wrong = max(wrong, probability * (1.0 if told else far))
     return wrong
 
