@@ -34,9 +34,10 @@ from slam_init.types.frame import Observations
 from slam_init.types.lens_in_use import LensInUse
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
+from slam_init.window.confirmation import confirmed
 from slam_init.window.hypotheses import fit_hypotheses, motions_of_pair
 from slam_init.window.motion import Motion
-from slam_init.window.risk import confirmed, risk_of
+from slam_init.window.risk import risk_of
 from slam_init.window.tracks import MAX_VIEWS, gather_tracks
 
 if TYPE_CHECKING:

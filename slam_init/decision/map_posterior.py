@@ -25,10 +25,11 @@ import numpy as np
 
 from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose
+from slam_init.window.confirmation import confirmed
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses
 from slam_init.window.levels import EVEN_ODDS, WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
 from slam_init.window.motion import FittedMotion, difference_deg
-from slam_init.window.risk import WindowRisk, confirmed, risk_of
+from slam_init.window.risk import WindowRisk, risk_of
 from slam_init.window.rival import rival_odds
 from slam_init.window.tails import three_directions
 from slam_init.window.tracker_errors import with_lasting_errors

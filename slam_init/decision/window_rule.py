@@ -46,11 +46,12 @@ from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, ProvisionalMap
 from slam_init.types.stopwatch import Stopwatch
+from slam_init.window.confirmation import confirmed
 from slam_init.window.depth_evidence import GivenDepths
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.levels import EVEN_ODDS, UNDECIDED, WRONG_DIRECTION_DEG
 from slam_init.window.live import LiveHypotheses
-from slam_init.window.risk import WindowRisk, confirmed, risk_of
+from slam_init.window.risk import WindowRisk, risk_of
 from slam_init.window.tracks import MAX_VIEWS
 
 #: Frames that are not judged where the last window, of so many views or more, left this standard deviation of the

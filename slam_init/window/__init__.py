@@ -14,8 +14,9 @@
 * :mod:`slam_init.window.uncertainty` states the covariance of rotation, direction and distances;
 * :mod:`slam_init.window.risk` composes the probability that a map of the best hypothesis is wrong:
   :mod:`slam_init.window.rival` lets the tracks vote between motions, :mod:`slam_init.window.other_motion` looks for the
-  motion of a large body, :mod:`slam_init.window.second_look` and :mod:`slam_init.window.zooming_rotation` test a motion
-  that is about to be accepted, and :mod:`slam_init.window.levels` holds the numbers.
+  motion of a large body;
+* :mod:`slam_init.window.confirmation` looks again where that is small: for bodies, zooms and other starts;
+* :mod:`slam_init.window.levels` holds the numbers.
 
 :mod:`slam_init.decision.window_rule` decides by this number.
 """

@@ -22,7 +22,7 @@ causes add their probabilities:
 * **floor**: what is not modelled.
 
 A window is judged at each frame: tails hold for any stopping time (:mod:`~slam_init.window.tails`). A small risk is
-confirmed by a second look (:mod:`~slam_init.window.second_look`). ``docs/how/risk.md`` derives all of it.
+looked at again (:mod:`~slam_init.window.confirmation`). ``docs/how/risk.md`` derives all of it.
 """
 
 from __future__ import annotations
@@ -32,38 +32,32 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from quest.noise import GATE_SIGMAS
 from slam_init.system.linear_algebra import deviations, single_threaded
 from slam_init.types.arrays import Floats
 from slam_init.types.evidence import Margin
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA, PULL_FREEDOM
 from slam_init.window.half_at_rest import bodies_probability
-from slam_init.window.hypotheses import WindowHypotheses, with_plane, with_rotation_anew
-from slam_init.window.left_out import wrong_by_a_half
+from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.levels import (
     BODIES_MOVE,
     EVEN_ODDS,
     FEW_VIEWS,
     FLOOR,
     ON_BODIES,
-    SAME_DIRECTION_DEG,
-    SAME_ROTATION_DEG,
     SHARE_OF_BODIES,
     UNDECIDED,
     WRONG_DIRECTION_DEG,
     WRONG_ROTATION_DEG,
 )
-from slam_init.window.motion import FittedMotion, fit_motion
+from slam_init.window.motion import FittedMotion
 from slam_init.window.neighbours import agreement_of_neighbours, variance_by_neighbours
-from slam_init.window.other_motion import OtherMotion, bearings_of_best, explained_tracks, other_motion
+from slam_init.window.other_motion import OtherMotion, explained_tracks, other_motion
 from slam_init.window.rival import rival_term
 from slam_init.window.rotation_term import (
     keeps_errors,
     rotation_probability,
     with_errors_in_noise,
-    zooming_probability,
 )
-from slam_init.window.second_look import look_again
 from slam_init.window.tails import three_directions, two_directions
 from slam_init.window.uncertainty import (
     CameraEstimate,
@@ -80,8 +74,6 @@ from slam_init.window.uncertainty import (
     sigma_with_known_lens,
     varying_lens,
 )
-from slam_init.window.zooming_motion import wrong_by_zooms
-from slam_init.window.zooming_rotation import ZoomingRotation, with_zooms
 
 
 @dataclass(frozen=True)
@@ -236,9 +228,9 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
     # A window that has no map without the terms of rivals and bodies is not worth their fits.
     refused = rotation > UNDECIDED or direction > UNDECIDED
     other = OtherMotion() if refused else other_motion(hypotheses)
-    left = max_risk - _total(direction, 0.0, rotation, other.probability)
+    left = max_risk - total_of(direction, 0.0, rotation, other.probability)
     rival, nearest = rival_term(hypotheses, expanded, direction_deg, most=-1.0 if refused else min(left, UNDECIDED))
-    total = _total(direction, rival, rotation, other.probability)
+    total = total_of(direction, rival, rotation, other.probability)
     distances = inverse_distances(expanded)
     explained = replace(distances, known=distances.known & explained_tracks(hypotheses))
     depth_sigmas = explained.relative_sigmas
@@ -269,94 +261,7 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
     )
 
 
-def confirmed(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -> tuple[WindowHypotheses, WindowRisk]:
-    """Hypotheses whose risk is small, and the risk after a second look at them; others are returned as they are.
-
-    The plane keeps its precision where the fits with free depths agree on the motion, and decide against all rivals.
-    """
-    if risk.total > max_risk:
-        return hypotheses, risk
-    with single_threaded():
-        if hypotheses.rotation_lives:  # a start near its last fit may have kept it in a wrong mode
-            anew = with_rotation_anew(hypotheses)
-            if anew is not hypotheses:
-                hypotheses, risk = anew, _risk_of(anew)
-                if risk.total > max_risk:
-                    return hypotheses, risk
-        risk = _against_bodies(hypotheses, risk)
-        if risk.total > max_risk:
-            return hypotheses, risk
-        rotation = with_zooms(hypotheses)
-        risk = _against_zooming_rotation(hypotheses, risk, rotation)
-        if risk.total > max_risk:
-            return hypotheses, risk
-        free = look_again(hypotheses)
-        hypotheses, risk = _with_free_depths(hypotheses, risk, free)
-        if risk.total <= max_risk:
-            risk = _against_a_half(hypotheses, risk)
-        if risk.total > max_risk or not hypotheses.priors.lens_changes:
-            return hypotheses, risk
-        direction = min(1.0, risk.direction + wrong_by_zooms(hypotheses, rotation))
-        total = _total(direction, risk.rival, risk.rotation, risk.moving)
-        return hypotheses, replace(risk, direction=direction, total=total)
-
-
-def _with_free_depths(
-    hypotheses: WindowHypotheses, risk: WindowRisk, free: WindowHypotheses
-) -> tuple[WindowHypotheses, WindowRisk]:
-    """The hypotheses to go on with after a second look with free depths, and their risk."""
-    best, again = hypotheses.motions[0], free.motions[0]
-    if not hypotheses.planar:
-        return (hypotheses, risk) if len(free.motions) == 1 and again.same_as(best) else (free, _risk_of(free))
-    # The scene must not vote for a motion: points that leave one of two planes vote by their free depths.
-    planes, deg = _on_planes(hypotheses, free), risk.direction_sigma_deg
-    by_points, _ = rival_term(planes, expand(hypotheses, best), deg, most=UNDECIDED, free=free)
-    known = [one for one in free.motions[1:] if planes.fit_near(one)]
-    of_free = _risk_of(replace(free, motions=tuple(one for one in free.motions if one not in known)))
-    rotation_deg, direction_deg = best.difference_deg(again)
-    near = rotation_deg <= GATE_SIGMAS * of_free.rotation_sigma_deg + SAME_ROTATION_DEG
-    if not near or direction_deg > GATE_SIGMAS * of_free.direction_sigma_deg + SAME_DIRECTION_DEG:
-        return free, _risk_of(free)
-    rival, direction = min(1.0, max(risk.rival, by_points) + of_free.rival), risk.direction
-    # The plane of shifted frames is another one in each view, so that it tells nothing about the direction.
-    direction = max(direction, risk.frames_are_shifted * of_free.direction)
-    total = _total(direction, rival, risk.rotation, risk.moving)
-    return hypotheses, replace(risk, rival=rival, direction=direction, total=total)
-
-
-def _on_planes(hypotheses: WindowHypotheses, free: WindowHypotheses) -> WindowHypotheses:
-    """Hypotheses on a plane, with the motions that only free depths have found."""
-    tracks, bearings = hypotheses.tracks, bearings_of_best(hypotheses)
-    new = [replace(one.motion, points=None) for one in free.motions[1:] if hypotheses.fit_near(one) is None]
-    fits = [fit_motion(tracks, with_plane(one, tracks, bearings), hypotheses.priors) for one in new]
-    return replace(hypotheses, motions=(*hypotheses.motions, *fits))
-
-
-def _against_bodies(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk:
-    """The risk with the rival that the camera only rotates as half of the tracks say, and that the others move."""
-    rotation = risk.rotation
-    for one in () if hypotheses.planar else (hypotheses, *_wide_too(hypotheses, risk)):
-        rotation = max(rotation, bodies_probability(one, ON_BODIES, anew=True))
-    return replace(risk, rotation=rotation, total=_total(risk.direction, risk.rival, rotation, risk.moving))
-
-
-def _against_a_half(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk:
-    """The risk with the rival that a body on one half of the view holds the best motion."""
-    risk = replace(risk, by_a_half=wrong_by_a_half(hypotheses))
-    return replace(risk, total=_total(risk.direction, risk.rival, risk.rotation, risk.moving))
-
-
-def _against_zooming_rotation(hypotheses: WindowHypotheses, risk: WindowRisk, zooming: ZoomingRotation) -> WindowRisk:
-    """The risk with the rival that the camera only rotates, and that its images zoom and shift from view to view."""
-    rotation = risk.rotation + zooming_probability(hypotheses, zooming)
-    return replace(risk, rotation=rotation, total=_total(risk.direction, risk.rival, rotation, risk.moving))
-
-
-def _wide_too(hypotheses: WindowHypotheses, risk: WindowRisk) -> tuple[WindowHypotheses, ...]:
-    return (with_errors_in_noise(hypotheses),) if risk.lasting_in_noise else ()
-
-
-def _total(direction: float, rival: float, rotation: float, moving: float) -> float:
+def total_of(direction: float, rival: float, rotation: float, moving: float) -> float:
     """The risk: the causes add their probabilities."""
     return min(1.0, direction + rival + rotation + moving + FLOOR)
 

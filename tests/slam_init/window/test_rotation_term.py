@@ -9,8 +9,9 @@ from make_window import hypotheses_of_scene as hypotheses
 
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.config import AcceptanceConfig
+from slam_init.window.confirmation import confirmed
 from slam_init.window.levels import UNDECIDED
-from slam_init.window.risk import confirmed, risk_of
+from slam_init.window.risk import risk_of
 from slam_init.window.rotation_term import rotation_probability
 from slam_init.window.state import Priors
 from slam_init.window.uncertainty import expand

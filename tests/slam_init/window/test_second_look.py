@@ -11,10 +11,11 @@ from make_window import hypotheses_of_scene as hypotheses
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.types.pose import Pose
 from slam_init.window import second_look
+from slam_init.window.confirmation import confirmed
 from slam_init.window.levels import PRINCIPAL_SIGMA
 from slam_init.window.motion import difference_deg, fit_motion
 from slam_init.window.other_motion import bearings_of_best
-from slam_init.window.risk import confirmed, risk_of
+from slam_init.window.risk import risk_of
 from slam_init.window.second_look import look_again
 from slam_init.window.state import Priors
 

@@ -7,8 +7,9 @@ import pytest
 from make_window import VIEWS_OF_CHANGING_LENS as VIEWS
 from make_window import hypotheses_of_changing_lens as hypotheses
 
+from slam_init.window.confirmation import confirmed
 from slam_init.window.levels import SHIFTS, ZOOMS
-from slam_init.window.risk import confirmed, risk_of
+from slam_init.window.risk import risk_of
 from slam_init.window.uncertainty import expand, varying_lens
 from slam_init.window.zooming_rotation import with_zooms
 

@@ -8,8 +8,9 @@ import pytest
 from make_window import hypotheses_of_changing_lens as hypotheses
 
 from slam_init.window import zooming_motion
+from slam_init.window.confirmation import confirmed
 from slam_init.window.joint_fit import fit_window
-from slam_init.window.risk import confirmed, risk_of
+from slam_init.window.risk import risk_of
 from slam_init.window.zooming_motion import wrong_by_zooms, zooming_motions
 from slam_init.window.zooming_rotation import with_zooms, zoomed
 
