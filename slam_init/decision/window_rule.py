@@ -67,6 +67,10 @@ _TELLS_MORE, _REST_AT_EVEN_ODDS = 1.2, 1
 #: A camera that turns for long tells as little after a hundred frames as after ten. So either rest may grow to this
 #: share of the frames so far, and a map comes later by that share at the most. Of 100 frames of a camera that turns in
 #: the hand 25 are judged, 53 without; 1500 worlds of another generator have as many right and false maps.
+#:
+#: A window whose small risk the last look refuses takes as long as one that leads to a map. Where a camera moves
+#: straight toward a wall the risk is small in each frame, and each time a zoom explains the tracks too. So after two
+#: windows in a row that are undecided after all one frame is left out, after three two frames, up to the same share.
 #: Class: level.
 _SHARE_OF_FRAMES = 0.1
 
@@ -115,6 +119,8 @@ class WindowRule:
         self._last: JudgedWindow | None = None
         # The best score of the pairs of the last judged window, the frames since then that were not judged, and all.
         self._score, self._rested, self._frames = 0.0, 0, 0
+        # Windows in a row whose risk was small at first, and that the last look left undecided.
+        self._in_vain = 0
 
     def renewed(self) -> WindowRule:
         """A rule with the same options that has judged nothing."""
@@ -180,9 +186,16 @@ class WindowRule:
     # -- parts of the judgement -------------------------------------------------------------------
 
     def _is_far(self, score: float) -> bool:
-        """Whether a frame is left out: the last window was far from a map, and the pairs show little more now."""
+        """Whether a frame is left out: the last window was far from a map, and the pairs show little more now.
+
+        Or the last windows were near one in vain (:mod:`slam_init.window.confirmation`).
+        """
         last, part = self._last, int(_SHARE_OF_FRAMES * self._frames)
-        if last is None or len(last.best.rows) < _MANY_VIEWS:
+        if last is None:
+            return False
+        if self._rested < min(self._in_vain - 1, part):
+            return True
+        if len(last.best.rows) < _MANY_VIEWS:
             return False
         if last.risk.direction_sigma_deg * self._score > _FAR_DEG * score:
             return self._rested < max(_LONGEST_REST, part)
@@ -219,7 +232,8 @@ class WindowRule:
         if found is None:
             self._last = None
             return Outcome(refused_at(attempt, Verdict.NO_CONSISTENT_MOTION, Stage.MAP))
-        hypotheses, risk = found
+        hypotheses, risk, was_small = found
+        self._in_vain = self._in_vain + 1 if was_small and risk.total > UNDECIDED else 0
         pair = self._with_readout(views.pair, risk)
         window = JudgedWindow(pair, hypotheses, risk, self._history.lens, self._threshold_rad)
         # A camera that merely rotates is judged again once a pair shows parallax.
@@ -228,8 +242,11 @@ class WindowRule:
         self._live.change_lens(window.lens, outcome.lens or window.lens)
         return replace(outcome, motion=window.motion, margin=risk.margin)
 
-    def _estimated(self, views: _Views) -> tuple[WindowHypotheses, WindowRisk] | None:
-        """The hypotheses of a window and the risk of the best one, confirmed where it is small; None without one."""
+    def _estimated(self, views: _Views) -> tuple[WindowHypotheses, WindowRisk, bool] | None:
+        """The hypotheses of a window, the risk of the best one, and whether it was small before it was confirmed.
+
+        * Returns: None without hypotheses.
+        """
         lens, history = self._history.lens, self._history
         attitudes = [history.attitude(view.frame) for view in views.all]
         gravities = [history.gravities.get(view.frame) for view in views.all]
@@ -242,7 +259,8 @@ class WindowRule:
         if self._last is not None and self._last.risk.other.probability > UNDECIDED:
             hypotheses = replace(hypotheses, other_before=self._last.risk.other.motion)
         max_risk = self._config.acceptance.max_risk
-        again, risk = confirmed(hypotheses, risk_of(hypotheses, max_risk), max_risk)
+        first = risk_of(hypotheses, max_risk)
+        again, risk = confirmed(hypotheses, first, max_risk)
         if risk.total <= max_risk and again.tracks.down_weights.any():
             alone = self._live.without_gravity(again)
             if alone is None:
@@ -250,7 +268,7 @@ class WindowRule:
             again, risk = confirmed(alone, risk_of(alone, max_risk), max_risk)
         if again is not hypotheses:
             self._live.keep(again)
-        return again, risk
+        return again, risk, first.total <= max_risk
 
     def _accept_or_refuse(self, window: JudgedWindow, attempt: Attempt) -> Outcome:
         """Refuse a window by its gates, or build its map."""

@@ -135,6 +135,27 @@ def test_a_rest_lasts_for_a_tenth_of_the_frames_so_far_at_most(frames, sigma_deg
     assert not rule._is_far(20.0)
 
 
+@pytest.mark.parametrize(("frames", "in_vain", "rests"), [(30, 1, 0), (30, 2, 1), (30, 9, 3), (9, 9, 0), (55, 9, 5)])
+def test_after_small_risks_in_a_row_that_were_refused_frames_are_left_out_up_to_a_tenth(frames, in_vain, rests):
+    rule = WindowRule(WINDOW_CONFIG, history_of([], CAMERA), RollingShutter(CAMERA))
+    rule._last = SimpleNamespace(best=SimpleNamespace(rows=range(2)))
+    rule._frames, rule._in_vain = frames, in_vain
+    while rule._is_far(1.0):
+        rule._rested += 1
+    assert rule._rested == rests
+
+
+def test_windows_whose_small_risk_is_refused_are_counted_until_one_is_not_small(monkeypatch):
+    frames, counts = Frames(point_source("wall", 0, views=8, baseline=0.3, points=FEWER)), []
+    risk_of = window_rule.risk_of
+    monkeypatch.setattr(window_rule, "confirmed", lambda found, risk, _: (found, replace(risk, total=1.0)))
+    for k, total in enumerate((0.0, 0.0, 0.0, 1.0, 0.0, 0.0), 1):  # of the first look; the last one refuses all
+        monkeypatch.setattr(window_rule, "risk_of", lambda *of, total=total: replace(risk_of(*of), total=total))
+        assert frames.judge(k, chosen=k == 1).accepted is None
+        counts.append(frames.rule._in_vain)
+    assert counts == [1, 2, 3, 0, 1, 2]
+
+
 def test_a_window_whose_equations_have_no_solution_is_refused(monkeypatch):
     def singular(*_):
         raise np.linalg.LinAlgError("Singular matrix")
