@@ -135,7 +135,7 @@ def test_a_rest_lasts_for_a_tenth_of_the_frames_so_far_at_most(frames, sigma_deg
     assert not rule._is_far(20.0)
 
 
-@pytest.mark.parametrize(("frames", "in_vain", "rests"), [(30, 1, 0), (30, 2, 1), (30, 9, 3), (9, 9, 0), (55, 9, 5)])
+@pytest.mark.parametrize(("frames", "in_vain", "rests"), [(30, 3, 0), (30, 4, 1), (30, 30, 3), (9, 9, 0), (55, 20, 5)])
 def test_after_small_risks_in_a_row_that_were_refused_frames_are_left_out_up_to_a_tenth(frames, in_vain, rests):
     rule = WindowRule(WINDOW_CONFIG, history_of([], CAMERA), RollingShutter(CAMERA))
     rule._last = SimpleNamespace(best=SimpleNamespace(rows=range(2)))
