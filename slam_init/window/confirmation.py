@@ -8,7 +8,8 @@
 4. The motion is fitted to each half of the view: a body may hold it (:mod:`~slam_init.window.left_out`).
 5. The moving camera may zoom (:mod:`~slam_init.window.zooming_motion`).
 
-They take most of the time of the frame that brings a map, and a frame that waits does not pay for them.
+They take most of the time of the frame that brings a map. A frame that waits pays for them only where its risk is small
+and one of them refuses it.
 """
 
 from __future__ import annotations
