@@ -62,7 +62,7 @@ _LONGEST_REST, _MANY_VIEWS, _FAR_DEG = 3, 6, 2 * WRONG_DIRECTION_DEG
 #: After a window whose map is wrong at even odds or worse, this number of frames is not judged while the score has
 #: grown by less than this factor: the tracks tell less than half as much again. With more frames left out, motions are
 #: lost between two windows: of four drawn worlds without a map after three such frames, two have one after one.
-#: Class: level, as a probability, a factor and in frames.
+#: Class: level, as a factor and in frames.
 _TELLS_MORE, _REST_AT_EVEN_ODDS = 1.2, 1
 #: A camera that turns for long tells as little after a hundred frames as after ten. So either rest may grow to this
 #: share of the frames so far, and a map comes later by that share at the most. Of 100 frames of a camera that turns in
