@@ -49,7 +49,7 @@ from slam_init.types.stopwatch import Stopwatch
 from slam_init.window.confirmation import confirmed
 from slam_init.window.depth_evidence import GivenDepths
 from slam_init.window.hypotheses import WindowHypotheses
-from slam_init.window.levels import EVEN_ODDS, UNDECIDED, WRONG_DIRECTION_DEG
+from slam_init.window.levels import EVEN_ODDS, FLOOR, UNDECIDED, WRONG_DIRECTION_DEG
 from slam_init.window.live import LiveHypotheses
 from slam_init.window.risk import WindowRisk, risk_of
 from slam_init.window.tracks import MAX_VIEWS
@@ -258,7 +258,7 @@ class WindowRule:
         depths = [history.depths.get(frame) for frame in hypotheses.tracks.frames]
         hypotheses = replace(hypotheses, depths=GivenDepths.of(hypotheses.tracks, depths))
         # What was undecided stays a question in the next window, where the pair may not tell it again.
-        if self._last is not None and self._last.risk.other.probability > UNDECIDED:
+        if self._last is not None and self._last.risk.other.probability > FLOOR:
             hypotheses = replace(hypotheses, other_before=self._last.risk.other.motion)
         max_risk = self._config.acceptance.max_risk
         first = risk_of(hypotheses, max_risk)

@@ -318,4 +318,5 @@ def _costs_off_plane(equations: WindowEquations, state: WindowState, measured: W
         for moved in (start, equations.moved(start, np.zeros(len(equations.gradient)))):
             equations.cost(moved)
             best = np.minimum(best, equations.costs)
-    return np.asarray(best - OFF_PLANE_COST * (equations.tracks.anchor >= 0))
+    leaves_plane = (equations.tracks.anchor >= 0) & (state.plane is not None)
+    return np.asarray(best - OFF_PLANE_COST * leaves_plane)

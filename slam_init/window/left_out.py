@@ -42,7 +42,8 @@ def wrong_by_a_half(hypotheses: WindowHypotheses) -> float:
     was left out.
     """
     best, priors = hypotheses.motions[0], hypotheses.priors
-    used = np.flatnonzero(best.fit.explains)
+    # The scene around a body may be what the best motion explains in part. Wrong matches are farther from it.
+    used = np.flatnonzero(best.fit.explains | best.fit.near_misses)
     if len(used) < LEAST_TRACKS:
         return 0.0
     places = places_of(best.fit)

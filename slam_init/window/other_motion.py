@@ -22,7 +22,6 @@ from slam_init.window.equations import explained_at_most
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import costs_off_plane
 from slam_init.window.levels import (
-    FLOOR,
     LARGEST_VOTE,
     LEAST_TRACKS,
     RARER_BY_SHARE,
@@ -31,6 +30,7 @@ from slam_init.window.levels import (
 )
 from slam_init.window.locating import locate_views
 from slam_init.window.motion import FittedMotion, Motion, farthest_deg, fit_motion
+from slam_init.window.tracks import WindowTracks
 from slam_init.window.uncertainty import places_of
 
 
@@ -48,91 +48,124 @@ def explained_tracks(hypotheses: WindowHypotheses) -> Bools:
 class OtherMotion:
     """A rigid motion of tracks that the best motion does not explain."""
 
-    #: That the camera moves relative to these tracks; 0 where they are few, or have no rigid motion in the pair.
+    #: That the camera moves relative to these tracks; 0 where they are few, or have no rigid motion in a pair.
     probability: float = 0.0
     #: (M,) The tracks that have this motion; empty where there is none.
     track_ids: Ints = field(default_factory=lambda: np.zeros(0, int))
-    #: ``cam2_from_cam1`` of the pair, if these tracks are at rest.
-    pose: Pose = field(default_factory=Pose.identity)
     #: Through all views that these tracks locate; None where it was not fitted.
     motion: Motion | None = None
 
 
-def other_motion(hypotheses: WindowHypotheses) -> OtherMotion:
-    """Find a rigid motion of the tracks that the best motion does not explain."""
-    tracks, explained = hypotheses.tracks, explained_tracks(hypotheses)
-    rest = (tracks.anchor >= 0) & ~explained
-    if rest.sum() < LEAST_TRACKS or _odds(hypotheses, explained.sum(), rest.sum()) < FLOOR:
+def other_motion(
+    hypotheses: WindowHypotheses, rotation_sigma_deg: float = 0.0, direction_sigma_deg: float = 0.0
+) -> OtherMotion:
+    """Find a rigid motion of the tracks that the best motion does not explain.
+
+    * ``rotation_sigma_deg, direction_sigma_deg``: Standard deviations of the best motion.
+    """
+    rest = (hypotheses.tracks.anchor >= 0) & ~explained_tracks(hypotheses)
+    if rest.sum() < LEAST_TRACKS:
         return OtherMotion()
-    found = _proposed(hypotheses, rest)
-    # The pair may not tell the motion again that was found in the window before.
-    before = _carried(hypotheses, rest)
+    search = _Search(
+        hypotheses,
+        rest,
+        WRONG_ROTATION_DEG - GATE_SIGMAS * rotation_sigma_deg,
+        WRONG_DIRECTION_DEG - GATE_SIGMAS * direction_sigma_deg,
+    )
+    found = _proposed(search)
+    # The views may not tell the motion again that was found in the window before.
+    before = _carried(search)
     return found if before is None or before.probability <= found.probability else before
 
 
-def _carried(hypotheses: WindowHypotheses, rest: Bools) -> OtherMotion | None:
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """A search for another motion, and what it is weighed by."""
+
+    hypotheses: WindowHypotheses
+    #: (T,) The tracks that the best motion does not explain.
+    rest: Bools
+    #: Angles to the best motion. Where the other motion is nearer, a map by the best one is right.
+    same_rotation_deg: float
+    same_direction_deg: float
+
+
+def _carried(search: _Search) -> OtherMotion | None:
     """The motion that was found in the window before, located in this one; None without one."""
-    tracks, before = hypotheses.tracks, hypotheses.other_before
+    tracks, before = search.hypotheses.tracks, search.hypotheses.other_before
     if before is None or before.points is None:
         return None
     followed = before.points.track_ids[before.points.explained]
-    moving = np.flatnonzero(rest & np.isin(tracks.track_ids, followed))
+    moving = np.flatnonzero(search.rest & np.isin(tracks.track_ids, followed))
     if len(moving) < LEAST_TRACKS:
         return None
-    bearings, rotations = bearings_of_best(hypotheses)[:, moving], hypotheses.rotation_only.state.R
-    # A body may hide them in the newest view.
-    located = locate_views(tracks.of_tracks(moving), before, bearings, rotations, current=False)
-    if located is None:
-        return None
-    return _weighed(hypotheses, fit_motion(tracks.of_tracks(moving), located, hypotheses.priors), rest)
+    fitted = _fitted_to(search.hypotheses, before, moving)
+    return None if fitted is None else _weighed(search, fitted)
 
 
-def _proposed(hypotheses: WindowHypotheses, rest: Bools) -> OtherMotion:
-    """The motion of the tracks that the best motion does not explain, by the pair.
-
-    Shapes: ``rest`` (T,).
-    """
-    tracks, rays = hypotheses.tracks, bearings_of_best(hypotheses)[:2]
-    rest = rest & np.isfinite(rays).all(axis=(0, 2))
-    if rest.sum() < LEAST_TRACKS:
+def _proposed(search: _Search) -> OtherMotion:
+    """The motion of the tracks that the best motion does not explain, by the pair of views that shows most of it."""
+    hypotheses, tracks = search.hypotheses, search.hypotheses.tracks
+    rays = bearings_of_best(hypotheses)
+    pair = _telling_pair(tracks, search.rest & np.isfinite(rays).all(axis=2))
+    if pair is None:
         return OtherMotion()
+    first, second = pair
+    both = search.rest & np.isfinite(rays[list(pair)]).all(axis=(0, 2))
     threshold_rad = GATE_SIGMAS * tracks.noise_px / tracks.camera.focal_px
-    pose = estimate_relative_pose(rays[0, rest], rays[1, rest], threshold_rad=threshold_rad)
+    pose = estimate_relative_pose(rays[first, both], rays[second, both], threshold_rad=threshold_rad)
     if not isinstance(pose, RelativePose):
         return OtherMotion()
-    others = tracks.track_ids[np.flatnonzero(rest)[pose.inliers]]
-    if len(others) < LEAST_TRACKS:
-        return OtherMotion(0.0, others, Pose(pose.R, pose.t))
+    moving = np.flatnonzero(both)[pose.inliers]
     # Tracks of one plane have two motions in a pair.
     proposed: list[Hypothesis | RelativePose] = [pose, *pose.alternatives]
-    starts = [OtherMotion(0.0, others, Pose(one.R, one.t)) for one in proposed]
-    fits = [(start, fit_other_motion(hypotheses, start)) for start in starts]
-    weighed = [start if fitted is None else _weighed(hypotheses, fitted, rest) for start, fitted in fits]
-    return max(weighed, key=lambda other: other.probability)
+    lens = replace(hypotheses.motions[0].motion, plane=None, points=None)
+    best = OtherMotion(0.0, tracks.track_ids[moving])
+    for one in (one for one in proposed if np.any(one.t)):
+        poses = {tracks.frames[first]: Pose.identity(), tracks.frames[second]: Pose(one.R, one.t)}
+        fitted = _fitted_to(hypotheses, replace(lens, cam_from_world=poses), moving)
+        weighed = OtherMotion() if fitted is None else _weighed(search, fitted)
+        best = weighed if weighed.probability > best.probability else best
+    return best
 
 
-def _weighed(hypotheses: WindowHypotheses, fitted: FittedMotion, rest: Bools) -> OtherMotion:
-    """A motion with all tracks that follow it, and the probability that it is that of the camera.
+def _telling_pair(tracks: WindowTracks, seen: Bools) -> tuple[int, int] | None:
+    """The two views whose common tracks tell most of their motion; None where no two have enough of them.
 
-    * ``rest``: (T,) The tracks that the best motion does not explain. The motion is fitted to some of them.
+    What tracks tell grows with their number and with the square of the baseline, which grows with the time between two
+    views.
+
+    Shapes: ``seen`` (V, T).
     """
-    tracks = hypotheses.tracks
-    more = np.flatnonzero(rest | (_votes(hypotheses, fitted) < 0))
+    common = seen.astype(int) @ seen.T.astype(int)
+    frames = np.array(tracks.frames)
+    apart = np.abs(frames[:, None] - frames[None])
+    told = np.where(common >= LEAST_TRACKS, common * apart**2, 0)
+    first, second = np.unravel_index(int(np.argmax(told)), told.shape)
+    return (int(first), int(second)) if told[first, second] else None
+
+
+def _fitted_to(hypotheses: WindowHypotheses, start: Motion, moving: Ints) -> FittedMotion | None:
+    """A motion in the views that some tracks locate, fitted to these; None where they do not locate the reference."""
+    tracks = hypotheses.tracks.of_tracks(moving)
+    bearings, rotations = bearings_of_best(hypotheses)[:, moving], hypotheses.rotation_only.state.R
+    # A body may hide them in the newest view.
+    located = locate_views(tracks, start, bearings, rotations, current=False)
+    return None if located is None else fit_motion(tracks, located, hypotheses.priors)
+
+
+def _weighed(search: _Search, fitted: FittedMotion) -> OtherMotion:
+    """A motion of some of the tracks, with all tracks that follow it, and the probability that it is the camera's."""
+    hypotheses, tracks = search.hypotheses, search.hypotheses.tracks
+    more = np.flatnonzero(search.rest | (_votes(hypotheses, fitted) < 0))
     fitted = fit_motion(tracks.of_tracks(more), fitted.motion, hypotheses.priors)
     votes = _votes(hypotheses, fitted)
     others = tracks.track_ids[votes < -LARGEST_VOTE]
     # A motion that explains all tracks is a rival, and shows no body.
-    shows_body = np.count_nonzero(votes > LARGEST_VOTE) >= LEAST_TRACKS
-    shows_body &= not _agree(hypotheses.motions[0].motion, fitted.motion)
-    probability = _probability(hypotheses, votes) if shows_body else 0.0
-    pose = fitted.cam2_from_cam1 if fitted.rows[1] == 1 else Pose.identity()
-    return OtherMotion(probability, others, pose, fitted.motion)
-
-
-def _agree(best: Motion, other: Motion) -> bool:
-    """Whether a map by one of two motions is right where that by the other one is, in all views that both know."""
-    rotation_deg, direction_deg = farthest_deg(best, other)
-    return rotation_deg < WRONG_ROTATION_DEG and direction_deg < WRONG_DIRECTION_DEG
+    shows_body = min(len(others), np.count_nonzero(votes > LARGEST_VOTE)) >= LEAST_TRACKS
+    rotation_deg, direction_deg = farthest_deg(hypotheses.motions[0].motion, fitted.motion)
+    shows_body &= rotation_deg >= search.same_rotation_deg or direction_deg >= search.same_direction_deg
+    return OtherMotion(_probability(hypotheses, votes) if shows_body else 0.0, others, fitted.motion)
 
 
 def _votes(hypotheses: WindowHypotheses, other: FittedMotion) -> Floats:
@@ -166,19 +199,12 @@ def _odds(hypotheses: WindowHypotheses, of_best: int, of_other: int) -> float:
 
 
 def fit_other_motion(hypotheses: WindowHypotheses, other: OtherMotion) -> FittedMotion | None:
-    """The motion of the camera if the other tracks are at rest, fitted to these in the views that they locate.
-
-    * Returns: None where it does not locate the pair, or where the camera only rotates then.
-    """
-    if not other.pose.t.any():
+    """The motion of the camera if the other tracks are at rest; None where these do not locate the pair."""
+    frames = hypotheses.tracks.frames
+    if other.motion is None or frames[1] not in other.motion.cam_from_world:
         return None
-    tracks, best = hypotheses.tracks, hypotheses.motions[0].motion
-    moving = np.flatnonzero(np.isin(tracks.track_ids, other.track_ids))
-    pair = {tracks.frames[0]: Pose.identity(), tracks.frames[1]: other.pose}
-    start = replace(best, cam_from_world=pair, plane=None, points=None)
-    bearings, rotations = bearings_of_best(hypotheses)[:, moving], hypotheses.rotation_only.state.R
-    located = locate_views(tracks.of_tracks(moving), start, bearings, rotations)
-    return None if located is None else fit_motion(tracks.of_tracks(moving), located, hypotheses.priors)
+    moving = np.flatnonzero(np.isin(hypotheses.tracks.track_ids, other.track_ids))
+    return _fitted_to(hypotheses, other.motion, moving)
 
 
 def bearings_of_best(hypotheses: WindowHypotheses) -> Floats:

@@ -227,7 +227,7 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
     rotation = max(rotation, 0.0 if hypotheses.planar else bodies_probability(hypotheses, ON_BODIES))
     # A window that has no map without the terms of rivals and bodies is not worth their fits.
     refused = rotation > UNDECIDED or direction > UNDECIDED
-    other = OtherMotion() if refused else other_motion(hypotheses)
+    other = OtherMotion() if refused else other_motion(hypotheses, rotation_deg, direction_deg)
     left = max_risk - total_of(direction, 0.0, rotation, other.probability)
     rival, nearest = rival_term(hypotheses, expanded, direction_deg, most=-1.0 if refused else min(left, UNDECIDED))
     total = total_of(direction, rival, rotation, other.probability)

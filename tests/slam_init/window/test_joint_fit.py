@@ -209,6 +209,13 @@ def test_relief_leaves_the_plane_and_the_rest_stays(seed):
     np.testing.assert_allclose(costs[off], fit.track_costs[off] - OFF_PLANE_COST, atol=0.5)
 
 
+def test_distances_of_their_own_lower_no_cost_where_there_is_no_plane():
+    window = make_window("room", 0, 5, 80, noise_px=0.5, baseline=0.3)
+    fit = fit_window(window.tracks, window.start(0, None, 0.0), PRIORS)
+    costs = costs_off_plane(window.tracks, fit, PRIORS)
+    np.testing.assert_allclose(costs, fit.track_costs, atol=0.5)
+
+
 def test_distances_of_their_own_lower_the_cost_of_tracks_on_a_plane_by_about_one_each():
     gains: list[float] = []
     for seed in range(8):

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from make_window import PRIORS, hypotheses_of, pair_and_further, point_source
 
-from slam_init.types.pose import Pose
-from slam_init.window.other_motion import OtherMotion, explained_tracks, fit_other_motion, other_motion
+from slam_init.window.levels import FLOOR
+from slam_init.window.motion import farthest_deg
+from slam_init.window.other_motion import OtherMotion, _telling_pair, explained_tracks, fit_other_motion, other_motion
 from slam_init.window.risk import risk_of
 
 
@@ -46,7 +47,33 @@ def test_a_small_body_is_no_rival():
         assert explained_tracks(found).mean() > 0.75
 
 
-def test_other_tracks_under_which_the_camera_only_rotates_make_no_map():
+def test_other_tracks_that_do_not_locate_the_pair_make_no_map():
     found = hypotheses(0, moving=0.45, bodies=1, body_turn_deg_s=30, outliers=0.05)
-    turning = OtherMotion(0.5, found.tracks.track_ids[::2], Pose(found.motions[0].cam2_from_cam1.R, np.zeros(3)))
-    assert fit_other_motion(found, turning) is None
+    assert fit_other_motion(found, OtherMotion(0.5, found.tracks.track_ids[::2])) is None
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3])
+def test_two_views_show_a_body_that_holds_nearly_half_of_the_tracks(seed):
+    found = hypotheses(seed, views=2, moving=0.45, bodies=1, body_turn_deg_s=30)
+    assert other_motion(found).probability > FLOOR
+
+
+def test_other_tracks_are_looked_at_in_the_two_views_that_see_most_of_them_farthest_apart():
+    tracks = hypotheses(0).tracks
+    seen = np.zeros((6, len(tracks.track_ids)), bool)
+    seen[[0, 2, 5], :40] = True
+    in_time = sorted((0, 2, 5), key=lambda row: tracks.frames[row])
+    assert {*_telling_pair(tracks, seen)} == {in_time[0], in_time[-1]}
+    seen[in_time[-1], 10:] = False
+    assert {*_telling_pair(tracks, seen)} == {*in_time[:2]}
+    seen[:, 10:] = False
+    assert _telling_pair(tracks, seen) is None
+
+
+def test_a_motion_within_the_deviations_of_the_best_one_may_contradict_its_map():
+    found = hypotheses(1, views=10, moving=0.45, bodies=1, body_turn_deg_s=30, outliers=0.05)
+    certain = other_motion(found)
+    rotation_deg, direction_deg = farthest_deg(found.motions[0].motion, certain.motion)
+    assert certain.probability == other_motion(found, 1.0, 4.0).probability > 0
+    # As if the best motion were known so well that a map by it is right in spite of the other one.
+    assert other_motion(found, -rotation_deg, -direction_deg).probability == 0
