@@ -162,7 +162,7 @@ def _weighed(search: _Search, fitted: FittedMotion) -> OtherMotion:
     votes = _votes(hypotheses, fitted)
     others = tracks.track_ids[votes < -LARGEST_VOTE]
     # A motion that explains all tracks is a rival, and shows no body.
-    shows_body = min(len(others), np.count_nonzero(votes > LARGEST_VOTE)) >= LEAST_TRACKS
+    shows_body = min(len(others), int(np.count_nonzero(votes > LARGEST_VOTE))) >= LEAST_TRACKS
     rotation_deg, direction_deg = farthest_deg(hypotheses.motions[0].motion, fitted.motion)
     shows_body &= rotation_deg >= search.same_rotation_deg or direction_deg >= search.same_direction_deg
     return OtherMotion(_probability(hypotheses, votes) if shows_body else 0.0, others, fitted.motion)
