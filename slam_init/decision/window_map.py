@@ -14,6 +14,7 @@ from slam_init.bundle.problem import BundleFailure, BundleSolution, PosePrior
 from slam_init.config import Config
 from slam_init.decision.judged_window import JudgedWindow
 from slam_init.frontend.rolling_shutter import RollingShutter
+from slam_init.frontend.static_tracks import without
 from slam_init.frontend.tracks import History
 from slam_init.mapping.candidate import map_of_poses
 from slam_init.mapping.map_building import MapWithViews, map_with_views
@@ -24,7 +25,6 @@ from slam_init.types.reasons import Verdict
 from slam_init.types.result import ProvisionalMap
 from slam_init.window.levels import EVEN_ODDS, RISK_OF_A_VIEW
 from slam_init.window.motion import FittedMotion, difference_deg
-from slam_init.window.other_motion import fit_other_motion
 from slam_init.window.risk import WindowRisk
 
 #: Poses that are held have a prior with this share of their deviations, which moves them by a hundredth of what the
@@ -62,8 +62,8 @@ class WindowMaps:
         if reason == Verdict.AMBIGUOUS_PLANE:
             motions = list(hypotheses.motions[:2])
         elif reason == Verdict.MOVING_BODIES and self._window.risk.other.probability:
-            other = fit_other_motion(hypotheses, self._window.risk.other)
-            motions = [] if other is None else [hypotheses.motions[0], other]
+            other = self._window.risk.other.fitted
+            motions = [hypotheses.motions[0], other] if other is not None and other.rows[1] == 1 else []
         both = [self._adjusted(motion)[0] for motion in motions]
         maps = tuple(self.built(one).map for one in both if isinstance(one, BundleSolution))
         return maps if len(maps) == 2 else ()
@@ -156,10 +156,17 @@ class WindowMaps:
     def _adjusted(
         self, motion: FittedMotion, frames: Sequence[int] | None = None, prior: PosePrior | None = None
     ) -> tuple[BundleSolution | BundleFailure, TrackTable]:
-        """The bundle-adjusted map of a fitted motion, on all tracks of the pair and in the given frames."""
+        """The bundle-adjusted map of a fitted motion, in the given frames.
+
+        Its landmarks are tracks of the pair, but for those of a body.
+        """
         pair, lens, threshold_rad = self._window.pair, self._window.lens, self._window.threshold_rad
         views = [self._history[frame] for frame in (motion.frames if frames is None else frames)[2:]]
-        table = table_of(pair.reference, pair.current, views)
+        body = self._window.hypotheses.body
+        at_rest = pair.reference
+        if body is not None and motion is self._window.best:
+            at_rest = without(pair.reference, body.track_ids)
+        table = table_of(at_rest, pair.current, views)
         if self._readout_s:
             table = replace(table, pixels=np.array([lens.camera.project(bearings) for bearings in table.bearings]))
         poses, state = motion.motion.cam_from_world, motion.fit.state

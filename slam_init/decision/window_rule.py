@@ -53,6 +53,7 @@ from slam_init.window.levels import EVEN_ODDS, FLOOR, UNDECIDED, WRONG_DIRECTION
 from slam_init.window.live import LiveHypotheses
 from slam_init.window.risk import WindowRisk, risk_of
 from slam_init.window.tracks import MAX_VIEWS
+from slam_init.window.two_motions import BodySearch
 
 #: Frames that are not judged where the last window, of so many views or more, left this standard deviation of the
 #: direction (degrees): twice what is wrong. In a steady motion it falls with the power 3/2 of the views, so that ten
@@ -123,6 +124,7 @@ class WindowRule:
         self._score, self._rested, self._frames = 0.0, 0, 0
         # Windows in a row whose risk was small at first, and that the last look left undecided.
         self._in_vain = 0
+        self._bodies = BodySearch()
 
     def renewed(self) -> WindowRule:
         """A rule with the same options that has judged nothing."""
@@ -258,10 +260,12 @@ class WindowRule:
         depths = [history.depths.get(frame) for frame in hypotheses.tracks.frames]
         hypotheses = replace(hypotheses, depths=GivenDepths.of(hypotheses.tracks, depths))
         # What was undecided stays a question in the next window, where the pair may not tell it again.
-        if self._last is not None and self._last.risk.other.probability > FLOOR:
-            hypotheses = replace(hypotheses, other_before=self._last.risk.other.motion)
+        other = None if self._last is None else self._last.risk.other
+        if other is not None and other.fitted is not None and other.probability > FLOOR:
+            hypotheses = replace(hypotheses, other_before=other.fitted.motion)
         max_risk = self._config.acceptance.max_risk
         first = risk_of(hypotheses, max_risk)
+        hypotheses, first = self._bodies.judge(hypotheses, first, max_risk, depths)
         again, risk = confirmed(hypotheses, first, max_risk)
         if risk.total <= max_risk and again.tracks.down_weights.any():
             alone = self._live.without_gravity(again)

@@ -31,7 +31,7 @@ from slam_init.window.equations import explained_at_most
 from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
 from slam_init.window.levels import LARGEST_VOTE, UNDECIDED, WRONG_FOCAL, WRONG_FOCAL_COST
 from slam_init.window.locating import MIN_RESECTED, align_views, locate_views
-from slam_init.window.motion import FittedMotion, Motion, fit_motion, noise_factor_at
+from slam_init.window.motion import FittedMotion, Motion, OtherMotion, fit_motion, noise_factor_at
 from slam_init.window.planarity import is_plane
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracker_errors import gain_of_lasting_errors, gain_of_shared_errors, gain_of_turning_errors
@@ -82,6 +82,8 @@ class WindowHypotheses:
     depths: GivenDepths | None = None
     #: The rigid motion that tracks had beside the best one in the window before; None without one.
     other_before: Motion | None = None
+    #: The body whose tracks are left out (:mod:`slam_init.window.two_motions`); None without one.
+    body: OtherMotion | None = None
 
     def costs_of(self, motion: FittedMotion) -> Floats:
         """The cost of each track in all views; a view that a motion does not locate sees outliers.

@@ -113,10 +113,15 @@ class LiveHypotheses:
             tracks = replace(hypotheses.tracks, down_weights=np.zeros(len(hypotheses.tracks.frames)))
             motions = [fitted.motion for fitted in hypotheses.motions]
             alone = fit_hypotheses(tracks, motions, hypotheses.priors, hypotheses.rotations)
-            return None if alone is None else replace(alone, depths=hypotheses.depths)
+            return None if alone is None else replace(alone, depths=hypotheses.depths, body=hypotheses.body)
 
     def keep(self, hypotheses: WindowHypotheses) -> None:
-        """Go on with the motions of hypotheses, but for those that the tracks vote against."""
+        """Go on with the motions of hypotheses, but for those that the tracks vote against.
+
+        Motions by some of the tracks are proposed anew in each window.
+        """
+        if hypotheses.body is not None:
+            return
         best = hypotheses.motions[0]
         # By their votes, not by their costs: a few tracks on a moving body cost as much as they are far off.
         kept = [

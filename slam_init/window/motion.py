@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from quest.geometry.quaternion import rotation_angle
-from slam_init.types.arrays import Floats
+from slam_init.types.arrays import Floats, Ints
 from slam_init.types.pose import Pose
 from slam_init.window.carried import CarriedPoints
 from slam_init.window.joint_fit import MAX_STEPS, JointFit, fit_window, start_noise_factor
@@ -101,6 +101,18 @@ class FittedMotion:
     def difference_deg(self, other: FittedMotion) -> tuple[float, float]:
         """Angles between the rotations and between the directions of the pair."""
         return difference_deg(self.cam2_from_cam1, other.cam2_from_cam1)
+
+
+@dataclass(frozen=True, eq=False)
+class OtherMotion:
+    """A rigid motion of tracks that the best motion does not explain: that of a body, or of the scene at rest."""
+
+    #: That it is the camera's, and the best motion that of a body; 0 where its tracks are few or show no body.
+    probability: float = 0.0
+    #: (M,) The tracks that have this motion; empty where there is none.
+    track_ids: Ints = dataclasses.field(default_factory=lambda: np.zeros(0, int))
+    #: In all views that these tracks locate; None without one.
+    fitted: FittedMotion | None = None
 
 
 def difference_deg(a: Pose, b: Pose) -> tuple[float, float]:

@@ -10,7 +10,7 @@ which it explains far better than the best one. A motion that was undecided goes
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,7 +29,7 @@ from slam_init.window.levels import (
     WRONG_ROTATION_DEG,
 )
 from slam_init.window.locating import locate_views
-from slam_init.window.motion import FittedMotion, Motion, farthest_deg, fit_motion
+from slam_init.window.motion import FittedMotion, Motion, OtherMotion, farthest_deg, fit_motion
 from slam_init.window.tracks import WindowTracks
 from slam_init.window.uncertainty import places_of
 
@@ -42,18 +42,6 @@ def explained_tracks(hypotheses: WindowHypotheses) -> Bools:
     costs = hypotheses.costs_of(hypotheses.motions[0])
     explained = costs <= explained_at_most(np.maximum(2 * hypotheses.tracks.seen.sum(axis=0) - 3, 0))
     return np.asarray(explained & (hypotheses.tracks.anchor >= 0))
-
-
-@dataclass(frozen=True, eq=False)
-class OtherMotion:
-    """A rigid motion of tracks that the best motion does not explain."""
-
-    #: That the camera moves relative to these tracks; 0 where they are few, or have no rigid motion in a pair.
-    probability: float = 0.0
-    #: (M,) The tracks that have this motion; empty where there is none.
-    track_ids: Ints = field(default_factory=lambda: np.zeros(0, int))
-    #: Through all views that these tracks locate; None where it was not fitted.
-    motion: Motion | None = None
 
 
 def other_motion(
@@ -105,28 +93,42 @@ def _carried(search: _Search) -> OtherMotion | None:
 
 def _proposed(search: _Search) -> OtherMotion:
     """The motion of the tracks that the best motion does not explain, by the pair of views that shows most of it."""
-    hypotheses, tracks = search.hypotheses, search.hypotheses.tracks
-    rays = bearings_of_best(hypotheses)
-    pair = _telling_pair(tracks, search.rest & np.isfinite(rays).all(axis=2))
-    if pair is None:
-        return OtherMotion()
-    first, second = pair
-    both = search.rest & np.isfinite(rays[list(pair)]).all(axis=(0, 2))
+    proposed = propose(search.hypotheses, search.rest)
+    weighed = [] if proposed is None else [_weighed(search, one) for one in proposed.fitted(search.hypotheses)]
+    return max(weighed, key=lambda other: other.probability, default=OtherMotion())
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """The rigid motion of some tracks in two views."""
+
+    pose: RelativePose
+    #: Rows of the two views.
+    rows: tuple[int, int]
+    #: (M,) Indices of the tracks that follow it.
+    tracks: Ints
+
+    def fitted(self, hypotheses: WindowHypotheses) -> list[FittedMotion]:
+        """It and its alternatives (tracks of one plane have two motions), in all views that its tracks locate."""
+        first, second = (hypotheses.tracks.frames[row] for row in self.rows)
+        lens = replace(hypotheses.motions[0].motion, plane=None, points=None)
+        proposed: list[Hypothesis | RelativePose] = [self.pose, *self.pose.alternatives]
+        poses = [{first: Pose.identity(), second: Pose(one.R, one.t)} for one in proposed if np.any(one.t)]
+        fits = [_fitted_to(hypotheses, replace(lens, cam_from_world=one), self.tracks) for one in poses]
+        return [one for one in fits if one is not None]
+
+
+def propose(hypotheses: WindowHypotheses, of: Bools) -> Proposal | None:
+    """The rigid motion of some tracks (T,), by the two views that tell most of it; None without one."""
+    tracks, rays = hypotheses.tracks, bearings_of_best(hypotheses)
+    rows = _telling_pair(tracks, of & np.isfinite(rays).all(axis=2))
+    if rows is None:
+        return None
+    first, second = rows
+    both = of & np.isfinite(rays[list(rows)]).all(axis=(0, 2))
     threshold_rad = GATE_SIGMAS * tracks.noise_px / tracks.camera.focal_px
     pose = estimate_relative_pose(rays[first, both], rays[second, both], threshold_rad=threshold_rad)
-    if not isinstance(pose, RelativePose):
-        return OtherMotion()
-    moving = np.flatnonzero(both)[pose.inliers]
-    # Tracks of one plane have two motions in a pair.
-    proposed: list[Hypothesis | RelativePose] = [pose, *pose.alternatives]
-    lens = replace(hypotheses.motions[0].motion, plane=None, points=None)
-    best = OtherMotion(0.0, tracks.track_ids[moving])
-    for one in (one for one in proposed if np.any(one.t)):
-        poses = {tracks.frames[first]: Pose.identity(), tracks.frames[second]: Pose(one.R, one.t)}
-        fitted = _fitted_to(hypotheses, replace(lens, cam_from_world=poses), moving)
-        weighed = OtherMotion() if fitted is None else _weighed(search, fitted)
-        best = weighed if weighed.probability > best.probability else best
-    return best
+    return Proposal(pose, rows, np.flatnonzero(both)[pose.inliers]) if isinstance(pose, RelativePose) else None
 
 
 def _telling_pair(tracks: WindowTracks, seen: Bools) -> tuple[int, int] | None:
@@ -165,19 +167,22 @@ def _weighed(search: _Search, fitted: FittedMotion) -> OtherMotion:
     shows_body = min(len(others), int(np.count_nonzero(votes > LARGEST_VOTE))) >= LEAST_TRACKS
     rotation_deg, direction_deg = farthest_deg(hypotheses.motions[0].motion, fitted.motion)
     shows_body &= rotation_deg >= search.same_rotation_deg or direction_deg >= search.same_direction_deg
-    return OtherMotion(_probability(hypotheses, votes) if shows_body else 0.0, others, fitted.motion)
+    return OtherMotion(_probability(hypotheses, votes) if shows_body else 0.0, others, fitted)
 
 
 def _votes(hypotheses: WindowHypotheses, other: FittedMotion) -> Floats:
     """The votes (T,) of the tracks for the best motion, against another one at its poses; 0 where neither explains."""
-    tracks = hypotheses.tracks
-    everywhere = fit_motion(tracks, other.motion, hypotheses.priors, max_steps=0)
-    costs = costs_off_plane(everywhere.tracks, everywhere.fit, hypotheses.priors)
-    rival = replace(everywhere, fit=replace(everywhere.fit, track_costs=costs))
+    tracks, of_best = hypotheses.tracks, hypotheses.costs_of(hypotheses.motions[0])
     bound = explained_at_most(np.maximum(2 * tracks.seen.sum(axis=0) - 3, 0))
-    of_best, of_rival = (hypotheses.costs_of(one) for one in (hypotheses.motions[0], rival))
-    votes = np.minimum(of_rival, bound) - np.minimum(of_best, bound)
+    votes = np.minimum(costs_at(hypotheses, other.motion), bound) - np.minimum(of_best, bound)
     return np.where(tracks.anchor >= 0, votes, 0.0)
+
+
+def costs_at(hypotheses: WindowHypotheses, motion: Motion) -> Floats:
+    """The cost (T,) of each track in all views at the poses of a motion, each with a distance of its own."""
+    everywhere = fit_motion(hypotheses.tracks, motion, hypotheses.priors, max_steps=0)
+    costs = costs_off_plane(everywhere.tracks, everywhere.fit, hypotheses.priors)
+    return hypotheses.costs_of(replace(everywhere, fit=replace(everywhere.fit, track_costs=costs)))
 
 
 def _probability(hypotheses: WindowHypotheses, votes: Floats) -> float:
@@ -186,25 +191,16 @@ def _probability(hypotheses: WindowHypotheses, votes: Floats) -> float:
     Bodies on the ground at any distance have areas in the image whose density falls with the square of the area.
     """
     of_other = votes < -LARGEST_VOTE
-    of_best = explained_tracks(hypotheses) & ~of_other
-    places = places_of(hypotheses.motions[0].fit)
-    smaller = min(_extent(places[of_other]) / max(_extent(places[of_best]), 1e-300), 1.0)
-    odds = _odds(hypotheses, of_best.sum(), of_other.sum()) * smaller**2
+    odds = odds_of_body(hypotheses, explained_tracks(hypotheses) & ~of_other, of_other)
     return odds / (1 + odds)
 
 
-def _odds(hypotheses: WindowHypotheses, of_best: int, of_other: int) -> float:
-    """Odds that the best motion is that of a body, by the numbers of tracks that follow it and the other motion."""
-    return math.exp(-RARER_BY_SHARE * float(of_best - of_other) / float((hypotheses.tracks.anchor >= 0).sum()))
-
-
-def fit_other_motion(hypotheses: WindowHypotheses, other: OtherMotion) -> FittedMotion | None:
-    """The motion of the camera if the other tracks are at rest; None where these do not locate the pair."""
-    frames = hypotheses.tracks.frames
-    if other.motion is None or frames[1] not in other.motion.cam_from_world:
-        return None
-    moving = np.flatnonzero(np.isin(hypotheses.tracks.track_ids, other.track_ids))
-    return _fitted_to(hypotheses, other.motion, moving)
+def odds_of_body(hypotheses: WindowHypotheses, of_best: Bools, of_other: Bools) -> float:
+    """Odds that a motion is that of a body, by the tracks (T,) that follow it and those that follow another motion."""
+    places = places_of(hypotheses.motions[0].fit)
+    smaller = min(_extent(places[of_other]) / max(_extent(places[of_best]), 1e-300), 1.0)
+    more = float(of_best.sum() - of_other.sum()) / float((hypotheses.tracks.anchor >= 0).sum())
+    return math.exp(-RARER_BY_SHARE * more) * smaller**2
 
 
 def bearings_of_best(hypotheses: WindowHypotheses) -> Floats:

@@ -49,9 +49,9 @@ from slam_init.window.levels import (
     WRONG_DIRECTION_DEG,
     WRONG_ROTATION_DEG,
 )
-from slam_init.window.motion import FittedMotion
+from slam_init.window.motion import FittedMotion, OtherMotion
 from slam_init.window.neighbours import agreement_of_neighbours, variance_by_neighbours
-from slam_init.window.other_motion import OtherMotion, explained_tracks, other_motion
+from slam_init.window.other_motion import explained_tracks, other_motion
 from slam_init.window.rival import rival_term
 from slam_init.window.rotation_term import (
     keeps_errors,
@@ -228,6 +228,8 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
     # A window that has no map without the terms of rivals and bodies is not worth their fits.
     refused = rotation > UNDECIDED or direction > UNDECIDED
     other = OtherMotion() if refused else other_motion(hypotheses, rotation_deg, direction_deg)
+    if hypotheses.body is not None and hypotheses.body.probability >= other.probability:
+        other = hypotheses.body
     left = max_risk - total_of(direction, 0.0, rotation, other.probability)
     rival, nearest = rival_term(hypotheses, expanded, direction_deg, most=-1.0 if refused else min(left, UNDECIDED))
     total = total_of(direction, rival, rotation, other.probability)

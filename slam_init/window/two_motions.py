@@ -1,0 +1,135 @@
+"""The tracks of a window taken apart by two rigid motions: that of the scene at rest, and that of a body.
+
+A body that holds many tracks pulls the joint fit to a motion that explains scene and body in part, with poses and a
+lens that are both wrong. No robust cost helps, since that motion costs less than the right one, which leaves all tracks
+of the body unexplained. But two motions cost far less than one. So where a window is refused, its tracks are taken
+apart: quest proposes a motion of all tracks and another one of the rest, then each track follows the motion at which it
+costs less, in turn. Which of the two motions is the camera's is told by the odds of
+:mod:`~slam_init.window.other_motion`. The window is fitted anew to the tracks of the camera, and judged by these.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from quest.noise import GATE_SIGMAS
+from slam_init.system.linear_algebra import single_threaded
+from slam_init.types.arrays import Bools, Floats
+from slam_init.types.depth import TrackDepths
+from slam_init.window.depth_evidence import GivenDepths
+from slam_init.window.equations import explained_at_most
+from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses
+from slam_init.window.levels import CHANCE_GAIN, LARGEST_VOTE, LEAST_TRACKS, UNDECIDED
+from slam_init.window.motion import FittedMotion, OtherMotion, fit_motion
+from slam_init.window.other_motion import Proposal, costs_at, odds_of_body, propose
+from slam_init.window.risk import WindowRisk, risk_of
+
+#: How often each track follows the motion at which it costs less.
+_ROUNDS = 3
+#: Windows that are not searched after a search in vain.
+_REST = 2
+
+
+class BodySearch:
+    """Looks for a body in windows that are refused; less often, as long as none decides."""
+
+    def __init__(self) -> None:
+        self._rest = 0
+
+    def judge(
+        self, hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float, depths: Sequence[TrackDepths | None]
+    ) -> tuple[WindowHypotheses, WindowRisk]:
+        """The hypotheses by the tracks of the camera alone, and their risk, where these decide; else what was given.
+
+        They decide where the risk is small without the body, or where only the body keeps it large.
+
+        * ``depths``: Of the views of the window.
+        """
+        decided = risk.total <= max_risk or risk.other.probability > max_risk or risk.rotation > UNDECIDED
+        if decided or self._rest > 0:
+            self._rest -= not decided
+            return hypotheses, risk
+        apart = without_body(hypotheses)
+        if apart is not None and apart.body is not None:
+            apart = replace(apart, depths=GivenDepths.of(apart.tracks, depths))
+            of_camera = risk_of(apart, max_risk)
+            only_body = of_camera.other.probability > max_risk and of_camera.total < risk.total
+            if only_body or of_camera.total <= max_risk:
+                return apart, of_camera
+        self._rest = _REST
+        return hypotheses, risk
+
+
+def without_body(hypotheses: WindowHypotheses) -> WindowHypotheses | None:
+    """The hypotheses by the tracks of the camera alone, with the motion of the body; None where no body shows."""
+    with single_threaded():
+        return _without_body(hypotheses)
+
+
+def _without_body(hypotheses: WindowHypotheses) -> WindowHypotheses | None:
+    tracks = hypotheses.tracks
+    used = tracks.anchor >= 0
+    first = propose(hypotheses, used)
+    if first is None:
+        return None
+    bound = explained_at_most(np.maximum(2 * tracks.seen.sum(axis=0) - 3, 0))
+    camera = _cheapest(hypotheses, first, bound)
+    if camera is None:
+        return None
+    costs = costs_at(hypotheses, camera.motion)
+    camera = _fitted_to(hypotheses, camera, used & (costs <= bound))
+    costs = costs_at(hypotheses, camera.motion)
+    second = propose(hypotheses, used & (costs > bound))
+    if second is None or len(second.tracks) < LEAST_TRACKS:
+        return None
+    body = _cheapest(hypotheses, second, bound)
+    if body is None:
+        return None
+    of_body = costs_at(hypotheses, body.motion)
+    for _ in range(_ROUNDS):
+        moving = used & (of_body < costs)
+        if min(moving.sum(), (used & ~moving).sum()) < LEAST_TRACKS:
+            return None
+        camera, body = _fitted_to(hypotheses, camera, used & ~moving), _fitted_to(hypotheses, body, moving)
+        costs, of_body = costs_at(hypotheses, camera.motion), costs_at(hypotheses, body.motion)
+    if not _gains_beyond_chance(hypotheses, np.minimum(costs, of_body), bound):
+        return None
+    votes = np.where(used, np.minimum(of_body, bound) - np.minimum(costs, bound), 0.0)
+    moving, at_rest = votes < -LARGEST_VOTE, votes > LARGEST_VOTE
+    if min(moving.sum(), at_rest.sum()) < LEAST_TRACKS:
+        return None
+    if odds_of_body(hypotheses, at_rest, moving) > 1:
+        camera, body, moving, at_rest = body, camera, at_rest, moving
+    odds = odds_of_body(hypotheses, at_rest, moving)
+    again = propose(hypotheses, used & ~moving)
+    starts = [] if again is None else [fitted.motion for fitted in again.fitted(hypotheses)]
+    part = tracks.of_tracks(np.flatnonzero(~moving))
+    found = fit_hypotheses(part, [camera.motion, *starts], hypotheses.priors)
+    other = OtherMotion(odds / (1 + odds), tracks.track_ids[moving], body)
+    return None if found is None else replace(found, body=other)
+
+
+def _gains_beyond_chance(hypotheses: WindowHypotheses, costs: Floats, bound: Floats) -> bool:
+    """Whether two motions with these costs (T,) explain the tracks better than the best motion does, beyond chance.
+
+    By chance the unknowns of the second motion gain, and each track by its choice between the two.
+    """
+    best, used = hypotheses.motions[0], hypotheses.tracks.anchor >= 0
+    gain = (np.minimum(hypotheses.costs_of(best), bound) - np.minimum(costs, bound))[used].sum() / best.fit.dispersion
+    freedom = 6 * (len(best.rows) - 1) - 1 + CHANCE_GAIN * int(used.sum())
+    return bool(gain > freedom + GATE_SIGMAS * math.sqrt(2 * freedom))
+
+
+def _cheapest(hypotheses: WindowHypotheses, proposal: Proposal, bound: Floats) -> FittedMotion | None:
+    """The motion of a proposal at which its tracks cost least; None where they locate no view."""
+    found = proposal.fitted(hypotheses)
+    costs = [float(np.minimum(costs_at(hypotheses, one.motion), bound)[proposal.tracks].sum()) for one in found]
+    return found[int(np.argmin(costs))] if found else None
+
+
+def _fitted_to(hypotheses: WindowHypotheses, one: FittedMotion, of: Bools) -> FittedMotion:
+    return fit_motion(hypotheses.tracks.of_tracks(np.flatnonzero(of)), one.motion, hypotheses.priors)
