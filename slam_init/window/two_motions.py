@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -67,50 +68,59 @@ class BodySearch:
 def without_body(hypotheses: WindowHypotheses) -> WindowHypotheses | None:
     """The hypotheses by the tracks of the camera alone, with the motion of the body; None where no body shows."""
     with single_threaded():
-        return _without_body(hypotheses)
+        apart = _taken_apart(hypotheses)
+        if apart is None:
+            return None
+        camera, body, moving, odds = apart
+        part = hypotheses.tracks.of_tracks(np.flatnonzero(~moving))
+        again = propose(hypotheses, (hypotheses.tracks.anchor >= 0) & ~moving)
+        starts = [] if again is None else [fitted.motion for fitted in again.fitted(hypotheses)]
+        found = fit_hypotheses(part, [camera.motion, *starts], hypotheses.priors)
+        other = OtherMotion(odds / (1 + odds), hypotheses.tracks.track_ids[moving], body)
+        return None if found is None else replace(found, body=other)
 
 
-def _without_body(hypotheses: WindowHypotheses) -> WindowHypotheses | None:
+class _Apart(NamedTuple):
+    """Two motions of the tracks of a window."""
+
+    camera: FittedMotion
+    body: FittedMotion
+    #: (T,) The tracks that only the motion of the body explains.
+    moving: Bools
+    #: Odds that the motions are exchanged, at most 1.
+    odds: float
+
+
+def _taken_apart(hypotheses: WindowHypotheses) -> _Apart | None:
+    """The tracks by two motions; None where the tracks have no two, or where one explains them as well."""
     tracks = hypotheses.tracks
     used = tracks.anchor >= 0
-    first = propose(hypotheses, used)
-    if first is None:
-        return None
     bound = explained_at_most(np.maximum(2 * tracks.seen.sum(axis=0) - 3, 0))
-    camera = _cheapest(hypotheses, first, bound)
-    if camera is None:
+    one = _cheapest(hypotheses, propose(hypotheses, used), bound)
+    if one is None:
         return None
-    costs = costs_at(hypotheses, camera.motion)
-    camera = _fitted_to(hypotheses, camera, used & (costs <= bound))
-    costs = costs_at(hypotheses, camera.motion)
+    one = _fitted_to(hypotheses, one, used & (costs_at(hypotheses, one.motion) <= bound))
+    costs = costs_at(hypotheses, one.motion)
     second = propose(hypotheses, used & (costs > bound))
-    if second is None or len(second.tracks) < LEAST_TRACKS:
+    two = None if second is None or len(second.tracks) < LEAST_TRACKS else _cheapest(hypotheses, second, bound)
+    if two is None:
         return None
-    body = _cheapest(hypotheses, second, bound)
-    if body is None:
-        return None
-    of_body = costs_at(hypotheses, body.motion)
+    of_two = costs_at(hypotheses, two.motion)
     for _ in range(_ROUNDS):
-        moving = used & (of_body < costs)
-        if min(moving.sum(), (used & ~moving).sum()) < LEAST_TRACKS:
+        others = used & (of_two < costs)
+        if min(others.sum(), (used & ~others).sum()) < LEAST_TRACKS:
             return None
-        camera, body = _fitted_to(hypotheses, camera, used & ~moving), _fitted_to(hypotheses, body, moving)
-        costs, of_body = costs_at(hypotheses, camera.motion), costs_at(hypotheses, body.motion)
-    if not _gains_beyond_chance(hypotheses, np.minimum(costs, of_body), bound):
+        one, two = _fitted_to(hypotheses, one, used & ~others), _fitted_to(hypotheses, two, others)
+        costs, of_two = costs_at(hypotheses, one.motion), costs_at(hypotheses, two.motion)
+    votes = np.where(used, np.minimum(of_two, bound) - np.minimum(costs, bound), 0.0)
+    only_one, only_two = votes > LARGEST_VOTE, votes < -LARGEST_VOTE
+    few = min(only_one.sum(), only_two.sum()) < LEAST_TRACKS
+    if few or not _gains_beyond_chance(hypotheses, np.minimum(costs, of_two), bound):
         return None
-    votes = np.where(used, np.minimum(of_body, bound) - np.minimum(costs, bound), 0.0)
-    moving, at_rest = votes < -LARGEST_VOTE, votes > LARGEST_VOTE
-    if min(moving.sum(), at_rest.sum()) < LEAST_TRACKS:
-        return None
-    if odds_of_body(hypotheses, at_rest, moving) > 1:
-        camera, body, moving, at_rest = body, camera, at_rest, moving
-    odds = odds_of_body(hypotheses, at_rest, moving)
-    again = propose(hypotheses, used & ~moving)
-    starts = [] if again is None else [fitted.motion for fitted in again.fitted(hypotheses)]
-    part = tracks.of_tracks(np.flatnonzero(~moving))
-    found = fit_hypotheses(part, [camera.motion, *starts], hypotheses.priors)
-    other = OtherMotion(odds / (1 + odds), tracks.track_ids[moving], body)
-    return None if found is None else replace(found, body=other)
+    odds = odds_of_body(hypotheses, only_one, only_two)
+    if odds > 1:
+        return _Apart(two, one, only_one, odds_of_body(hypotheses, only_two, only_one))
+    return _Apart(one, two, only_two, odds)
 
 
 def _gains_beyond_chance(hypotheses: WindowHypotheses, costs: Floats, bound: Floats) -> bool:
@@ -124,8 +134,10 @@ def _gains_beyond_chance(hypotheses: WindowHypotheses, costs: Floats, bound: Flo
     return bool(gain > freedom + GATE_SIGMAS * math.sqrt(2 * freedom))
 
 
-def _cheapest(hypotheses: WindowHypotheses, proposal: Proposal, bound: Floats) -> FittedMotion | None:
-    """The motion of a proposal at which its tracks cost least; None where they locate no view."""
+def _cheapest(hypotheses: WindowHypotheses, proposal: Proposal | None, bound: Floats) -> FittedMotion | None:
+    """The motion of a proposal at which its tracks cost least; None without one, or where they locate no view."""
+    if proposal is None:
+        return None
     found = proposal.fitted(hypotheses)
     costs = [float(np.minimum(costs_at(hypotheses, one.motion), bound)[proposal.tracks].sum()) for one in found]
     return found[int(np.argmin(costs))] if found else None
