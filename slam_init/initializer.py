@@ -239,8 +239,8 @@ class Initializer:
         with self.intake.alone():
             turn = Turn.checked(rotation, rotation_sigma_rad)
             check_gravity(gravity)
-            depths = self.intake.depths(depth, current)
             current, revised = self.intake.check_tracks(current, revised)
+            depths = self.intake.depths(depth, current)
             return self._step(current, revised, turn, depths, gravity)
 
     def _step(

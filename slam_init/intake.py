@@ -97,9 +97,8 @@ class Intake:
     ) -> Frame:
         """Check an image, its time, its mask, its depth and its gravity, and make a frame of them."""
         self._check_source("images")
-        if self._waits_for_size:
-            self._complete_camera(image)
-        frame = frame_of(image, timestamp_s, self.history.newest + 1, self.history.camera, mask)
+        lens = self._completed_lens(image) if self._waits_for_size else self.history.lens
+        frame = frame_of(image, timestamp_s, self.history.newest + 1, lens.camera, mask)
         if depth is not None:
             frame = replace(frame, depth=depth)
         if gravity is not None:
@@ -108,7 +107,11 @@ class Intake:
         if frame.depth is not None and (not isinstance(frame.depth, Depth) or np.ndim(frame.depth.values) != 2):
             raise SlamInitError("depth of an image: give a Depth whose values have the shape (H, W)")
         own_seconds = timestamp_s is None or isinstance(image, Frame)
-        return self._clock.stamped(frame, in_seconds_by_type=own_seconds)
+        stamped = self._clock.stamped(frame, in_seconds_by_type=own_seconds)
+        # What was refused until here has changed nothing.
+        if self._waits_for_size:
+            self.history.lens, self._waits_for_size = lens, False
+        return stamped
 
     def track(self, frame: Frame) -> Observations:
         """Follow the tracks into a frame."""
@@ -208,13 +211,13 @@ class Intake:
             f"no depth was usable: those of {self._depths_given} frames are NaN, infinite or not positive at tracks",
         )
 
-    def _complete_camera(self, image: Image | Frame) -> None:
-        """Complete the given camera with the size of the first image."""
+    def _completed_lens(self, image: Image | Frame) -> LensInUse:
+        """The lens of the given camera with the size of the first image; what is no image is refused by its frame."""
         pixels = image.image if isinstance(image, Frame) else image
         shape: tuple[int, ...] = getattr(pixels, "shape", ())
-        if len(shape) >= 2 and min(shape[:2]) > 0:  # what is no image is refused next
-            self.history.lens = LensInUse.of(camera_of_size(self._given, (shape[1], shape[0])))
-            self._waits_for_size = False
+        if len(shape) < 2 or min(shape[:2]) <= 0:
+            return self.history.lens
+        return LensInUse.of(camera_of_size(self._given, (shape[1], shape[0])))
 
     def _shutter_notes(self) -> tuple[str, ...]:
         """A note about an estimated readout, for people who know their camera."""

@@ -142,17 +142,17 @@ class History:
         # Frames are counted, because the indices of a subsampled source are far apart.
         for frame in sorted(self._frames)[: -self._limit]:
             if frame not in wanted:
-                del self._frames[frame]
-                self._attitudes.pop(frame, None)
-                self.depths.pop(frame, None)
-                self.gravities.pop(frame, None)
+                self._drop(frame)
 
     def start_at(self, frame: int) -> None:
         """Drop the frames before a frame."""
         for earlier in [f for f in self._frames if f < frame]:
-            del self._frames[earlier]
-            self.depths.pop(earlier, None)
-            self.gravities.pop(earlier, None)
+            self._drop(earlier)
+
+    def _drop(self, frame: int) -> None:
+        del self._frames[frame]
+        for measured in (self._attitudes, self.depths, self.gravities):
+            measured.pop(frame, None)
 
     def between(self, first: int, last: int) -> list[Observations]:
         """List the frames strictly between two frames."""
