@@ -48,7 +48,7 @@ from slam_init.types.result import Attempt, ProvisionalMap
 from slam_init.types.stopwatch import Stopwatch
 from slam_init.window.confirmation import confirmed
 from slam_init.window.depth_evidence import GivenDepths
-from slam_init.window.hypotheses import WindowHypotheses
+from slam_init.window.hypotheses import StayingTracks, WindowHypotheses
 from slam_init.window.levels import EVEN_ODDS, FLOOR, UNDECIDED, WRONG_DIRECTION_DEG
 from slam_init.window.live import LiveHypotheses
 from slam_init.window.risk import WindowRisk, risk_of
@@ -84,6 +84,7 @@ class _Views:
 
     pair: MatchedPair
     further: tuple[Observations, ...]
+    staying: StayingTracks | None = None
 
     @property
     def all(self) -> tuple[Observations, ...]:
@@ -258,7 +259,7 @@ class WindowRule:
         if hypotheses is None:
             return None
         depths = [history.depths.get(frame) for frame in hypotheses.tracks.frames]
-        hypotheses = replace(hypotheses, depths=GivenDepths.of(hypotheses.tracks, depths))
+        hypotheses = replace(hypotheses, depths=GivenDepths.of(hypotheses.tracks, depths), staying=views.staying)
         # What was undecided stays a question in the next window, where the pair may not tell it again.
         other = None if self._last is None else self._last.risk.other
         if other is not None and other.fitted is not None and other.probability > FLOOR:
@@ -322,13 +323,17 @@ class WindowRule:
         pair = match_pair(self._history, preview, current)
         most, known = MAX_VIEWS - 2, self._live.frames
         further = further_views(self._history, pair.reference, current, self._config.map, most, known)
-        static = static_tracks(pair.reference, current, further)
+        static, staying = static_tracks(pair.reference, current, further), None
         if len(static):
-            reference, now = without(pair.reference, static), without(current, static)
-            matches = pair.at(np.flatnonzero(~np.isin(pair.track_ids, static)))
-            pair = replace(matches, reference=reference, current=now)
+            reference, now, stays = (
+                without(pair.reference, static),
+                without(current, static),
+                np.isin(pair.track_ids, static),
+            )
+            staying = StayingTracks(pair.track_ids[stays], pair.rays1[stays], float(stays.mean()))
+            pair = replace(pair.at(np.flatnonzero(~stays)), reference=reference, current=now)
         used = further if self._third_view else []
-        return _Views(pair, tuple(without(view, static) for view in used))
+        return _Views(pair, tuple(without(view, static) for view in used), staying)
 
     def _attempt(self, pair: MatchedPair) -> Attempt:
         none = np.zeros(len(pair.rays1), bool)

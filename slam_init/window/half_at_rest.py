@@ -16,14 +16,13 @@ import numpy as np
 
 from slam_init.types.arrays import Floats, Ints
 from slam_init.window.hypotheses import CERTAIN_SIGMAS, WindowHypotheses
-from slam_init.window.joint_fit import MAX_STEPS, JointFit, fit_window
+from slam_init.window.joint_fit import JointFit
 from slam_init.window.levels import CHANCE_GAIN
-from slam_init.window.locating import align_views
 from slam_init.window.neighbours import far_halves
 from slam_init.window.other_motion import explained_tracks
-from slam_init.window.state import WindowState, start_at
+from slam_init.window.some_tracks import costs_of_rotation, rotation_of
+from slam_init.window.state import WindowState
 from slam_init.window.tails import at_any_look
-from slam_init.window.tracks import WindowTracks
 from slam_init.window.uncertainty import places_of
 
 #: Rounds of a fit and a choice of the half; it ends where the half stays. Steps of a fit that only starts them.
@@ -64,10 +63,10 @@ def _compact_start(
     gains = list[tuple[float, JointFit]]()
     for half in far_halves(places_of(hypotheses.motions[0].fit)[explained]):
         hopeless = float(costs[half].sum()) + min((gain for gain, _ in gains), default=math.inf)
-        fit = _rotation_of(hypotheses, explained[half], lens, max_steps=_START_STEPS, hopeless=hopeless)
+        fit = rotation_of(hypotheses, explained[half], lens, max_steps=_START_STEPS, hopeless=hopeless)
         gains.append((float((fit.track_costs - costs[half]).sum()), fit))
     lowest = min(gains, key=lambda one: one[0])[1]
-    return _smallest(_everywhere(hypotheses, explained, lowest) - costs, count), lowest.state
+    return _smallest(costs_of_rotation(hypotheses, explained, lowest) - costs, count), lowest.state
 
 
 def _smallest(gains: Floats, count: int) -> Ints:
@@ -83,46 +82,10 @@ def _least_gain(
     """
     least = math.inf
     for _ in range(_ROUNDS):
-        fit = _rotation_of(hypotheses, explained[chosen], lens, hopeless=float(costs[chosen].sum()) + certain)
+        fit = rotation_of(hypotheses, explained[chosen], lens, hopeless=float(costs[chosen].sum()) + certain)
         least = min(least, float((fit.track_costs - costs[chosen]).sum()))
-        again = _smallest(_everywhere(hypotheses, explained, fit) - costs, len(chosen))
+        again = _smallest(costs_of_rotation(hypotheses, explained, fit) - costs, len(chosen))
         if np.array_equal(again, chosen):
             break
         chosen, lens = again, fit.state
     return least
-
-
-def _rotation_of(
-    hypotheses: WindowHypotheses,
-    chosen: Ints,
-    lens: WindowState,
-    *,
-    max_steps: int = MAX_STEPS,
-    hopeless: float = math.inf,
-) -> JointFit:
-    """A camera that only rotates, which some tracks alone locate.
-
-    * ``lens``: A state with the lens to start from.
-    """
-    tracks = hypotheses.tracks.of_tracks(chosen)
-    bearings = tracks.bearings(lens.log_scale, lens.readout_s, lens.k1, lens.principal_px)
-    bearings[~tracks.seen] = np.nan
-    R = align_views(bearings, [hypotheses.motions[0].motion], tracks.frames[:2])
-    start = _started(tracks, R, hypotheses.rotation_only.state.t, lens)
-    return fit_window(
-        tracks, start, hypotheses.rotation_priors, rotation_only=True, max_steps=max_steps, hopeless=hopeless
-    )
-
-
-def _everywhere(hypotheses: WindowHypotheses, chosen: Ints, fit: JointFit) -> Floats:
-    """The costs of some tracks in a camera that only rotates, as others have located it."""
-    tracks = hypotheses.tracks.of_tracks(chosen)
-    start = _started(tracks, fit.state.R, fit.state.t, fit.state)
-    return fit_window(tracks, start, hypotheses.rotation_priors, rotation_only=True, max_steps=0).track_costs
-
-
-def _started(tracks: WindowTracks, R: Floats, t: Floats, lens: WindowState) -> WindowState:
-    return start_at(
-        tracks, R, t, log_scale=lens.log_scale, k1=lens.k1, readout_s=lens.readout_s,
-        principal_px=lens.principal_px, at_infinity=True,
-    )  # fmt: skip

@@ -23,7 +23,7 @@ import numpy as np
 
 from quest.estimate import Hypothesis, RelativePose
 from slam_init.mapping.plane import plane_of_motion
-from slam_init.types.arrays import Floats, evenly_spaced
+from slam_init.types.arrays import Floats, Ints, evenly_spaced
 from slam_init.types.lens_in_use import UNKNOWN_K1_SIGMA, UNKNOWN_PRINCIPAL_SIGMA
 from slam_init.types.pose import Pose
 from slam_init.window.depth_evidence import GivenDepths
@@ -59,6 +59,17 @@ _FAR_FACTOR = 1.5
 
 
 @dataclass(frozen=True, eq=False)
+class StayingTracks:
+    """Tracks of a pair that stay at their pixel while the others move."""
+
+    track_ids: Ints
+    #: (S, 3) Their rays in the reference.
+    rays: Floats
+    #: Their share of the matches of the pair.
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
 class WindowHypotheses:
     """The fitted hypotheses of a window."""
 
@@ -82,8 +93,14 @@ class WindowHypotheses:
     depths: GivenDepths | None = None
     #: The rigid motion that tracks had beside the best one in the window before; None without one.
     other_before: Motion | None = None
+    #: The tracks that are left out since they stay at their pixel; None without them.
+    staying: StayingTracks | None = None
     #: The body whose tracks are left out (:mod:`slam_init.window.two_motions`); None without one.
     body: OtherMotion | None = None
+
+    def beside(self, again: WindowHypotheses) -> WindowHypotheses:
+        """Other fits to the same tracks, with what is known of the window beside its tracks."""
+        return replace(again, depths=self.depths, other_before=self.other_before, staying=self.staying, body=self.body)
 
     def costs_of(self, motion: FittedMotion) -> Floats:
         """The cost of each track in all views; a view that a motion does not locate sees outliers.

@@ -29,7 +29,8 @@ from slam_init.window.levels import (
     WRONG_ROTATION_DEG,
 )
 from slam_init.window.locating import locate_views
-from slam_init.window.motion import FittedMotion, Motion, OtherMotion, farthest_deg, fit_motion
+from slam_init.window.motion import FittedMotion, Motion, OtherMotion, difference_deg, farthest_deg, fit_motion
+from slam_init.window.some_tracks import costs_of_rotation, rotation_of
 from slam_init.window.tracks import WindowTracks
 from slam_init.window.uncertainty import places_of
 
@@ -51,19 +52,19 @@ def other_motion(
 
     * ``rotation_sigma_deg, direction_sigma_deg``: Standard deviations of the best motion.
     """
+    staying = _staying(hypotheses)
     rest = (hypotheses.tracks.anchor >= 0) & ~explained_tracks(hypotheses)
     if rest.sum() < LEAST_TRACKS:
-        return OtherMotion()
+        return staying
     search = _Search(
         hypotheses,
         rest,
         WRONG_ROTATION_DEG - GATE_SIGMAS * rotation_sigma_deg,
         WRONG_DIRECTION_DEG - GATE_SIGMAS * direction_sigma_deg,
     )
-    found = _proposed(search)
     # The views may not tell the motion again that was found in the window before.
-    before = _carried(search)
-    return found if before is None or before.probability <= found.probability else before
+    found = (_proposed(search), _carried(search), _rotation(search), staying)
+    return max(found, key=lambda other: other.probability)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,24 +79,74 @@ class _Search:
     same_direction_deg: float
 
 
-def _carried(search: _Search) -> OtherMotion | None:
-    """The motion that was found in the window before, located in this one; None without one."""
+def _carried(search: _Search) -> OtherMotion:
+    """The motion that was found in the window before, located in this one."""
     tracks, before = search.hypotheses.tracks, search.hypotheses.other_before
     if before is None or before.points is None:
-        return None
+        return OtherMotion()
     followed = before.points.track_ids[before.points.explained]
     moving = np.flatnonzero(search.rest & np.isin(tracks.track_ids, followed))
     if len(moving) < LEAST_TRACKS:
-        return None
+        return OtherMotion()
     fitted = _fitted_to(search.hypotheses, before, moving)
-    return None if fitted is None else _weighed(search, fitted)
+    return OtherMotion() if fitted is None else _weighed(search, fitted)
 
 
 def _proposed(search: _Search) -> OtherMotion:
     """The motion of the tracks that the best motion does not explain, by the pair of views that shows most of it."""
     proposed = propose(search.hypotheses, search.rest)
-    weighed = [] if proposed is None else [_weighed(search, one) for one in proposed.fitted(search.hypotheses)]
-    return max(weighed, key=lambda other: other.probability, default=OtherMotion())
+    if proposed is None:
+        return OtherMotion()
+    fits = proposed.fitted(search.hypotheses)
+    weighed = [_weighed(search, one) for one in fits] if fits else [_unlocated(search, proposed)]
+    return max(weighed, key=lambda other: other.probability)
+
+
+def _unlocated(search: _Search, proposed: Proposal) -> OtherMotion:
+    """A motion whose tracks locate the reference in no way: what the pair tells of it."""
+    hypotheses, best = search.hypotheses, search.hypotheses.motions[0].motion.cam_from_world
+    first, second = (hypotheses.tracks.frames[row] for row in proposed.rows)
+    others = hypotheses.tracks.track_ids[proposed.tracks]
+    if len(others) < LEAST_TRACKS or not proposed.pose.t.any() or first not in best or second not in best:
+        return OtherMotion(0.0, others)
+    of_best = best[second] @ best[first].inverse()
+    rotation_deg, direction_deg = difference_deg(of_best, Pose(proposed.pose.R, proposed.pose.t))
+    if rotation_deg < search.same_rotation_deg and direction_deg < search.same_direction_deg:
+        return OtherMotion(0.0, others)
+    of_other = np.zeros(len(search.rest), bool)
+    of_other[proposed.tracks] = True
+    odds = odds_of_body(hypotheses, explained_tracks(hypotheses), of_other)
+    return OtherMotion(odds / (1 + odds), others)
+
+
+def _rotation(search: _Search) -> OtherMotion:
+    """The camera only rotates, as the tracks say that the best motion does not explain, and this is that of a body."""
+    hypotheses = search.hypotheses
+    lens = replace(hypotheses.rotation_only.state, log_scale=0.0, k1=0.0, principal_px=np.zeros(2))
+    fit = rotation_of(hypotheses, np.flatnonzero(search.rest), lens)
+    costs = costs_of_rotation(hypotheses, np.arange(len(search.rest)), fit)
+    votes = _votes(hypotheses, costs)
+    others = votes < -LARGEST_VOTE
+    if min(others.sum(), (votes > LARGEST_VOTE).sum()) < LEAST_TRACKS:
+        return OtherMotion()
+    return OtherMotion(_probability(hypotheses, votes), hypotheses.tracks.track_ids[others])
+
+
+def _staying(hypotheses: WindowHypotheses) -> OtherMotion:
+    """The camera stands, as the tracks say that stay at their pixel, and the best motion is that of a body.
+
+    These tracks are left out of the window, as those of an overlay (:mod:`slam_init.frontend.static_tracks`).
+    """
+    staying = hypotheses.staying
+    if staying is None or len(staying.rays) < LEAST_TRACKS:
+        return OtherMotion()
+    used = float((hypotheses.tracks.anchor >= 0).sum())
+    count = used * staying.share / (1 - staying.share)
+    explained = explained_tracks(hypotheses)
+    smaller = _extent(np.arctan2(staying.rays[:, :2], staying.rays[:, 2:]))
+    smaller = min(smaller / max(_extent(places_of(hypotheses.motions[0].fit)[explained]), 1e-300), 1.0)
+    odds = math.exp(-RARER_BY_SHARE * (float(explained.sum()) - count) / (used + count)) * smaller**2
+    return OtherMotion(odds / (1 + odds), staying.track_ids)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,9 +210,9 @@ def _fitted_to(hypotheses: WindowHypotheses, start: Motion, moving: Ints) -> Fit
 def _weighed(search: _Search, fitted: FittedMotion) -> OtherMotion:
     """A motion of some of the tracks, with all tracks that follow it, and the probability that it is the camera's."""
     hypotheses, tracks = search.hypotheses, search.hypotheses.tracks
-    more = np.flatnonzero(search.rest | (_votes(hypotheses, fitted) < 0))
+    more = np.flatnonzero(search.rest | (_votes(hypotheses, costs_at(hypotheses, fitted.motion)) < 0))
     fitted = fit_motion(tracks.of_tracks(more), fitted.motion, hypotheses.priors)
-    votes = _votes(hypotheses, fitted)
+    votes = _votes(hypotheses, costs_at(hypotheses, fitted.motion))
     others = tracks.track_ids[votes < -LARGEST_VOTE]
     # A motion that explains all tracks is a rival, and shows no body.
     shows_body = min(len(others), int(np.count_nonzero(votes > LARGEST_VOTE))) >= LEAST_TRACKS
@@ -170,12 +221,11 @@ def _weighed(search: _Search, fitted: FittedMotion) -> OtherMotion:
     return OtherMotion(_probability(hypotheses, votes) if shows_body else 0.0, others, fitted)
 
 
-def _votes(hypotheses: WindowHypotheses, other: FittedMotion) -> Floats:
-    """The votes (T,) of the tracks for the best motion, against another one at its poses; 0 where neither explains."""
+def _votes(hypotheses: WindowHypotheses, costs: Floats) -> Floats:
+    """The votes (T,) of the tracks for the best motion, against one with these costs (T,); 0 where neither explains."""
     tracks, of_best = hypotheses.tracks, hypotheses.costs_of(hypotheses.motions[0])
     bound = explained_at_most(np.maximum(2 * tracks.seen.sum(axis=0) - 3, 0))
-    votes = np.minimum(costs_at(hypotheses, other.motion), bound) - np.minimum(of_best, bound)
-    return np.where(tracks.anchor >= 0, votes, 0.0)
+    return np.where(tracks.anchor >= 0, np.minimum(costs, bound) - np.minimum(of_best, bound), 0.0)
 
 
 def costs_at(hypotheses: WindowHypotheses, motion: Motion) -> Floats:

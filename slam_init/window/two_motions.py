@@ -31,7 +31,8 @@ from slam_init.window.risk import WindowRisk, risk_of
 
 #: How often each track follows the motion at which it costs less.
 _ROUNDS = 3
-#: Windows that are not searched after a search in vain.
+#: Windows that are not searched after a search in vain: a search takes as long as a judgement.
+#: Class: budget.
 _REST = 2
 
 
@@ -77,7 +78,7 @@ def without_body(hypotheses: WindowHypotheses) -> WindowHypotheses | None:
         starts = [] if again is None else [fitted.motion for fitted in again.fitted(hypotheses)]
         found = fit_hypotheses(part, [camera.motion, *starts], hypotheses.priors)
         other = OtherMotion(odds / (1 + odds), hypotheses.tracks.track_ids[moving], body)
-        return None if found is None else replace(found, body=other)
+        return None if found is None else replace(found, body=other, staying=hypotheses.staying)
 
 
 class _Apart(NamedTuple):

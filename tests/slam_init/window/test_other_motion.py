@@ -1,9 +1,13 @@
 """Laws of a rigid motion among the tracks that the best motion does not explain."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from make_window import PRIORS, hypotheses_of, pair_and_further, point_source
 
+from slam_init.window.hypotheses import StayingTracks
 from slam_init.window.levels import FLOOR
 from slam_init.window.motion import farthest_deg
 from slam_init.window.other_motion import _telling_pair, explained_tracks, other_motion
@@ -72,3 +76,36 @@ def test_a_motion_within_the_deviations_of_the_best_one_may_contradict_its_map()
     assert certain.probability == other_motion(found, 1.0, 4.0).probability > 0
     # As if the best motion were known so well that a map by it is right in spite of the other one.
     assert other_motion(found, -rotation_deg, -direction_deg).probability == 0
+
+
+def staying(count, share, half_width=0.5):
+    x, y = np.meshgrid(*2 * [np.linspace(-half_width, half_width, math.isqrt(count))])
+    rays = np.stack([x.ravel(), y.ravel(), np.ones(x.size)], axis=1)
+    return StayingTracks(np.arange(x.size), rays / np.linalg.norm(rays, axis=1, keepdims=True), share)
+
+
+def test_tracks_that_stay_at_their_pixel_may_be_the_scene_before_a_camera_that_stands():
+    found = hypotheses(0)
+    values = [other_motion(replace(found, staying=staying(100, share))).probability for share in (0.1, 0.3, 0.45)]
+    assert values == sorted(values)
+    assert values[0] < FLOOR
+    assert values[-1] > 0.1
+    # A logo in a corner is no scene.
+    assert other_motion(replace(found, staying=staying(100, 0.3, 0.05))).probability < 1e-4
+    assert other_motion(replace(found, staying=staying(16, 0.45))).probability == 0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_where_the_tracks_of_the_scene_only_turn_a_body_that_holds_more_of_them_is_not_taken_for_it(seed):
+    source = point_source(
+        "room", seed, baseline=0.0, noise_px=0.3, points=200, moving=0.6, bodies=1, body_turn_deg_s=30
+    )
+    found = hypotheses_of(source.camera, pair_and_further(list(source.observations()), 8), PRIORS)
+    on_body = source.sequence.body_of_track >= 0
+    other = other_motion(found)
+    explained = on_body[found.tracks.track_ids[explained_tracks(found)]].mean()
+    if explained > 0.9:  # the body has been taken for the scene
+        assert other.probability > 0.005
+        assert on_body[other.track_ids].mean() < 0.1
+    else:
+        assert risk_of(found).total > 0.005
