@@ -20,7 +20,7 @@ from slam_init.window.joint_fit import JointFit
 from slam_init.window.levels import CHANCE_GAIN
 from slam_init.window.neighbours import far_halves
 from slam_init.window.other_motion import explained_tracks
-from slam_init.window.some_tracks import costs_of_rotation, rotation_of
+from slam_init.window.rotation_by_tracks import costs_of_rotation, rotation_of
 from slam_init.window.state import WindowState
 from slam_init.window.tails import at_any_look
 from slam_init.window.uncertainty import places_of

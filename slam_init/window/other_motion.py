@@ -1,10 +1,17 @@
-"""Whether the tracks that a motion does not explain have a rigid motion of their own.
+"""Whether tracks that the best motion does not explain have a motion of their own, and are the scene at rest.
 
 Where a body fills a large part of the view, its motion relative to the camera explains as many tracks as the motion of
 the scene at rest does. Images alone do not tell which of the two motions is that of the camera. Two cues remain. The
 scene at rest mostly holds more tracks than a body does. And a body is compact: a scene that extends around it is behind
 it. Distant tracks and tracks that move by little follow both motions, so that only those count for the other motion
-which it explains far better than the best one. A motion that was undecided goes on from window to window.
+which it explains far better than the best one.
+
+The other motion is one of four, the most probable one:
+
+* what quest proposes of these tracks in two views, fitted to all views that they locate;
+* the other motion of the window before, while its probability exceeds the floor;
+* a rotation, where the camera turns or stands before a body;
+* none, where tracks that stay at their pixel have been left out as an overlay: the camera may stand.
 """
 
 from __future__ import annotations
@@ -30,7 +37,7 @@ from slam_init.window.levels import (
 )
 from slam_init.window.locating import locate_views
 from slam_init.window.motion import FittedMotion, Motion, OtherMotion, difference_deg, farthest_deg, fit_motion
-from slam_init.window.some_tracks import costs_of_rotation, rotation_of
+from slam_init.window.rotation_by_tracks import costs_of_rotation, rotation_of
 from slam_init.window.tracks import WindowTracks
 from slam_init.window.uncertainty import places_of
 
@@ -141,11 +148,10 @@ def _staying(hypotheses: WindowHypotheses) -> OtherMotion:
     if staying is None or len(staying.rays) < LEAST_TRACKS:
         return OtherMotion()
     used = float((hypotheses.tracks.anchor >= 0).sum())
-    count = used * staying.share / (1 - staying.share)
-    explained = explained_tracks(hypotheses)
-    smaller = _extent(np.arctan2(staying.rays[:, :2], staying.rays[:, 2:]))
-    smaller = min(smaller / max(_extent(places_of(hypotheses.motions[0].fit)[explained]), 1e-300), 1.0)
-    odds = math.exp(-RARER_BY_SHARE * (float(explained.sum()) - count) / (used + count)) * smaller**2
+    count, explained = used * staying.share / (1 - staying.share), explained_tracks(hypotheses)
+    places = np.arctan2(staying.rays[:, :2], staying.rays[:, 2:])
+    of_best = _extent(places_of(hypotheses.motions[0].fit)[explained])
+    odds = _odds((float(explained.sum()) - count) / (used + count), _extent(places), of_best)
     return OtherMotion(odds / (1 + odds), staying.track_ids)
 
 
@@ -236,10 +242,7 @@ def costs_at(hypotheses: WindowHypotheses, motion: Motion) -> Floats:
 
 
 def _probability(hypotheses: WindowHypotheses, votes: Floats) -> float:
-    """Probability that the other motion is that of the camera, and the best one that of a body.
-
-    Bodies on the ground at any distance have areas in the image whose density falls with the square of the area.
-    """
+    """Probability that the other motion is that of the camera, and the best one that of a body."""
     of_other = votes < -LARGEST_VOTE
     odds = odds_of_body(hypotheses, explained_tracks(hypotheses) & ~of_other, of_other)
     return odds / (1 + odds)
@@ -247,10 +250,19 @@ def _probability(hypotheses: WindowHypotheses, votes: Floats) -> float:
 
 def odds_of_body(hypotheses: WindowHypotheses, of_best: Bools, of_other: Bools) -> float:
     """Odds that a motion is that of a body, by the tracks (T,) that follow it and those that follow another motion."""
-    places = places_of(hypotheses.motions[0].fit)
-    smaller = min(_extent(places[of_other]) / max(_extent(places[of_best]), 1e-300), 1.0)
-    more = float(of_best.sum() - of_other.sum()) / float((hypotheses.tracks.anchor >= 0).sum())
-    return math.exp(-RARER_BY_SHARE * more) * smaller**2
+    places, count = places_of(hypotheses.motions[0].fit), float((hypotheses.tracks.anchor >= 0).sum())
+    return _odds(float(of_best.sum() - of_other.sum()) / count, _extent(places[of_other]), _extent(places[of_best]))
+
+
+def _odds(more: float, of_other: float, of_best: float) -> float:
+    """Odds that a motion is that of a body.
+
+    Bodies on the ground at any distance have areas in the image whose density falls with the square of the area.
+
+    * ``more``: The share of the tracks that it has more than the other motion.
+    * ``of_other, of_best``: Areas of the other motion and of this one.
+    """
+    return math.exp(-RARER_BY_SHARE * more) * min(of_other / max(of_best, 1e-300), 1.0) ** 2
 
 
 def bearings_of_best(hypotheses: WindowHypotheses) -> Floats:

@@ -52,13 +52,16 @@ def test_a_body_that_holds_most_of_the_tracks_keeps_the_risk_large_whichever_mot
 
 
 def test_a_window_that_is_decided_is_not_searched_and_one_in_vain_gives_two_others_a_rest(monkeypatch):
-    found, searched = hypotheses(0, outliers=0.1), []
-    monkeypatch.setattr("slam_init.window.two_motions.without_body", lambda one: searched.append(one))
+    found, searched = hypotheses(0, **body(0.4)), []
+    monkeypatch.setattr("slam_init.window.two_motions.without_body", searched.append)
+    monkeypatch.setattr("slam_init.window.two_motions._shows_two_motions", lambda one: one is found)
     risk, search = risk_of(found), BodySearch()
     small, moving = replace(risk, total=0.001), replace(risk, total=1.0, other=OtherMotion(0.5))
     refused = replace(risk, total=1.0)
     for decided in (small, moving, replace(refused, rotation=0.5)):
         assert search.judge(found, decided, MAX_RISK, []) == (found, decided)
+    rigid = hypotheses(0, outliers=0.1)
+    assert search.judge(rigid, refused, MAX_RISK, []) == (rigid, refused)
     assert not searched
     for window in range(2 * (_REST + 1)):
         assert search.judge(found, refused, MAX_RISK, []) == (found, refused)
