@@ -48,7 +48,7 @@ class JudgedWindow:
     pair: MatchedPair
     hypotheses: WindowHypotheses
     risk: WindowRisk
-    #: That the rays of the pair are seen through.
+    #: The lens through which the rays of the pair were computed.
     lens: LensInUse
     #: A match is an outlier if it is farther from its projection.
     threshold_rad: float
@@ -117,7 +117,7 @@ class JudgedWindow:
         doubtful = abs(log_scale) >= 0.5 * CALIBRATED_SIGMA and abs(log_scale) > DOUBTFUL_SIGMAS * sigma
         if not doubtful and DOUBTFUL_SIGMAS * sigma > TOLD_FOCAL_ERROR:
             return None
-        factor = math.exp(log_scale)
+        factor = math.exp(self.lens.log_scale + log_scale)
         return RotationOnlyEvidence(factor, factor if doubtful else None)
 
     def _evidence(self) -> WindowEvidence:

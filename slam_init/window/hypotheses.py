@@ -80,7 +80,7 @@ class WindowHypotheses:
     motions: tuple[FittedMotion, ...]
     #: The camera that only rotates, with the focal length as an unknown.
     rotation_only: JointFit
-    #: Of the fits.
+    #: Of the fits of the motions.
     priors: Priors
     #: Of the camera that only rotates: its focal length may be wrong.
     rotation_priors: Priors
@@ -159,7 +159,7 @@ class WindowHypotheses:
     def focal_of_rotation(self) -> tuple[float, float]:
         """The focal length of the rotation-only camera by the tracks alone, without the prior.
 
-        * Returns ``log_scale``: Logarithm of the focal length over the stated one; 0 where the tracks do not tell it.
+        * Returns ``log_scale``: Logarithm of the focal length over that of the lens in use; 0 where no track tells it.
         * Returns ``sigma``: Its standard deviation; infinite where the tracks do not tell it.
         """
         views = len(self.tracks.frames)

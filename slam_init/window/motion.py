@@ -33,7 +33,7 @@ class Motion:
     cam_from_world: dict[int, Pose]
     #: (3,) ``plane . X = 1`` in the world, where most points lie on one plane.
     plane: Floats | None = None
-    #: Logarithm of the true focal length over the stated one.
+    #: Logarithm of the fitted focal length over that of the lens in use.
     log_scale: float = 0.0
     #: Readout of the image.
     readout_s: float = 0.0

@@ -272,7 +272,7 @@ def total_of(direction: float, rival: float, rotation: float, moving: float) -> 
 class _Optimism:
     """What the covariance does not know, as factors on the variance of the direction. Independent causes add theirs."""
 
-    #: Laplace with few views.
+    #: The Laplace approximation is optimistic with few views.
     few_views: float
     #: A focal length or a distortion beyond its prior: it compensates errors that the model does not have.
     pulled_lens: float

@@ -50,14 +50,14 @@ class Priors:
 class WindowState:
     """The unknowns of a fit."""
 
-    #: R, t: (V, 3, 3) Cam_from_world; the world is the frame of view 0.
+    #: R (V, 3, 3) and t (V, 3): cam_from_world; the world is the frame of view 0.
     R: Floats
     t: Floats
     #: (T, 3) True unit rays in the anchor views.
     rays: Floats
     #: (T,) Along the rays, not negative; not used on the plane.
     inverse_distances: Floats
-    #: Logarithm of the true focal length over the stated one.
+    #: Logarithm of the fitted focal length over that of the lens in use.
     log_scale: float
     #: (V, 12) Coefficients of the error fields.
     field: Floats
@@ -67,9 +67,9 @@ class WindowState:
     on_plane: Bools
     #: Readout of the image.
     readout_s: float = 0.0
-    #: Added to the first coefficient of the radial distortion of the stated camera.
+    #: Added to the first coefficient of the radial distortion of the lens in use.
     k1: float = 0.0
-    #: (2,) Added to the principal point of the stated camera.
+    #: (2,) Added to the principal point of the lens in use.
     principal_px: Floats = dataclasses.field(default_factory=lambda: np.zeros(2))
 
 

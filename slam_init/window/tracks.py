@@ -58,7 +58,7 @@ class Readout:
 class WindowTracks:
     """The tracks of a window."""
 
-    #: As stated.
+    #: With the lens in use, which is the stated one of a calibrated camera.
     camera: Camera
     #: Absolute indices, in any order; the frame of the first view is the world.
     frames: tuple[int, ...]
@@ -68,7 +68,7 @@ class WindowTracks:
     pixels: Floats
     #: (V, T)
     seen: Bools
-    #: (T, 3) Unit bearings in the anchor views, by the stated camera.
+    #: (T, 3) Unit bearings in the anchor views, by the camera with the lens in use.
     rays: Floats
     #: (T,) First view that sees a track; -1 for a track that fewer than two views see.
     anchor: Ints
@@ -174,7 +174,7 @@ class WindowTracks:
 
         Shapes: ``principal_px`` (2,), returns (V, T, 3).
 
-        * ``k1``: Added to the first coefficient of the radial distortion of the stated camera.
+        * ``k1``: Added to the first coefficient of the radial distortion of ``camera``.
         * Returns: Unit rays in the cameras; any rays where a view does not see a track.
         """
         centre = np.array([self.camera.cx, self.camera.cy])

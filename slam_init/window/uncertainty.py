@@ -195,7 +195,7 @@ class FocalEstimate:
 class DistortionEstimate:
     """The radial distortion that the calibration lacks, by a fit."""
 
-    #: Added to the first coefficient of the stated camera.
+    #: Added to the first coefficient of the lens in use.
     k1: float
     #: Standard deviation.
     sigma: float

@@ -57,7 +57,7 @@ def test_a_window_that_is_decided_is_not_searched_and_one_in_vain_gives_two_othe
     monkeypatch.setattr("slam_init.window.two_motions._shows_two_motions", lambda one: one is found)
     risk, search = risk_of(found), BodySearch()
     small, moving = replace(risk, total=0.001), replace(risk, total=1.0, other=OtherMotion(0.5))
-    refused = replace(risk, total=1.0)
+    refused = replace(risk, total=1.0, other=OtherMotion(), rotation=0.0)
     for decided in (small, moving, replace(refused, rotation=0.5)):
         assert search.judge(found, decided, MAX_RISK, []) == (found, decided)
     rigid = hypotheses(0, outliers=0.1)
