@@ -37,6 +37,7 @@ from slam_init.bundle.problem import BundleProblem, LensPrior
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Bools, Floats, evenly_spaced
 from slam_init.types.camera import Camera
+from slam_init.types.image_polynomials import orthonormal_polynomials
 
 #: Standard deviations of a coefficient of the fields, in pixels. The root mean square of a coordinate over the image is
 #: 2.4 times as large. The least is that of good trackers and lenses, a tenth of a pixel over the image: it hardly shows
@@ -76,7 +77,7 @@ def error_model(
     * ``measured``: The same problem with what was measured.
     """
     residuals = residuals_of(projected, measured)
-    by_lens, places = lens_derivatives(camera, projected), _polynomials(camera, projected.pixels)
+    by_lens, places = lens_derivatives(camera, projected), orthonormal_polynomials(camera, projected.pixels)
     shared = SharedErrors(by_lens, lens.sigmas, np.array(lens.fitted), places, 0.0)
     chosen = _chosen_landmarks(projected)
     kept = chosen[projected.landmarks]
@@ -151,11 +152,3 @@ class _Equations:
         H = share * self._poses
         follows = share * inverse_of_poses(H + self._gauge) @ self._coupling[:, LENS:]
         return float(np.sum(follows * (H @ follows))) / max(len(H) - 7, 1)
-
-
-def _polynomials(camera: Camera, pixels: Floats) -> Floats:
-    """Products (M, 6) of Legendre polynomials. Each has a mean square of 1 over the image, so none is preferred."""
-    x, y = np.moveaxis(2 * pixels / (camera.width - 1, camera.height - 1) - 1, -1, 0)
-    linear_x, linear_y = math.sqrt(3) * x, math.sqrt(3) * y
-    quadratic_x, quadratic_y = (math.sqrt(5) / 2 * (3 * u * u - 1) for u in (x, y))
-    return np.stack([np.ones_like(x), linear_x, linear_y, quadratic_x, linear_x * linear_y, quadratic_y], axis=-1)

@@ -5,16 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
-from slam_init.cli.parser import DONE, DOUBTFUL, WRONG
+from slam_init.cli.parser import DONE, DOUBTFUL, WRONG, Commands
 from slam_init.errors import CalibrationError, SlamInitError, SourceError
 from slam_init.output.names import AUDIT_FILES
 from slam_init.system.process_io import tell
 from slam_init.system.regular_file import user_path
-
-if TYPE_CHECKING:
-    from slam_init.cli.parser import Commands
 
 _OTHER_IMAGES = (
     "the points of the map move otherwise in these images: they do not belong together: give the images of the map"

@@ -5,14 +5,10 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from typing import TYPE_CHECKING
 
-from slam_init.cli.parser import DONE, OUT_HELP, UsageError
+from slam_init.cli.parser import DONE, OUT_HELP, Commands, UsageError
 from slam_init.cli.trial_options import add_methods, add_processes, check_trials
 from slam_init.system.process_io import tell
-
-if TYPE_CHECKING:
-    from slam_init.cli.parser import Commands
 
 _DEFAULT_OUT = "slam-init-bench"
 _SUITES = ("drawn", "rendered", "video", "other")

@@ -6,13 +6,12 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from slam_init.cli.parser import DONE, NOT_INITIALIZED, OUT_HELP, at_least
+from slam_init.cli.parser import DONE, NOT_INITIALIZED, OUT_HELP, Commands, at_least
 from slam_init.cli.source_options import add_source, chosen_camera, opened_source
 from slam_init.output.names import CALIBRATION_FILES
 from slam_init.system.process_io import tell
 
 if TYPE_CHECKING:
-    from slam_init.cli.parser import Commands
     from slam_init.methods.self_calibration import SelfCalibration
 
 _DEFAULT_OUT = "slam-init-calibration"

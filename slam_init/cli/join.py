@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import argparse
 import json
-from typing import TYPE_CHECKING
 
-from slam_init.cli.parser import DONE, NOT_INITIALIZED
+from slam_init.cli.parser import DONE, NOT_INITIALIZED, Commands
 from slam_init.system.process_io import tell
 from slam_init.system.regular_file import user_path
-
-if TYPE_CHECKING:
-    from slam_init.cli.parser import Commands
 
 
 def add_join(commands: Commands) -> None:

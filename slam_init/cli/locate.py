@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
 
-from slam_init.cli.parser import DONE, NOT_INITIALIZED, at_least
+from slam_init.cli.parser import DONE, NOT_INITIALIZED, Commands, at_least
 from slam_init.cli.source_options import add_source, chosen_camera, opened_source
 from slam_init.system.process_io import tell
 from slam_init.system.regular_file import user_path
-
-if TYPE_CHECKING:
-    from slam_init.cli.parser import Commands
 
 
 def add_locate(commands: Commands) -> None:

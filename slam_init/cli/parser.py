@@ -17,8 +17,8 @@ from slam_init.system.process_io import tell
 if TYPE_CHECKING:
     from _typeshed import SupportsWrite
 
-    Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 
+Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 DONE, BAD_INPUT, NOT_INITIALIZED = 0, 2, 3
 #: Of ``slam-init audit``: the tracks do not tell, as where they do not allow a map; they contradict the map.
 DOUBTFUL, WRONG = NOT_INITIALIZED, 4

@@ -8,7 +8,7 @@ from contextlib import nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from slam_init.cli.parser import DONE, NOT_INITIALIZED, ListMethods, UsageError, at_least
+from slam_init.cli.parser import DONE, NOT_INITIALIZED, Commands, ListMethods, UsageError, at_least
 from slam_init.cli.source_options import (
     SENSORS,
     add_depth,
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
     from pathlib import Path
 
-    from slam_init.cli.parser import Commands
     from slam_init.config import Config
     from slam_init.datasets import TimedSource
     from slam_init.output.summary import Summary

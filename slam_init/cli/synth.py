@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
 
-from slam_init.cli.parser import DONE, at_least
+from slam_init.cli.parser import DONE, Commands, at_least
 from slam_init.system.process_io import tell
-
-if TYPE_CHECKING:
-    from slam_init.cli.parser import Commands
 
 
 def add_synth(commands: Commands) -> None:

@@ -5,15 +5,11 @@ from __future__ import annotations
 import argparse
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from slam_init.cli.parser import DONE, UsageError
+from slam_init.cli.parser import DONE, Commands, UsageError
 from slam_init.errors import OutputError, SourceError, ViewerError
 from slam_init.system.process_io import tell
 from slam_init.system.regular_file import check_inside, user_path
-
-if TYPE_CHECKING:
-    from slam_init.cli.parser import Commands
 
 _DEFAULT_DIR = "slam-init-out"
 _DEFAULT_PNG = "slam-init-view.png"

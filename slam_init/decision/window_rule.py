@@ -121,8 +121,8 @@ class WindowRule:
         self._reference: int | None = None
         self._rotates = False
         self._last: JudgedWindow | None = None
-        # The best score of the pairs of the last frame that did not rest, the frames since then, and all that came here:
-        # a frame without motion or without tracks is refused before.
+        # The best score of the pairs of the last frame that did not rest, the frames since then, and all so far.
+        # A frame without motion or without tracks is refused before.
         self._score, self._rested, self._frames = 0.0, 0, 0
         # Windows in a row whose risk was small at first, and that the last look left undecided.
         self._in_vain = 0

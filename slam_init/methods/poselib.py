@@ -56,13 +56,12 @@ def relative_pose_of_poselib(
     camera: dict[str, Any],
     max_error_px: float,
     ransac: dict[str, Any],
-    initial_pose: Any = None,
 ) -> tuple[Any, dict[str, Any]]:
-    """Call PoseLib, version 2 or 3, perhaps with a pose (``poselib.CameraPose``) to begin with."""
+    """Call PoseLib, version 2 or 3."""
     import poselib
 
     options = poselib_options(max_error_px, ransac)
-    pose, info = poselib.estimate_relative_pose(pixels1, pixels2, camera, camera, *options, initial_pose=initial_pose)
+    pose, info = poselib.estimate_relative_pose(pixels1, pixels2, camera, camera, *options)
     return pose, info
 
 

@@ -13,6 +13,7 @@ from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
+from slam_init.types.image_polynomials import orthonormal_polynomials
 from slam_init.types.inertial import Gravity
 from slam_init.window.measured_rays import measured_rays
 
@@ -135,7 +136,7 @@ class WindowTracks:
         sigma_px, whitening = np.full(seen.shape, float(noise_px)), np.broadcast_to(np.eye(2), (*seen.shape, 2, 2))
         if drifts is not None and seen.any():
             sigma_px, whitening, least_noise_px = _noise_with_drifts(seen, noise_px, least_noise_px, drifts)
-        places = _orthonormal_polynomials(camera, np.where(seen[..., None], pixels, 0.0)) / sigma_px[..., None]
+        places = orthonormal_polynomials(camera, np.where(seen[..., None], pixels, 0.0)) / sigma_px[..., None]
         return WindowTracks(
             camera,
             frames,
@@ -239,7 +240,6 @@ def gather_tracks(
     views: Sequence[Observations],
     noise_px: float,
     least_noise_px: float = 0.1,
-    max_tracks: int = MAX_TRACKS,
     attitudes: Sequence[Attitude | None] = (),
     gravities: Sequence[Gravity | None] = (),
 ) -> WindowTracks:
@@ -250,7 +250,7 @@ def gather_tracks(
     track_ids, pixels, seen, rows = _table(camera, views)
     # A track of both views of the pair binds all views to the pair.
     score = seen.sum(axis=0) + len(views) * (seen[0] & seen[1])
-    chosen = _spread(camera, pixels, seen, score, max_tracks)
+    chosen = _spread(camera, pixels, seen, score)
     pixels, seen, rows = pixels[:, chosen], seen[:, chosen], rows[:, chosen]
     sweep_px_s, drifts, slides_px = _motion_of_pixels(camera, views, seen, rows)
     sweep_errors = np.array([view.turn_error for view in views])
@@ -389,10 +389,10 @@ def _of_axes(values: Floats, axes: Floats) -> Floats:
     return np.asarray((axes * values[..., None, :]) @ np.swapaxes(axes, -1, -2))
 
 
-def _spread(camera: Camera, pixels: Floats, seen: Bools, score: Ints, max_tracks: int) -> Ints:
+def _spread(camera: Camera, pixels: Floats, seen: Bools, score: Ints) -> Ints:
     """Positions (ascending) of some tracks: the best of each cell, then the second of each cell, and so on."""
     count = pixels.shape[1]
-    if count <= max_tracks:
+    if count <= MAX_TRACKS:
         return np.arange(count)
     first = pixels[np.argmax(seen, axis=0), np.arange(count)]
     columns, rows = (np.clip(first / (camera.width, camera.height), 0, 0.999) * _CELLS).astype(int).T
@@ -402,12 +402,4 @@ def _spread(camera: Camera, pixels: Floats, seen: Bools, score: Ints, max_tracks
     run = np.arange(count) - np.maximum.accumulate(np.where(starts, np.arange(count), 0))
     rank = np.empty(count, np.int64)
     rank[order] = run
-    return np.sort(np.lexsort((np.arange(count), -score, rank))[:max_tracks])
-
-
-def _orthonormal_polynomials(camera: Camera, pixels: Floats) -> Floats:
-    """Products (..., 6) of Legendre polynomials. Each has a mean square of 1 over the image, so none is preferred."""
-    x, y = np.moveaxis(2 * pixels / (camera.width - 1, camera.height - 1) - 1, -1, 0)
-    linear_x, linear_y = np.sqrt(3) * x, np.sqrt(3) * y
-    quadratic_x, quadratic_y = (np.sqrt(5) / 2 * (3 * u * u - 1) for u in (x, y))
-    return np.stack([np.ones_like(x), linear_x, linear_y, quadratic_x, linear_x * linear_y, quadratic_y], axis=-1)
+    return np.sort(np.lexsort((np.arange(count), -score, rank))[:MAX_TRACKS])

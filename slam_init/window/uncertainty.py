@@ -292,9 +292,9 @@ def direction_sigmas_deg(expanded: ExpandedFit) -> Floats:
     return np.asarray(np.degrees(np.maximum(deviations(np.linalg.eigvalsh(covariances))[..., -1], scattered)))
 
 
-def sigma_with_known_lens(expanded: ExpandedFit, view: int = 1) -> float:
-    """How much of the standard deviation of a direction is left if focal length and distortion were known."""
-    J = expanded.directions[view - 1]
+def sigma_with_known_lens(expanded: ExpandedFit) -> float:
+    """How much of the deviation of the pair's direction is left if focal length and distortion were known."""
+    J = expanded.directions[0]
     k1 = expanded.linearization.k1_column
     J = np.vstack([J, np.eye(2, J.shape[1], k1 - 1)])
     covariance = J @ expanded.marginal.covariance @ J.T

@@ -7,9 +7,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-#: A calibration for images of :func:`picture`.
-CAMERA_YAML = "model: pinhole\nwidth: 64\nheight: 48\nfx: 60\nfy: 60\ncx: 31.5\ncy: 23.5\n"
-
 
 def picture(seed: int = 0, size: tuple[int, int] = (64, 48), channels: int = 3, dtype: type = np.uint8) -> np.ndarray:
     """An image of random pixels; the size is (width, height)."""

@@ -99,16 +99,13 @@ def test_poselib_3_takes_one_dictionary_of_nested_options(monkeypatch):
     calls = []
     poselib_3 = types.SimpleNamespace(
         __version__="3.0.0",
-        # Its signature: opt and initial_pose follow the cameras.
-        estimate_relative_pose=lambda x1, x2, camera1, camera2, opt, initial_pose=None: (
-            calls.append((opt, initial_pose)) or ("pose", {})
-        ),
+        # Its signature: opt follows the cameras.
+        estimate_relative_pose=lambda x1, x2, camera1, camera2, opt: calls.append(opt) or ("pose", {}),
     )
     monkeypatch.setitem(sys.modules, "poselib", poselib_3)
     points = np.zeros((5, 2))
     assert relative_pose_of_poselib(points, points, {}, 1.5, {"seed": 3}) == ("pose", {})
-    assert relative_pose_of_poselib(points, points, {}, 1.5, {}, "start") == ("pose", {})
-    assert calls == [({"max_error": 1.5, "ransac": {"seed": 3}}, None), ({"max_error": 1.5, "ransac": {}}, "start")]
+    assert calls == [{"max_error": 1.5, "ransac": {"seed": 3}}]
 
 
 def test_the_rules_of_colmap_have_the_defaults_of_the_installed_colmap():
