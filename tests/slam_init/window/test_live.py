@@ -143,6 +143,7 @@ class GivenCosts:
             gain_over_rotation=self.gain_over_rotation,
             votes=votes_by_costs,
             rotations=(),
+            body=None,
         )
 
 
@@ -282,6 +283,7 @@ def test_the_noise_is_carried_from_fit_to_fit(pair, monkeypatch):
             gain_over_rotation=FAR_FROM_ROTATION,
             votes=votes_by_costs,
             rotations=(),
+            body=None,
         )
 
     monkeypatch.setattr(live_module, "fit_hypotheses", fit)
