@@ -326,11 +326,8 @@ class WindowRule:
         further = further_views(self._history, pair.reference, current, self._config.map, most, known)
         static, staying = static_tracks(pair.reference, current, further), None
         if len(static):
-            reference, now, stays = (
-                without(pair.reference, static),
-                without(current, static),
-                np.isin(pair.track_ids, static),
-            )
+            reference, now = without(pair.reference, static), without(current, static)
+            stays = np.isin(pair.track_ids, static)
             staying = StayingTracks(pair.track_ids[stays], pair.rays1[stays], float(stays.mean()))
             pair = replace(pair.at(np.flatnonzero(~stays)), reference=reference, current=now)
         used = further if self._third_view else []

@@ -110,7 +110,7 @@ def _proposed(search: _Search) -> OtherMotion:
 
 
 def _unlocated(search: _Search, proposed: Proposal) -> OtherMotion:
-    """A motion whose tracks locate the reference in no way: what the pair tells of it."""
+    """A motion whose tracks do not locate the reference, weighed by the two views that propose it."""
     hypotheses, best = search.hypotheses, search.hypotheses.motions[0].motion.cam_from_world
     first, second = (hypotheses.tracks.frames[row] for row in proposed.rows)
     others = hypotheses.tracks.track_ids[proposed.tracks]
@@ -127,7 +127,7 @@ def _unlocated(search: _Search, proposed: Proposal) -> OtherMotion:
 
 
 def _rotation(search: _Search) -> OtherMotion:
-    """The camera only rotates, as the tracks say that the best motion does not explain, and this is that of a body."""
+    """The camera only rotates by the tracks that the best motion does not explain, and the best one is a body's."""
     hypotheses = search.hypotheses
     lens = replace(hypotheses.rotation_only.state, log_scale=0.0, k1=0.0, principal_px=np.zeros(2))
     fit = rotation_of(hypotheses, np.flatnonzero(search.rest), lens)
@@ -140,7 +140,7 @@ def _rotation(search: _Search) -> OtherMotion:
 
 
 def _staying(hypotheses: WindowHypotheses) -> OtherMotion:
-    """The camera stands, as the tracks say that stay at their pixel, and the best motion is that of a body.
+    """The camera stands by the tracks that stay at their pixel, and the best motion is that of a body.
 
     These tracks are left out of the window, as those of an overlay (:mod:`slam_init.frontend.static_tracks`).
     """

@@ -52,7 +52,7 @@ class BodySearch:
     def judge(
         self, hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float, depths: Sequence[TrackDepths | None]
     ) -> tuple[WindowHypotheses, WindowRisk]:
-        """The hypotheses by the tracks of the camera alone, and their risk, where these decide; else what was given.
+        """The hypotheses by the tracks of the camera alone, with their risk, where they decide; else those given.
 
         They decide where the risk is small without the body, or where only the body keeps it large.
 
