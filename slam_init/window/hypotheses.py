@@ -102,6 +102,11 @@ class WindowHypotheses:
         """Other fits to the same tracks, with what is known of the window beside its tracks."""
         return replace(again, depths=self.depths, other_before=self.other_before, staying=self.staying, body=self.body)
 
+    @property
+    def largest_costs(self) -> Floats:
+        """The largest cost (T,) of a track, in all views that see it, that a motion explains."""
+        return explained_at_most(np.maximum(2 * self.tracks.seen.sum(axis=0) - 3, 0))
+
     def costs_of(self, motion: FittedMotion) -> Floats:
         """The cost of each track in all views; a view that a motion does not locate sees outliers.
 
@@ -120,8 +125,7 @@ class WindowHypotheses:
 
     def _votes(self, costs: Floats, of_rival: Floats) -> Floats:
         # Tracks that neither motion explains must not vote.
-        bound = explained_at_most(np.maximum(2 * self.tracks.seen.sum(axis=0) - 3, 0))
-        bound += LARGEST_VOTE if self.planar else 0.0
+        bound = self.largest_costs + (LARGEST_VOTE if self.planar else 0.0)
         votes = np.minimum(of_rival, bound) - np.minimum(costs, bound)
         return np.asarray(np.clip(votes, -LARGEST_VOTE, LARGEST_VOTE))
 

@@ -25,7 +25,6 @@ from quest.estimate import Hypothesis, RelativePose, estimate_relative_pose
 from quest.noise import GATE_SIGMAS
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.pose import Pose
-from slam_init.window.equations import explained_at_most
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import costs_off_plane
 from slam_init.window.levels import (
@@ -47,8 +46,7 @@ def explained_tracks(hypotheses: WindowHypotheses) -> Bools:
 
     Shapes: returns (T,).
     """
-    costs = hypotheses.costs_of(hypotheses.motions[0])
-    explained = costs <= explained_at_most(np.maximum(2 * hypotheses.tracks.seen.sum(axis=0) - 3, 0))
+    explained = hypotheses.costs_of(hypotheses.motions[0]) <= hypotheses.largest_costs
     return np.asarray(explained & (hypotheses.tracks.anchor >= 0))
 
 
@@ -229,9 +227,8 @@ def _weighed(search: _Search, fitted: FittedMotion) -> OtherMotion:
 
 def _votes(hypotheses: WindowHypotheses, costs: Floats) -> Floats:
     """The votes (T,) of the tracks for the best motion, against one with these costs (T,); 0 where neither explains."""
-    tracks, of_best = hypotheses.tracks, hypotheses.costs_of(hypotheses.motions[0])
-    bound = explained_at_most(np.maximum(2 * tracks.seen.sum(axis=0) - 3, 0))
-    return np.where(tracks.anchor >= 0, np.minimum(costs, bound) - np.minimum(of_best, bound), 0.0)
+    of_best, bound = hypotheses.costs_of(hypotheses.motions[0]), hypotheses.largest_costs
+    return np.where(hypotheses.tracks.anchor >= 0, np.minimum(costs, bound) - np.minimum(of_best, bound), 0.0)
 
 
 def costs_at(hypotheses: WindowHypotheses, motion: Motion) -> Floats:

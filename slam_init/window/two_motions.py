@@ -22,7 +22,6 @@ from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.depth import TrackDepths
 from slam_init.window.depth_evidence import GivenDepths
-from slam_init.window.equations import explained_at_most
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses
 from slam_init.window.levels import CHANCE_GAIN, LARGEST_VOTE, LEAST_TRACKS, UNDECIDED
 from slam_init.window.motion import FittedMotion, OtherMotion, fit_motion
@@ -34,7 +33,7 @@ from slam_init.window.uncertainty import places_of
 #: How often each track follows the motion at which it costs less.
 _ROUNDS = 3
 #: A fit that explains two motions in part leaves residuals that neighbouring tracks share: they multiply its variances
-#: by more than this (1.6 to 10 in 21 drawn windows that a search decided). Without such errors the factor exceeds 1 by
+#: by more than this (1.6 to 12 in 20 drawn windows that a search decided). Without such errors the factor exceeds 1 by
 #: a quarter at most by chance, with 300 tracks in two views.
 #: Class: level.
 _SHARED = 1.5
@@ -44,7 +43,7 @@ _REST = 2
 
 
 class BodySearch:
-    """Looks for a body in windows that are refused; less often, as long as none decides."""
+    """Looks for a body in windows that are refused, in one of three as long as none decides."""
 
     def __init__(self) -> None:
         self._rest = 0
@@ -64,7 +63,7 @@ class BodySearch:
             self._rest = max(self._rest - 1, 0)
             return hypotheses, risk
         apart = without_body(hypotheses)
-        if apart is not None and apart.body is not None:
+        if apart is not None:
             apart = replace(apart, depths=GivenDepths.of(apart.tracks, depths))
             of_camera = risk_of(apart, max_risk)
             only_body = of_camera.other.probability > max_risk and of_camera.total < risk.total
@@ -108,13 +107,11 @@ class _Apart(NamedTuple):
 
 def _taken_apart(hypotheses: WindowHypotheses) -> _Apart | None:
     """The tracks by two motions; None where the tracks have no two, or where one explains them as well."""
-    tracks = hypotheses.tracks
-    used = tracks.anchor >= 0
-    bound = explained_at_most(np.maximum(2 * tracks.seen.sum(axis=0) - 3, 0))
+    used, bound = hypotheses.tracks.anchor >= 0, hypotheses.largest_costs
     one = _cheapest(hypotheses, propose(hypotheses, used), bound)
     if one is None:
         return None
-    one = _fitted_to(hypotheses, one, used & (costs_at(hypotheses, one.motion) <= bound))
+    one = _refitted(hypotheses, one, used & (costs_at(hypotheses, one.motion) <= bound))
     costs = costs_at(hypotheses, one.motion)
     second = propose(hypotheses, used & (costs > bound))
     two = None if second is None or len(second.tracks) < LEAST_TRACKS else _cheapest(hypotheses, second, bound)
@@ -125,7 +122,7 @@ def _taken_apart(hypotheses: WindowHypotheses) -> _Apart | None:
         others = used & (of_two < costs)
         if min(others.sum(), (used & ~others).sum()) < LEAST_TRACKS:
             return None
-        one, two = _fitted_to(hypotheses, one, used & ~others), _fitted_to(hypotheses, two, others)
+        one, two = _refitted(hypotheses, one, used & ~others), _refitted(hypotheses, two, others)
         costs, of_two = costs_at(hypotheses, one.motion), costs_at(hypotheses, two.motion)
     votes = np.where(used, np.minimum(of_two, bound) - np.minimum(costs, bound), 0.0)
     only_one, only_two = votes > LARGEST_VOTE, votes < -LARGEST_VOTE
@@ -158,5 +155,5 @@ def _cheapest(hypotheses: WindowHypotheses, proposal: Proposal | None, bound: Fl
     return found[int(np.argmin(costs))] if found else None
 
 
-def _fitted_to(hypotheses: WindowHypotheses, one: FittedMotion, of: Bools) -> FittedMotion:
+def _refitted(hypotheses: WindowHypotheses, one: FittedMotion, of: Bools) -> FittedMotion:
     return fit_motion(hypotheses.tracks.of_tracks(np.flatnonzero(of)), one.motion, hypotheses.priors)

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from make_window import PRIORS, hypotheses_of, pair_and_further, point_source
+from make_window import PRIORS, finished, hypotheses_of, pair_and_further, point_source
 
+from slam_init import Initializer
 from slam_init.window.motion import OtherMotion
 from slam_init.window.risk import risk_of
 from slam_init.window.two_motions import _REST, BodySearch, without_body
@@ -13,8 +14,8 @@ from slam_init.window.two_motions import _REST, BodySearch, without_body
 MAX_RISK = 0.005
 
 
-def source_of(seed, **options):
-    return point_source("room", seed, baseline=0.3, noise_px=0.3, points=200, **options)
+def source_of(seed, noise_px=0.3, **options):
+    return point_source("room", seed, baseline=0.3, noise_px=noise_px, points=200, **options)
 
 
 def hypotheses(seed, views=8, **options):
@@ -66,3 +67,12 @@ def test_a_window_that_is_decided_is_not_searched_and_one_in_vain_gives_two_othe
     for window in range(2 * (_REST + 1)):
         assert search.judge(found, refused, MAX_RISK, []) == (found, refused)
         assert len(searched) == 1 + window // (_REST + 1)
+
+
+def test_a_map_of_a_window_that_is_taken_apart_has_no_landmark_on_the_body():
+    source = source_of(1, noise_px=0.5, **{**body(0.3), "body_turn_deg_s": 5})
+    initializer = Initializer(source.camera)
+    finished(source, initializer=initializer)
+    left_out = initializer._window._last.hypotheses.body.track_ids
+    assert len(left_out) >= 20
+    assert not np.isin(left_out, initializer.map.track_ids).any()
