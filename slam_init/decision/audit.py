@@ -213,8 +213,8 @@ def _stated(known: Mapping[int, Pose], window: JudgedWindow, terms: MapPosterior
         risk_moving=terms.moving,
         risk_floor=terms.floor,
         risk_map=terms.map,
-        direction_sigma_deg=risk.direction_sigma_deg,
-        rotation_sigma_deg=risk.rotation_sigma_deg,
+        direction_sigma_deg=risk.directions.sigma_deg,
+        rotation_sigma_deg=risk.directions.rotation_sigma_deg,
         pair=(best.frames[0], best.frames[1]),
         frames=best.frames,
         tracks=len(window.hypotheses.tracks.track_ids),
@@ -271,7 +271,7 @@ def _what_tells(
         return Verdict.PURE_ROTATION, Verdict.PURE_ROTATION.advice
     rival = Verdict.AMBIGUOUS_PLANE if window.hypotheses.planar else Verdict.LOW_PARALLAX
     # A rigid scene with these tracks may be known well enough.
-    if_rigid = Verdict.LOW_PARALLAX if window.risk.direction_if_rigid > max_risk else Verdict.MOVING_BODIES
+    if_rigid = Verdict.LOW_PARALLAX if window.risk.directions.if_rigid > max_risk else Verdict.MOVING_BODIES
     share, reason = max(
         (terms.rotation, Verdict.PURE_ROTATION),
         (terms.moving, Verdict.MOVING_BODIES),

@@ -26,6 +26,7 @@ from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.levels import (
     DOUBTFUL_SIGMAS,
     EVEN_ODDS,
+    FLOOR,
     TOLD_FOCAL_ERROR,
     UNDECIDED,
 )
@@ -70,8 +71,8 @@ class JudgedWindow:
         if self.only_rotates:
             R = self.hypotheses.rotation_only.state.R
             poses = {frame: Pose(R[k], np.zeros(3)) for k, frame in enumerate(self.hypotheses.tracks.frames)}
-        pair = (self.best.frames[0], self.best.frames[1])
-        return WindowMotion(poses, pair, self.only_rotates, self.risk.rotation_sigma_deg, self.risk.direction_sigma_deg)
+        pair, directions = (self.best.frames[0], self.best.frames[1]), self.risk.directions
+        return WindowMotion(poses, pair, self.only_rotates, directions.rotation_sigma_deg, directions.sigma_deg)
 
     @property
     def next_lens(self) -> LensInUse:
@@ -87,7 +88,7 @@ class JudgedWindow:
     def certain_frames(self, most: float) -> tuple[int, ...]:
         """Reference, current, and the views whose own directions are at most as risky: the keyframes of the map."""
         reference, current, *others = self.best.frames
-        risks = zip(others, self.risk.direction_of_views[1:], strict=True)
+        risks = zip(others, self.risk.directions.of_views[1:], strict=True)
         return (reference, current, *(frame for frame, one in risks if one <= most))
 
     def gates(self, max_risk: float) -> list[Gate]:
@@ -133,9 +134,9 @@ class JudgedWindow:
             risk_rival=risk.rival,
             risk_rotation=risk.rotation,
             risk_moving=risk.moving,
-            risk_floor=risk.floor,
-            direction_sigma_deg=risk.direction_sigma_deg,
-            rotation_sigma_deg=risk.rotation_sigma_deg,
+            risk_floor=FLOOR,
+            direction_sigma_deg=risk.directions.sigma_deg,
+            rotation_sigma_deg=risk.directions.rotation_sigma_deg,
             depth_sigma=risk.depth_sigma,
             noise_px=hypotheses.tracks.noise_px,
             field_px=risk.field_px,
@@ -181,7 +182,7 @@ class JudgedWindow:
         risk = self.risk
         by_direction = reason in (Verdict.LOW_PARALLAX, Verdict.MOVING_BODIES) and risk.direction >= risk.rival
         wide = self.focal_sigma > MAX_FOCAL_SIGMA
-        return by_direction and wide and risk.direction_with_known_lens <= max_risk
+        return by_direction and wide and risk.directions.with_known_lens <= max_risk
 
     def _reason(self, max_risk: float) -> tuple[Verdict, str | None]:
         """The verdict and the advice: no translation if it is not significant, else the largest term of the risk."""
@@ -190,15 +191,15 @@ class JudgedWindow:
         unlikely = max_risk if planar and risk.rival >= risk.direction else UNDECIDED
         if risk.rotation > unlikely or risk.rotation >= max(risk.rival, risk.direction):
             return Verdict.PURE_ROTATION, None
-        if risk.moving >= max(risk.rival, risk.direction_if_rigid):
+        if risk.moving >= max(risk.rival, risk.directions.if_rigid):
             return Verdict.MOVING_BODIES, None
         if risk.rival >= risk.direction:
             if planar:
                 return Verdict.AMBIGUOUS_PLANE, None
             return Verdict.LOW_PARALLAX, "two motions explain the tracks: translate further, best sideways"
-        if risk.direction_if_lens_fixed <= max_risk:
+        if risk.directions.if_lens_fixed <= max_risk:
             return Verdict.LOW_PARALLAX, _LENS_MAY_CHANGE
-        if not self.lens.is_unknown and risk.direction_if_lens_right <= max_risk:
+        if not self.lens.is_unknown and risk.directions.if_lens_right <= max_risk:
             return Verdict.LOW_PARALLAX, _LENS_MAY_BE_WRONG
         # A rigid scene with these tracks would be known well enough.
-        return (Verdict.LOW_PARALLAX if risk.direction_if_rigid > max_risk else Verdict.MOVING_BODIES), None
+        return (Verdict.LOW_PARALLAX if risk.directions.if_rigid > max_risk else Verdict.MOVING_BODIES), None

@@ -27,7 +27,7 @@ from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose
 from slam_init.window.confirmation import confirmed
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses
-from slam_init.window.levels import EVEN_ODDS, WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
+from slam_init.window.levels import EVEN_ODDS, FLOOR, WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
 from slam_init.window.motion import FittedMotion, difference_deg
 from slam_init.window.risk import WindowRisk, risk_of
 from slam_init.window.rival import rival_odds
@@ -98,7 +98,7 @@ def posterior_of(hypotheses: WindowHypotheses, risk: WindowRisk, world_from_cam:
         rival=float(shares[1:] @ np.array(others)),
         rotation=rotation,
         moving=risk.moving,
-        floor=risk.floor,
+        floor=FLOOR,
         map=float(shares[0] * (at_map - at_fit)),
         only_rotates=tail > EVEN_ODDS,
     )
@@ -133,7 +133,7 @@ def _wrong_by_rival(hypotheses: WindowHypotheses, k: int, world_from_cam: Mappin
 
 def _wrong(hypotheses: WindowHypotheses, risk: WindowRisk, world_from_cam: Mapping[int, Pose]) -> tuple[float, float]:
     """Probability that a map is wrong if the best motion is right: of a map at its fit, and of the map."""
-    best, rotation_sigma_deg = hypotheses.motions[0], risk.rotation_sigma_deg
+    best, rotation_sigma_deg = hypotheses.motions[0], risk.directions.rotation_sigma_deg
     expanded, lengths = expand(hypotheses, best), np.linalg.norm(best.fit.state.t, axis=1)
     # The stated tail of the direction knows lenses that change from view to view, and fits with free depths.
     rotated = three_directions(WRONG_ROTATION_DEG, rotation_sigma_deg)
@@ -146,7 +146,7 @@ def _wrong(hypotheses: WindowHypotheses, risk: WindowRisk, world_from_cam: Mappi
             continue
         uncertainty = direction_uncertainty(expanded, view)
         variances, axes = np.linalg.eigh(uncertainty.covariance)
-        shape, sigma_deg = np.sqrt(np.maximum(variances / variances[-1], 0.0)), risk.sigmas_of_views_deg[view - 1]
+        shape, sigma_deg = np.sqrt(np.maximum(variances / variances[-1], 0.0)), risk.directions.sigmas_deg[view - 1]
         pose = world_from_cam[frame].inverse() @ world_from_cam[best.frames[0]]
         across = axes.T @ (uncertainty.basis @ (pose.R.T @ pose.t))
         aside_deg = direction_deg * across / max(float(np.linalg.norm(across)), 1e-300)

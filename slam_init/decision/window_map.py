@@ -120,7 +120,7 @@ class WindowMaps:
         bundle, table = self._without_moved_views(frames, of_view)
         if not isinstance(bundle, BundleSolution) or self.risk_of(bundle).total <= of_pair:
             return bundle, table
-        prior = PosePrior(*np.radians([risk.rotation_sigma_deg, risk.direction_sigma_deg]).tolist())
+        prior = PosePrior(*np.radians([risk.directions.rotation_sigma_deg, risk.directions.sigma_deg]).tolist())
         bundle, table = self._without_moved_views(frames, of_view, prior)
         if not isinstance(bundle, BundleSolution) or not of_pair < self.risk_of(bundle).total <= EVEN_ODDS:
             return bundle, table
@@ -151,7 +151,7 @@ class WindowMaps:
         if frame not in differences_deg:  # bundle adjustment has left it out
             return 0.0
         view, risk = self._window.best.frames.index(frame) - 1, self._window.risk
-        return risk.direction_of_views[view] + risk.added_by_map(view, *differences_deg[frame])
+        return risk.directions.of_views[view] + risk.directions.added_by_map(view, *differences_deg[frame])
 
     def _adjusted(
         self, motion: FittedMotion, frames: Sequence[int] | None = None, prior: PosePrior | None = None

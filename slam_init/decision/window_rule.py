@@ -18,6 +18,7 @@ from slam_init.bundle.problem import BundleSolution
 from slam_init.config import Config
 from slam_init.decision.depths import depth_gates
 from slam_init.decision.focal_check import FocalCheck
+from slam_init.decision.frame_skipper import FrameSkipper
 from slam_init.decision.judged_window import JudgedWindow
 from slam_init.decision.lens import priors_of
 from slam_init.decision.outcome import Outcome
@@ -49,33 +50,11 @@ from slam_init.types.stopwatch import Stopwatch
 from slam_init.window.confirmation import confirmed
 from slam_init.window.depth_evidence import GivenDepths
 from slam_init.window.hypotheses import StayingTracks, WindowHypotheses
-from slam_init.window.levels import EVEN_ODDS, FLOOR, UNDECIDED, WRONG_DIRECTION_DEG
+from slam_init.window.levels import FLOOR, UNDECIDED
 from slam_init.window.live import LiveHypotheses
 from slam_init.window.risk import WindowRisk, risk_of
 from slam_init.window.tracks import MAX_VIEWS
 from slam_init.window.two_motions import BodySearch
-
-#: Frames that are not judged where the last window, of so many views or more, left this standard deviation of the
-#: direction (degrees): twice what is wrong. In a steady motion it falls with the power 3/2 of the views, so that ten
-#: views in place of six leave half of it, which is no map. A sudden motion shows in the score of the pairs.
-#: Class: geometry, in frames, views and degrees.
-_LONGEST_REST, _MANY_VIEWS, _FAR_DEG = 3, 6, 2 * WRONG_DIRECTION_DEG
-#: After a window whose map is wrong at even odds or worse, this number of frames is not judged while the score has
-#: grown by less than this factor: the tracks tell less than half as much again. With more frames left out, motions are
-#: lost between two windows: of four drawn worlds without a map after three such frames, two have one after one.
-#: Class: level, as a factor and in frames.
-_TELLS_MORE, _REST_AT_EVEN_ODDS = 1.2, 1
-#: A camera that turns for long tells as little after a hundred frames as after ten. So either rest may grow to this
-#: share of the frames so far, and a map comes later by that share at the most. Of 100 frames of a camera that turns in
-#: the hand 25 are judged, 53 without; 1500 worlds of another generator have as many right and false maps.
-#:
-#: A window whose small risk the last look refuses takes as long as one that leads to a map. Where a camera moves
-#: straight toward a wall the risk is small in each frame, and each time a zoom explains the tracks too. So after this
-#: number of windows in a row that are undecided after all one frame is left out, after twice as many two frames, up to
-#: the same share. With a rest after two of them five maps fewer of 1500 worlds were right. Twenty-four frames toward a
-#: wall take three fifths of the time.
-#: Class: level, as a share and in windows.
-_SHARE_OF_FRAMES, _IN_VAIN = 0.1, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,11 +100,7 @@ class WindowRule:
         self._reference: int | None = None
         self._rotates = False
         self._last: JudgedWindow | None = None
-        # The best score of the pairs of the last frame that did not rest, the frames since then, and all so far.
-        # A frame without motion or without tracks is refused before.
-        self._score, self._rested, self._frames = 0.0, 0, 0
-        # Windows in a row whose risk was small at first, and that the last look left undecided.
-        self._in_vain = 0
+        self._skipper = FrameSkipper()
         self._bodies = BodySearch()
 
     def renewed(self) -> WindowRule:
@@ -147,12 +122,8 @@ class WindowRule:
         * Returns: None where no pair was chosen, and no motion is known or the window holds the pair alone; or where
           the last window was so far from a map that this frame cannot be enough.
         """
-        self._frames += 1
-        score = max((pair.direction_score for pair in pairs), default=0.0)
-        if self._is_far(score):
-            self._rested += 1
+        if self._skipper.skips(max((pair.direction_score for pair in pairs), default=0.0), self._last):
             return None
-        self._score, self._rested = score, 0
         preview = chosen or next((pair for pair in pairs if pair.reference == self._reference), None)
         # Without further views, an earlier motion has only the reference in common with the window.
         lives_on = bool(self._live) and self._third_view
@@ -191,23 +162,6 @@ class WindowRule:
 
     # -- parts of the judgement -------------------------------------------------------------------
 
-    def _is_far(self, score: float) -> bool:
-        """Whether a frame is left out: the last window was far from a map, and the pairs show little more now.
-
-        Or the last windows were near one in vain (:mod:`slam_init.window.confirmation`).
-        """
-        last, part = self._last, int(_SHARE_OF_FRAMES * self._frames)
-        if last is None:
-            return False
-        if self._rested < min(self._in_vain // _IN_VAIN, part):
-            return True
-        if len(last.best.rows) < _MANY_VIEWS:
-            return False
-        if last.risk.direction_sigma_deg * self._score > _FAR_DEG * score:
-            return self._rested < max(_LONGEST_REST, part)
-        more_likely_wrong = last.risk.total > EVEN_ODDS and score < _TELLS_MORE * self._score
-        return more_likely_wrong and self._rested < max(_REST_AT_EVEN_ODDS, part)
-
     def _propose_and_fit(
         self, chosen: PairPreview | None, views: _Views, attempt: Attempt, stopwatch: Stopwatch
     ) -> Outcome:
@@ -239,7 +193,7 @@ class WindowRule:
             self._last = None
             return Outcome(refused_at(attempt, Verdict.NO_CONSISTENT_MOTION, Stage.MAP))
         hypotheses, risk, was_small = found
-        self._in_vain = self._in_vain + 1 if was_small and risk.total > UNDECIDED else 0
+        self._skipper.judged(in_vain=was_small and risk.total > UNDECIDED)
         pair = self._with_readout(views.pair, risk)
         window = JudgedWindow(pair, hypotheses, risk, self._history.lens, self._threshold_rad)
         # A camera that merely rotates is judged again once a pair shows parallax.

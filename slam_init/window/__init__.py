@@ -13,8 +13,9 @@
 * :mod:`slam_init.window.marginal` integrates out the smooth errors that the tracks of a view share;
 * :mod:`slam_init.window.uncertainty` states the covariance of rotation, direction and distances;
 * :mod:`slam_init.window.risk` composes the probability that a map of the best hypothesis is wrong:
-  :mod:`slam_init.window.rival` lets the tracks vote between motions, :mod:`slam_init.window.other_motion` looks for the
-  motion of a large body; :mod:`slam_init.window.two_motions` takes a window apart that is refused for a body;
+  :mod:`slam_init.window.direction_term` states that of a large error, :mod:`slam_init.window.rival` lets the tracks
+  vote between motions, :mod:`slam_init.window.other_motion` looks for the motion of a large body;
+  :mod:`slam_init.window.two_motions` takes a window apart that is refused for a body;
 * :mod:`slam_init.window.confirmation` looks again where that is small: for bodies, zooms and other starts;
 * :mod:`slam_init.window.levels` holds the numbers.
 

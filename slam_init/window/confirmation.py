@@ -24,7 +24,7 @@ from slam_init.window.left_out import wrong_by_a_half
 from slam_init.window.levels import ON_BODIES, SAME_DIRECTION_DEG, SAME_ROTATION_DEG, UNDECIDED
 from slam_init.window.motion import fit_motion
 from slam_init.window.other_motion import bearings_of_best
-from slam_init.window.risk import WindowRisk, risk_of, total_of
+from slam_init.window.risk import WindowRisk, risk_of
 from slam_init.window.rival import rival_term
 from slam_init.window.rotation_term import with_errors_in_noise, zooming_probability
 from slam_init.window.second_look import look_again
@@ -61,8 +61,7 @@ def confirmed(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -
         if risk.total > max_risk or not hypotheses.priors.lens_changes:
             return hypotheses, risk
         direction = min(1.0, risk.direction + wrong_by_zooms(hypotheses, rotation))
-        total = total_of(direction, risk.rival, risk.rotation, risk.moving)
-        return hypotheses, replace(risk, direction=direction, total=total)
+        return hypotheses, replace(risk, direction=direction)
 
 
 def _with_free_depths(
@@ -73,19 +72,18 @@ def _with_free_depths(
     if not hypotheses.planar:
         return (hypotheses, risk) if len(free.motions) == 1 and again.same_as(best) else (free, risk_of(free))
     # The scene must not vote for a motion: points that leave one of two planes vote by their free depths.
-    planes, deg = _on_planes(hypotheses, free), risk.direction_sigma_deg
+    planes, deg = _on_planes(hypotheses, free), risk.directions.sigma_deg
     by_points, _ = rival_term(planes, expand(hypotheses, best), deg, most=UNDECIDED, free=free)
     known = [one for one in free.motions[1:] if planes.fit_near(one)]
     of_free = risk_of(replace(free, motions=tuple(one for one in free.motions if one not in known)))
     rotation_deg, direction_deg = best.difference_deg(again)
-    near = rotation_deg <= GATE_SIGMAS * of_free.rotation_sigma_deg + SAME_ROTATION_DEG
-    if not near or direction_deg > GATE_SIGMAS * of_free.direction_sigma_deg + SAME_DIRECTION_DEG:
+    near = rotation_deg <= GATE_SIGMAS * of_free.directions.rotation_sigma_deg + SAME_ROTATION_DEG
+    if not near or direction_deg > GATE_SIGMAS * of_free.directions.sigma_deg + SAME_DIRECTION_DEG:
         return free, risk_of(free)
     rival, direction = min(1.0, max(risk.rival, by_points) + of_free.rival), risk.direction
     # The plane of shifted frames is another one in each view, so that it tells nothing about the direction.
-    direction = max(direction, risk.frames_are_shifted * of_free.direction)
-    total = total_of(direction, rival, risk.rotation, risk.moving)
-    return hypotheses, replace(risk, rival=rival, direction=direction, total=total)
+    direction = max(direction, risk.directions.frames_are_shifted * of_free.direction)
+    return hypotheses, replace(risk, rival=rival, direction=direction)
 
 
 def _on_planes(hypotheses: WindowHypotheses, free: WindowHypotheses) -> WindowHypotheses:
@@ -101,19 +99,17 @@ def _against_bodies(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRis
     rotation = risk.rotation
     for one in () if hypotheses.planar else (hypotheses, *_wide_too(hypotheses, risk)):
         rotation = max(rotation, bodies_probability(one, ON_BODIES, anew=True))
-    return replace(risk, rotation=rotation, total=total_of(risk.direction, risk.rival, rotation, risk.moving))
+    return replace(risk, rotation=rotation)
 
 
 def _against_a_half(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk:
     """The risk with the rival that a body on one half of the view holds the best motion."""
-    risk = replace(risk, by_a_half=wrong_by_a_half(hypotheses))
-    return replace(risk, total=total_of(risk.direction, risk.rival, risk.rotation, risk.moving))
+    return replace(risk, by_a_half=wrong_by_a_half(hypotheses))
 
 
 def _against_zooming_rotation(hypotheses: WindowHypotheses, risk: WindowRisk, zooming: ZoomingRotation) -> WindowRisk:
     """The risk with the rival that the camera only rotates, and that its images zoom and shift from view to view."""
-    rotation = risk.rotation + zooming_probability(hypotheses, zooming)
-    return replace(risk, rotation=rotation, total=total_of(risk.direction, risk.rival, rotation, risk.moving))
+    return replace(risk, rotation=risk.rotation + zooming_probability(hypotheses, zooming))
 
 
 def _wide_too(hypotheses: WindowHypotheses, risk: WindowRisk) -> tuple[WindowHypotheses, ...]:

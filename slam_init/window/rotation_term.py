@@ -41,8 +41,10 @@ _OF_NOISE = 0.3
 
 def rotation_probability(
     hypotheses: WindowHypotheses, expanded: ExpandedFit, unexplained: float = 0.0, *, lasting_in_noise: bool = False
-) -> tuple[float, float, CameraEstimate]:
+) -> tuple[float, float, CameraEstimate | None]:
     """Gain over the rotation-only camera (nats), the probability of it if the camera only rotates, and that camera.
+
+    The camera is None where the gain is certain.
 
     * ``unexplained``: What the model of that camera leaves, in nats.
     * ``lasting_in_noise``: Of hypotheses of :func:`with_errors_in_noise`.
@@ -61,7 +63,7 @@ def rotation_probability(
         return chi_square_as_gaussian(2 * gains / (scale * freedom), freedom)
 
     if z_of(np.array([(1 - EXPLAINED_BY_FIELDS) * max(gain, 0.0) / dispersion]))[0] > CERTAIN_SIGMAS:
-        return gain, 0.0, camera_estimate(expanded)
+        return gain, 0.0, None
     rotation = linearize_with_fields(
         hypotheses.tracks, hypotheses.rotation_only, hypotheses.rotation_priors, rotation_only=True
     )

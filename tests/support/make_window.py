@@ -24,7 +24,9 @@ from slam_init.window.equations import lens_of, observed_by, scene_of
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
 from slam_init.window.joint_fit import JointFit, fit_window
 from slam_init.window.kernels import accumulate
+from slam_init.window.motion import OtherMotion
 from slam_init.window.projection import camera_vector
+from slam_init.window.risk import WindowRisk
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.track_equations import eliminate
 from slam_init.window.tracks import WindowTracks, gather_tracks
@@ -343,3 +345,8 @@ def errors_deg(source, map_):
     first, second = map_.keyframes[:2]
     found = second.world_from_cam.inverse() @ first.world_from_cam
     return pose_errors_deg(found, true_motion(source, first.frame, second.frame))
+
+
+def looks_small(risk: WindowRisk) -> WindowRisk:
+    """A risk whose terms are all 0, as the last look meets it."""
+    return replace(risk, direction=0.0, rival=0.0, rotation=0.0, other=OtherMotion(), by_a_half=0.0)

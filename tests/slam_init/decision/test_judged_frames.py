@@ -3,20 +3,19 @@
 from copy import deepcopy
 from dataclasses import replace
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
-import pytest
 from make_pair import preview_of
-from make_scene import CAMERA, history_of
+from make_scene import history_of
 from make_window import WINDOW_CONFIG, finished, point_source
 
-from slam_init.decision import window_rule
+from slam_init.decision import frame_skipper, window_rule
 from slam_init.decision.screening import LEAST_PARALLAX_SHARE
 from slam_init.decision.window_rule import WindowRule
 from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.types.reasons import Verdict
 from slam_init.types.stopwatch import Stopwatch
+from slam_init.window.motion import OtherMotion
 
 #: Fewer tracks than the default, where a law does not ask for more: the fits take as much less time.
 FEWER = 150
@@ -61,7 +60,7 @@ def test_motions_live_on_in_frames_without_a_chosen_pair_and_can_be_accepted_the
 
 
 def test_after_a_window_that_tells_no_direction_at_most_three_frames_are_left_out(monkeypatch):
-    monkeypatch.setattr(window_rule, "_FAR_DEG", 1e-9)
+    monkeypatch.setattr(frame_skipper, "_FAR_DEG", 1e-9)
     frames = Frames(point_source("wall", 0, baseline=0.3, points=FEWER))
     outcomes = [frames.judge(1, chosen=True), *(frames.judge(k, chosen=False) for k in range(2, 12))]
     assert [k for k, outcome in enumerate(outcomes, 1) if outcome is None] == [6, 7, 8, 10, 11]
@@ -72,7 +71,7 @@ def test_a_pair_that_shows_more_parallax_is_judged_at_once(monkeypatch):
     frames, judged = Frames(point_source("wall", 0, baseline=0.3, points=FEWER)), []
     for k in range(1, 6):
         last = frames.judge(k, chosen=k == 1)
-    monkeypatch.setattr(window_rule, "_FAR_DEG", 0.7 * last.motion.direction_sigma_deg)
+    monkeypatch.setattr(frame_skipper, "_FAR_DEG", 0.7 * last.motion.direction_sigma_deg)
     pair = preview(frames, 6)
     score = preview(frames, 5).direction_score / pair.direction_score
     for more in (1.0, 2.0):
@@ -108,7 +107,7 @@ def test_a_frame_rests_after_a_window_at_even_odds_unless_the_pairs_tell_more(mo
 
     def spied(rule, attempt, views):
         outcome = fit_and_state(rule, attempt, views)
-        judged.append((views.pair.current.frame, rule._score, rule._last))
+        judged.append((views.pair.current.frame, rule._skipper._score, rule._last))
         return outcome
 
     monkeypatch.setattr(WindowRule, "_fit_and_state_risk", spied)
@@ -122,37 +121,15 @@ def test_a_frame_rests_after_a_window_at_even_odds_unless_the_pairs_tell_more(mo
     assert after.count((2, False)) >= 2
 
 
-@pytest.mark.parametrize(("frames", "sigma_deg", "rests"), [(19, 5.0, 1), (20, 5.0, 2), (29, 90.0, 3), (100, 90.0, 10)])
-def test_a_rest_lasts_for_a_tenth_of_the_frames_so_far_at_most(frames, sigma_deg, rests):
-    """Or for one frame after a window at even odds, and three where the direction is unknown."""
-    rule = WindowRule(WINDOW_CONFIG, history_of([], CAMERA), RollingShutter(CAMERA))
-    hopeless = SimpleNamespace(total=1.0, direction_sigma_deg=sigma_deg)
-    rule._last = SimpleNamespace(risk=hopeless, best=SimpleNamespace(rows=range(12)))
-    rule._frames, rule._score = frames, 1.0
-    while rule._is_far(1.0):
-        rule._rested += 1
-    assert rule._rested == rests
-    assert not rule._is_far(20.0)
-
-
-@pytest.mark.parametrize(("frames", "in_vain", "rests"), [(30, 3, 0), (30, 4, 1), (30, 30, 3), (9, 9, 0), (55, 20, 5)])
-def test_after_small_risks_in_a_row_that_were_refused_frames_are_left_out_up_to_a_tenth(frames, in_vain, rests):
-    rule = WindowRule(WINDOW_CONFIG, history_of([], CAMERA), RollingShutter(CAMERA))
-    rule._last = SimpleNamespace(best=SimpleNamespace(rows=range(2)))
-    rule._frames, rule._in_vain = frames, in_vain
-    while rule._is_far(1.0):
-        rule._rested += 1
-    assert rule._rested == rests
-
-
 def test_windows_whose_small_risk_is_refused_are_counted_until_one_is_not_small(monkeypatch):
     frames, counts = Frames(point_source("wall", 0, views=8, baseline=0.3, points=FEWER)), []
     risk_of = window_rule.risk_of
-    monkeypatch.setattr(window_rule, "confirmed", lambda found, risk, _: (found, replace(risk, total=1.0)))
-    for k, total in enumerate((0.0, 0.0, 0.0, 1.0, 0.0, 0.0), 1):  # of the first look; the last one refuses all
-        monkeypatch.setattr(window_rule, "risk_of", lambda *of, total=total: replace(risk_of(*of), total=total))
+    monkeypatch.setattr(window_rule, "confirmed", lambda found, risk, _: (found, replace(risk, rival=1.0)))
+    for k, rival in enumerate((0.0, 0.0, 0.0, 1.0, 0.0, 0.0), 1):  # of the first look; the last one refuses all
+        terms = {"direction": 0.0, "rotation": 0.0, "other": OtherMotion(), "rival": rival}
+        monkeypatch.setattr(window_rule, "risk_of", lambda *of, terms=terms: replace(risk_of(*of), **terms))
         assert frames.judge(k, chosen=k == 1).accepted is None
-        counts.append(frames.rule._in_vain)
+        counts.append(frames.rule._skipper._in_vain)
     assert counts == [1, 2, 3, 0, 1, 2]
 
 

@@ -63,7 +63,7 @@ def followed(scene, seed, baseline):
 
     def noting_risk_of(hypotheses, max_risk):
         risk = risk_of(hypotheses, max_risk)
-        judged.append((hypotheses.motions[0].frames, risk.direction_of_views))
+        judged.append((hypotheses.motions[0].frames, risk.directions.of_views))
         return risk
 
     initializer, steps = Initializer(source.camera, WINDOW_CONFIG), []

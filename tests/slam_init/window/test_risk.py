@@ -12,7 +12,7 @@ from sequences_synth.points import PointOptions, make_points
 from slam_init.config import AcceptanceConfig
 from slam_init.datasets.points import PointSource
 from slam_init.window import rival as rival_module
-from slam_init.window.levels import BODIES_MOVE
+from slam_init.window.levels import BODIES_MOVE, FLOOR
 from slam_init.window.motion import fit_motion
 from slam_init.window.risk import risk_of
 from slam_init.window.state import Priors
@@ -39,18 +39,18 @@ def clear():
 def test_the_terms_add_up(scene, views):
     for seed in range(2):
         risk = risk_of(hypotheses(scene, seed, views, baseline=0.08, points=150))
-        terms = (risk.direction, risk.rival, risk.rotation, risk.moving, risk.floor)
+        terms = (risk.direction, risk.rival, risk.rotation, risk.moving, FLOOR)
         assert all(0 <= term <= 1 for term in terms)
         assert risk.total == pytest.approx(min(1.0, sum(terms)))
-        assert risk.total >= risk.floor > 0
+        assert risk.total >= FLOOR > 0
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_views_between_the_pair_lower_the_risk_of_a_room(seed):
     few, more, most = (risk_of(hypotheses("room", seed, views, baseline=0.1, points=150)) for views in (3, 6, 12))
     assert few.total >= more.total >= most.total
-    assert few.direction_sigma_deg > most.direction_sigma_deg
-    assert few.rotation_sigma_deg > most.rotation_sigma_deg
+    assert few.directions.sigma_deg > most.directions.sigma_deg
+    assert few.directions.rotation_sigma_deg > most.directions.rotation_sigma_deg
     assert most.total < MAX_RISK
 
 
@@ -58,7 +58,7 @@ def test_views_between_the_pair_lower_the_risk_of_a_room(seed):
 def test_a_longer_window_lowers_the_risk_of_a_room(seed):
     few, most = (risk_of(hypotheses("room", seed, last + 1, last, baseline=0.1, points=150)) for last in (2, 11))
     assert few.total >= most.total
-    assert few.direction_sigma_deg > most.direction_sigma_deg
+    assert few.directions.sigma_deg > most.directions.sigma_deg
 
 
 def test_a_single_motion_has_no_rival(undecided, clear):
@@ -167,8 +167,8 @@ def test_the_standard_deviations_follow_the_noise_of_the_tracks():
     a, b = risk_with_noise(0.4, 0.4), risk_with_noise(0.8, 0.8)
     # The error of the principal point does not follow the noise.
     for of in (
-        lambda risk: risk.direction_sigma_deg,
-        lambda risk: risk.rotation_sigma_deg,
+        lambda risk: risk.directions.sigma_deg,
+        lambda risk: risk.directions.rotation_sigma_deg,
         lambda risk: risk.depth_sigma,
     ):
         assert 1.1 < of(b) / of(a) < 2.6
@@ -177,17 +177,17 @@ def test_the_standard_deviations_follow_the_noise_of_the_tracks():
 
 def test_the_stated_noise_does_not_change_the_standard_deviations():
     a, b = risk_with_noise(0.5, 0.5), risk_with_noise(0.5, 1.0)
-    assert b.direction_sigma_deg == pytest.approx(a.direction_sigma_deg, rel=0.05)
+    assert b.directions.sigma_deg == pytest.approx(a.directions.sigma_deg, rel=0.05)
     assert b.depth_sigma == pytest.approx(a.depth_sigma, rel=0.05)
 
 
 def test_the_direction_of_the_pair_is_the_first_of_the_views_and_that_of_a_near_view_is_less_certain():
     found = hypotheses("room", 2, 12, baseline=0.1, points=100)
     risk = risk_of(found)
-    assert len(risk.direction_of_views) == len(found.motions[0].rows) - 1
-    assert risk.direction_of_views[0] == risk.direction
+    assert len(risk.directions.of_views) == len(found.motions[0].rows) - 1
+    assert risk.directions.of_views[0] == risk.direction
     nearest = found.motions[0].frames.index(1) - 1
-    assert risk.direction_of_views[nearest] > 10 * risk.direction
+    assert risk.directions.of_views[nearest] > 10 * risk.direction
 
 
 @pytest.mark.parametrize(("share", "doubtful"), [(0.15, True), (0.4, False)])
@@ -200,9 +200,9 @@ def test_a_view_that_fewer_tracks_locate_than_a_body_holds_is_as_doubtful_as_bod
     best = found.motions[0]
     few = fit_motion(replace(found.tracks, seen=seen), best.motion, found.priors)
     risk, before = (risk_of(replace(found, tracks=one.tracks, motions=(one,))) for one in (few, best))
-    assert (risk.direction_of_views[row - 1] > 0.9 * BODIES_MOVE) == doubtful
+    assert (risk.directions.of_views[row - 1] > 0.9 * BODIES_MOVE) == doubtful
     others = [view for view in range(5) if view != row - 1]
-    assert max(risk.direction_of_views[view] for view in others) < 0.1 * BODIES_MOVE
+    assert max(risk.directions.of_views[view] for view in others) < 0.1 * BODIES_MOVE
     assert risk.total < 2 * before.total
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from make_window import PRIORS, finished, hypotheses_of, pair_and_further, point_source
+from make_window import PRIORS, finished, hypotheses_of, looks_small, pair_and_further, point_source
 
 from slam_init import Initializer
 from slam_init.window.motion import OtherMotion
@@ -57,8 +57,8 @@ def test_a_window_that_is_decided_is_not_searched_and_one_in_vain_gives_two_othe
     monkeypatch.setattr("slam_init.window.two_motions.without_body", searched.append)
     monkeypatch.setattr("slam_init.window.two_motions._shows_two_motions", lambda one: one is found)
     risk, search = risk_of(found), BodySearch()
-    small, moving = replace(risk, total=0.001), replace(risk, total=1.0, other=OtherMotion(0.5))
-    refused = replace(risk, total=1.0, other=OtherMotion(), rotation=0.0)
+    small, moving = looks_small(risk), replace(risk, rotation=0.0, other=OtherMotion(0.5))
+    refused = replace(looks_small(risk), rival=1.0)
     for decided in (small, moving, replace(refused, rotation=0.5)):
         assert search.judge(found, decided, MAX_RISK, []) == (found, decided)
     rigid = hypotheses(0, outliers=0.1)
