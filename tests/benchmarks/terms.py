@@ -1,0 +1,182 @@
+"""What each term of the risk refuses: windows that all other terms together would accept.
+
+Each world goes through an :class:`~slam_init.initializer.Initializer`. For each judged window, every term of the first
+look is noted, and, where their sum is small, every term of the last look, also those after the one that refuses it. A
+term that alone refuses no wrong window is not needed. What a term costs are the right windows that it alone refuses; a
+later frame may still bring their map. Of a window that the first look refuses, the last look is not noted: it might
+refuse that window too. ::
+
+    python -m tests.benchmarks.terms --worlds PATH/gen.py --seeds 2000 2350 --log terms.jsonl
+    python -m tests.benchmarks.terms --from-log terms.jsonl
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import numpy as np
+
+from slam_init.config import AcceptanceConfig
+from slam_init.decision import window_rule
+from slam_init.initializer import Initializer
+from slam_init.output.tables import markdown_table
+from slam_init.system.linear_algebra import single_threaded
+from slam_init.types.pose import Pose
+from slam_init.window import confirmation
+from slam_init.window.hypotheses import WindowHypotheses, with_rotation_anew
+from slam_init.window.left_out import wrong_by_a_half
+from slam_init.window.motion import difference_deg
+from slam_init.window.risk import WindowRisk, risk_of
+from slam_init.window.rotation_term import zooming_probability
+from slam_init.window.second_look import look_again
+from slam_init.window.zooming_motion import wrong_by_zooms
+from slam_init.window.zooming_rotation import with_zooms
+from tests.benchmarks.options import show
+from tests.benchmarks.reliability import DIRECTION_DEG, ROTATION_DEG, World, built_in, by_another_hand
+
+#: Terms by their names in a log, with what they are called. The first four are those of the first look; the next three
+#: are parts of the direction, whose other parts stay.
+_TERMS = {
+    "dir": "direction",
+    "rot": "rotation",
+    "oth": "another motion of other tracks",
+    "riv": "rival",
+    "rigid": "direction: bodies and errors that neighbours share",
+    "fix": "direction: a lens that changes from view to view",
+    "lens": "direction: the lens that a map holds",
+    "anew": "last look: the camera that only rotates, from afar",
+    "bod": "last look: it beside bodies on half of the tracks",
+    "zrot": "last look: it with zooms",
+    "free": "last look: free depths and further starts",
+    "half": "last look: a body on half of the view",
+    "zmot": "last look: a moving camera with zooms",
+}
+_PARTS_OF_DIRECTION = ("rigid", "fix", "lens")
+
+
+def windows_of(world: World) -> list[dict[str, Any]]:
+    """The judged windows of a world: whether their best motion is wrong, and their terms."""
+    found: list[dict[str, Any]] = []
+    initializer = Initializer(world.camera)
+    with _noting(world, found):
+        for view in world.views:
+            if initializer.process_tracks(view):
+                break
+    return found
+
+
+@contextmanager
+def _noting(world: World, found: list[dict[str, Any]]) -> Iterator[None]:
+    confirmed = confirmation.confirmed
+
+    def noted(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -> tuple[WindowHypotheses, WindowRisk]:
+        row: dict[str, Any] = {"wrong": _is_wrong(hypotheses, world), "tot": risk.total}
+        row |= {"dir": risk.direction, "rot": risk.rotation, "riv": risk.rival, "oth": risk.other.probability}
+        term = risk.directions
+        row |= {"rigid": term.if_rigid, "fix": term.if_lens_fixed, "lens": term.if_lens_right}
+        if risk.total <= max_risk:
+            row["last"] = _terms_of_last_look(hypotheses, risk)
+        found.append(row)
+        return confirmed(hypotheses, risk, max_risk)
+
+    with mock.patch.object(window_rule, "confirmed", noted):
+        yield
+
+
+def _is_wrong(hypotheses: WindowHypotheses, world: World) -> bool:
+    """Whether the best motion of a window would make a false map."""
+    motion, (first, *others) = hypotheses.motions[0].motion.cam_from_world, hypotheses.motions[0].frames
+    errors = []
+    for frame in others:
+        true = world.world_from_cam[frame].inverse() @ world.world_from_cam[first]
+        found: Pose = motion[frame] @ motion[first].inverse()
+        errors.append((float(np.linalg.norm(true.t)), *difference_deg(found, true)))
+    longest = max(length for length, _, _ in errors)
+    directions = [direction for length, _, direction in errors if length >= 0.3 * longest]
+    return world.no_translation or max(one[1] for one in errors) >= ROTATION_DEG or max(directions) >= DIRECTION_DEG
+
+
+def _terms_of_last_look(hypotheses: WindowHypotheses, risk: WindowRisk) -> dict[str, float]:
+    """What each step of :func:`slam_init.window.confirmation.confirmed` adds, whatever the others say."""
+    added: dict[str, float] = {}
+    with single_threaded():
+        if hypotheses.rotation_lives:
+            anew = with_rotation_anew(hypotheses)
+            if anew is not hypotheses:
+                before, hypotheses, risk = risk.total, anew, risk_of(anew)
+                added["anew"] = risk.total - before
+        added["bod"] = confirmation._against_bodies(hypotheses, risk).rotation - risk.rotation
+        zooming = with_zooms(hypotheses)
+        added["zrot"] = zooming_probability(hypotheses, zooming)
+        hypotheses, again = confirmation._with_free_depths(hypotheses, risk, look_again(hypotheses))
+        added["free"] = again.total - risk.total
+        added["half"] = wrong_by_a_half(hypotheses)
+        added["zmot"] = wrong_by_zooms(hypotheses, zooming) if hypotheses.priors.lens_changes else 0.0
+    return {name: max(value, 0.0) for name, value in added.items()}
+
+
+def refuses_alone(term: str, window: Mapping[str, Any], max_risk: float) -> bool:
+    """Whether a window is refused, and would not be without a term."""
+    last = window.get("last", {})
+    total = window["tot"] + sum(max(value, 0.0) for value in last.values())
+    if term in _PARTS_OF_DIRECTION:
+        share = window["dir"] - min(window["dir"], window[term])
+    else:
+        share = max(last.get(term, 0.0), 0.0) if term not in window else window[term]
+    return bool(total > max_risk >= total - share)
+
+
+def report(worlds: Sequence[Sequence[Mapping[str, Any]]]) -> str:
+    """The table of the worlds in which each term alone refuses a window."""
+    max_risk = AcceptanceConfig().max_risk
+    windows = [window for world in worlds for window in world]
+    wrong = sum(bool(window["wrong"]) for window in windows)
+    rows = []
+    for term, name in _TERMS.items():
+        counts = [
+            sum(any(w["wrong"] == is_wrong and refuses_alone(term, w, max_risk) for w in world) for world in worlds)
+            for is_wrong in (True, False)
+        ]
+        rows.append([name, *map(str, counts)])
+    header = ["refused by this term alone", "worlds with a wrong window", "with a right window"]
+    heading = f"{len(worlds)} worlds, {len(windows)} judged windows, of which the best motion of {wrong} is wrong."
+    return f"{heading}\n\n{markdown_table(header, rows)}"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Print the table; return the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.terms", allow_abbrev=False)
+    parser.description = "What each term of the risk refuses that no other one does."
+    parser.add_argument("--seeds", type=int, nargs=2, default=(200_000, 200_005), metavar=("FIRST", "END"))
+    parser.add_argument("--worlds", type=Path, metavar="FILE", help="worlds by another hand (default: built in)")
+    parser.add_argument("--log", type=Path, metavar="FILE", help="append one JSON line a world")
+    parser.add_argument("--from-log", type=Path, nargs="+", metavar="FILE", help="the table of logs; run nothing")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the table to a file as well")
+    options = parser.parse_args(argv)
+    if options.from_log:
+        lines = [line for path in options.from_log for line in path.read_text(encoding="utf-8").splitlines()]
+        worlds = [json.loads(line)["rows"] for line in lines]
+    else:
+        drawn: Callable[[int], Iterator[World]] = (
+            built_in if options.worlds is None else by_another_hand(options.worlds)
+        )
+        worlds = []
+        for seed in range(*options.seeds):
+            for world in drawn(seed):
+                worlds.append(windows_of(world))
+                if options.log is not None:
+                    with options.log.open("a", encoding="utf-8") as file:
+                        file.write(json.dumps({"seed": seed, "rows": worlds[-1]}, default=float) + "\n")
+    show(report(worlds) + "\n", options.out)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
