@@ -129,7 +129,7 @@ def pose_evidence(camera: Camera, pose: RelativePose | NoPose) -> TwoViewEvidenc
     )
 
 
-def judge_rotation(camera: Camera, config: Config, attempt: Attempt, pose: RelativePose) -> Attempt:
+def refuse_rotation(camera: Camera, config: Config, attempt: Attempt, pose: RelativePose) -> Attempt:
     """Refuse a pure rotation; a static camera if the rotation is within the noise that it was fitted to."""
     least_px = difference_gate(max(config.map.noise_px, pose.noise_rad * camera.focal_px))
     rotation_px = float(rotation_angle(pose.R)) * camera.focal_px

@@ -27,10 +27,10 @@ from slam_init.decision.screening import LEAST_PARALLAX_SHARE, preview_evidence
 from slam_init.decision.two_views import (
     MatchedPair,
     Proposer,
-    judge_rotation,
     match_pair,
     pose_at_fitting_threshold,
     pose_evidence,
+    refuse_rotation,
     upright_or,
 )
 from slam_init.decision.window_map import WindowMaps
@@ -313,7 +313,7 @@ class WindowRule:
     def _without_motion(self, attempt: Attempt, pose: RelativePose | NoPose) -> Attempt:
         if isinstance(pose, NoPose):
             return refused_at(attempt, Verdict(pose.reason), Stage.TWO_VIEWS)
-        return judge_rotation(self._history.camera, self._config, attempt, pose)
+        return refuse_rotation(self._history.camera, self._config, attempt, pose)
 
     def _with_readout(self, pair: MatchedPair, risk: WindowRisk) -> MatchedPair:
         """Correct the rays of the history for the readout that the window found; return the pair with these rays."""

@@ -22,7 +22,6 @@ from typing import NamedTuple
 import numpy as np
 
 from quest.estimate import Hypothesis, RelativePose
-from slam_init.mapping.plane import plane_of_motion
 from slam_init.types.arrays import Floats, Ints, evenly_spaced
 from slam_init.types.lens_in_use import UNKNOWN_K1_SIGMA, UNKNOWN_PRINCIPAL_SIGMA
 from slam_init.types.pose import Pose
@@ -32,7 +31,7 @@ from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
 from slam_init.window.levels import LARGEST_VOTE, UNDECIDED, WRONG_FOCAL, WRONG_FOCAL_COST
 from slam_init.window.locating import MIN_RESECTED, align_views, locate_views
 from slam_init.window.motion import FittedMotion, Motion, OtherMotion, fit_motion, noise_factor_at
-from slam_init.window.planarity import is_plane
+from slam_init.window.planarity import is_plane, plane_of_motion
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracker_errors import gain_of_lasting_errors, gain_of_shared_errors, gain_of_turning_errors
 from slam_init.window.tracks import WindowTracks

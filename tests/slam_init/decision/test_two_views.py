@@ -10,7 +10,7 @@ from make_scene import CAMERA, CONFIG, cloud, history_of, observe
 
 from quest.estimate import NoPose
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
-from slam_init.decision.two_views import judge_rotation, match_pair, pose_at_fitting_threshold, pose_evidence
+from slam_init.decision.two_views import match_pair, pose_at_fitting_threshold, pose_evidence, refuse_rotation
 from slam_init.types.gates import GateName, Stage
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
@@ -68,10 +68,10 @@ def test_the_outlier_threshold_is_widened_for_noisy_tracks():
 
 def test_a_rotation_is_pure_rotation_and_one_within_the_noise_is_a_static_camera(rotating):
     assert rotating.kind == "rotation"
-    attempt = judge_rotation(CAMERA, CONFIG, Attempt((0, 1), Verdict.ACCEPTED), rotating)
+    attempt = refuse_rotation(CAMERA, CONFIG, Attempt((0, 1), Verdict.ACCEPTED), rotating)
     assert (attempt.verdict, attempt.stage) == (Verdict.PURE_ROTATION, Stage.MOTION)
     within_noise = rotation_from_vector(np.array([0.0, 0.1 / CAMERA.focal_px, 0.0]))
-    static = judge_rotation(CAMERA, CONFIG, Attempt((0, 1), Verdict.ACCEPTED), replace(rotating, R=within_noise))
+    static = refuse_rotation(CAMERA, CONFIG, Attempt((0, 1), Verdict.ACCEPTED), replace(rotating, R=within_noise))
     assert (static.verdict, static.stage) == (Verdict.STATIC_CAMERA, Stage.MOTION)
     assert [gate.name for gate in static.failed_gates] == [GateName.ROTATION_PX]
 

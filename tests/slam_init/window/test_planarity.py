@@ -3,8 +3,8 @@
 import numpy as np
 
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.mapping.plane import plane_of_motion
 from slam_init.types.pose import Pose
+from slam_init.window.planarity import plane_of_motion
 
 #: A tilted plane at a distance of about 1, and a motion in front of it.
 PLANE = np.array([0.2, -0.3, 0.8])
