@@ -100,7 +100,7 @@ def decide(world: World, seed: int) -> Decision:
     if initializer.map is None:
         return Decision(seed, factors, "none", wait, world.no_translation, str(status.reason))
     rotation, direction = errors_deg(initializer.map, world.world_from_cam)
-    wrong = world.no_translation or rotation >= ROTATION_DEG or direction >= DIRECTION_DEG
+    wrong = is_wrong((rotation, direction), world)
     attempt = status.attempt
     window = None if attempt is None else attempt.window
     sigma = math.nan if window is None else window.direction_sigma_deg
@@ -114,16 +114,28 @@ def decide(world: World, seed: int) -> Decision:
 
 def errors_deg(map_: InitialMap, truth: Mapping[int, Pose] | Sequence[Pose]) -> tuple[float, float]:
     """Largest errors of a rotation and of the direction of a baseline; short baselines are left out."""
-    first, *others = map_.keyframes
+    return errors_of_poses_deg({one.frame: one.world_from_cam.inverse() for one in map_.keyframes}, truth)
+
+
+def errors_of_poses_deg(
+    cam_from_world: Mapping[int, Pose], truth: Mapping[int, Pose] | Sequence[Pose]
+) -> tuple[float, float]:
+    """The same of poses by frame, the reference first."""
+    first, *others = cam_from_world
     errors = []
-    for one in others:
-        found = one.world_from_cam.inverse() @ first.world_from_cam
-        true = truth[one.frame].inverse() @ truth[first.frame]
+    for frame in others:
+        found = cam_from_world[frame] @ cam_from_world[first].inverse()
+        true = truth[frame].inverse() @ truth[first]
         rotation, direction = difference_deg(found, true)
         errors.append((float(np.linalg.norm(true.t)), rotation, direction if true.t.any() else 180.0))
     longest = max(length for length, _, _ in errors)
     directions = [direction for length, _, direction in errors if length >= _SHORTEST * longest]
     return max(rotation for _, rotation, _ in errors), max(directions)
+
+
+def is_wrong(errors: tuple[float, float], world: World) -> bool:
+    """Whether a map or a motion with these errors is wrong."""
+    return world.no_translation or errors[0] >= ROTATION_DEG or errors[1] >= DIRECTION_DEG
 
 
 def _of_pair_deg(map_: InitialMap, world: World, frames: Sequence[int]) -> float:
@@ -149,6 +161,11 @@ def points_of(source: PointSource) -> Floats:
     """The points of the tracks (T, 3) of a world; NaN for outliers and moving points."""
     sequence = source.sequence
     return np.where((sequence.is_outlier | sequence.is_moving)[:, None], np.nan, sequence.points)
+
+
+def worlds_of(path: Path | None) -> Callable[[int], Iterator[World]]:
+    """The worlds of a Python file, by default those of the built-in generator."""
+    return built_in if path is None else by_another_hand(path)
 
 
 def by_another_hand(path: Path) -> Callable[[int], Iterator[World]]:
@@ -289,8 +306,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.from_log:
         decisions = [one for path in options.from_log for one in read_log(path)]
     else:
-        worlds = built_in if options.worlds is None else by_another_hand(options.worlds)
-        decisions = decisions_of(worlds, range(*options.seeds), options.log)
+        decisions = decisions_of(worlds_of(options.worlds), range(*options.seeds), options.log)
     show(report(decisions) + "\n", options.out)
     return 0
 

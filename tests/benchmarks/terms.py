@@ -15,31 +15,27 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 from unittest import mock
-
-import numpy as np
 
 from slam_init.config import AcceptanceConfig
 from slam_init.decision import window_rule
 from slam_init.initializer import Initializer
 from slam_init.output.tables import markdown_table
 from slam_init.system.linear_algebra import single_threaded
-from slam_init.types.pose import Pose
 from slam_init.window import confirmation
 from slam_init.window.hypotheses import WindowHypotheses, with_rotation_anew
 from slam_init.window.left_out import wrong_by_a_half
-from slam_init.window.motion import difference_deg
 from slam_init.window.risk import WindowRisk, risk_of
 from slam_init.window.rotation_term import zooming_probability
 from slam_init.window.second_look import look_again
 from slam_init.window.zooming_motion import wrong_by_zooms
 from slam_init.window.zooming_rotation import with_zooms
 from tests.benchmarks.options import show
-from tests.benchmarks.reliability import DIRECTION_DEG, ROTATION_DEG, World, built_in, by_another_hand
+from tests.benchmarks.reliability import World, errors_of_poses_deg, is_wrong, worlds_of
 
 #: Terms by their names in a log, with what they are called. The first four are those of the first look; the next three
 #: are parts of the direction, whose other parts stay.
@@ -77,7 +73,9 @@ def _noting(world: World, found: list[dict[str, Any]]) -> Iterator[None]:
     confirmed = confirmation.confirmed
 
     def noted(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -> tuple[WindowHypotheses, WindowRisk]:
-        row: dict[str, Any] = {"wrong": _is_wrong(hypotheses, world), "tot": risk.total}
+        best = hypotheses.motions[0]
+        errors = errors_of_poses_deg({k: best.motion.cam_from_world[k] for k in best.frames}, world.world_from_cam)
+        row: dict[str, Any] = {"wrong": is_wrong(errors, world), "tot": risk.total}
         row |= {"dir": risk.direction, "rot": risk.rotation, "riv": risk.rival, "oth": risk.other.probability}
         term = risk.directions
         row |= {"rigid": term.if_rigid, "fix": term.if_lens_fixed, "lens": term.if_lens_right}
@@ -88,19 +86,6 @@ def _noting(world: World, found: list[dict[str, Any]]) -> Iterator[None]:
 
     with mock.patch.object(window_rule, "confirmed", noted):
         yield
-
-
-def _is_wrong(hypotheses: WindowHypotheses, world: World) -> bool:
-    """Whether the best motion of a window would make a false map."""
-    motion, (first, *others) = hypotheses.motions[0].motion.cam_from_world, hypotheses.motions[0].frames
-    errors = []
-    for frame in others:
-        true = world.world_from_cam[frame].inverse() @ world.world_from_cam[first]
-        found: Pose = motion[frame] @ motion[first].inverse()
-        errors.append((float(np.linalg.norm(true.t)), *difference_deg(found, true)))
-    longest = max(length for length, _, _ in errors)
-    directions = [direction for length, _, direction in errors if length >= 0.3 * longest]
-    return world.no_translation or max(one[1] for one in errors) >= ROTATION_DEG or max(directions) >= DIRECTION_DEG
 
 
 def _terms_of_last_look(hypotheses: WindowHypotheses, risk: WindowRisk) -> dict[str, float]:
@@ -164,12 +149,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         lines = [line for path in options.from_log for line in path.read_text(encoding="utf-8").splitlines()]
         worlds = [json.loads(line)["rows"] for line in lines]
     else:
-        drawn: Callable[[int], Iterator[World]] = (
-            built_in if options.worlds is None else by_another_hand(options.worlds)
-        )
         worlds = []
         for seed in range(*options.seeds):
-            for world in drawn(seed):
+            for world in worlds_of(options.worlds)(seed):
                 worlds.append(windows_of(world))
                 if options.log is not None:
                     with options.log.open("a", encoding="utf-8") as file:
