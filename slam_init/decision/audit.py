@@ -34,8 +34,8 @@ from slam_init.types.frame import Observations
 from slam_init.types.lens_in_use import LensInUse
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
-from slam_init.window.confirmation import confirmed
 from slam_init.window.hypotheses import fit_hypotheses, motions_of_pair
+from slam_init.window.last_look import after_last_look
 from slam_init.window.motion import Motion
 from slam_init.window.risk import risk_of
 from slam_init.window.tracks import MAX_VIEWS, gather_tracks
@@ -151,7 +151,7 @@ def _audited(known: Mapping[int, Pose], history: History, config: Config) -> Aud
     risk = risk_of(hypotheses)
     terms = posterior_of(hypotheses, risk, known)
     if terms.total <= config.acceptance.max_risk:
-        hypotheses, risk = confirmed(hypotheses, risk, 1.0)
+        hypotheses, risk = after_last_look(hypotheses, risk, 1.0)
         terms = posterior_of(hypotheses, risk, known)
     window = JudgedWindow(pair, hypotheses, risk, lens, threshold_rad)
     return _stated(known, window, terms, config.acceptance.max_risk)

@@ -25,8 +25,8 @@ import numpy as np
 
 from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose
-from slam_init.window.confirmation import confirmed
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses
+from slam_init.window.last_look import after_last_look
 from slam_init.window.levels import EVEN_ODDS, FLOOR, WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
 from slam_init.window.motion import FittedMotion, difference_deg
 from slam_init.window.risk import WindowRisk, risk_of
@@ -197,4 +197,4 @@ def _tail_with_lasting_errors(hypotheses: WindowHypotheses) -> float:
     """
     wide = with_lasting_errors(hypotheses.tracks, hypotheses.rotation_only.state.R)
     again = fit_hypotheses(wide, [one.motion for one in hypotheses.motions], hypotheses.priors)
-    return 1.0 if again is None else min(confirmed(again, risk_of(again), 1.0)[1].rotation, 1.0)
+    return 1.0 if again is None else min(after_last_look(again, risk_of(again), 1.0)[1].rotation, 1.0)

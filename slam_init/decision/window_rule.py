@@ -47,9 +47,9 @@ from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, ProvisionalMap
 from slam_init.types.stopwatch import Stopwatch
-from slam_init.window.confirmation import confirmed
 from slam_init.window.depth_evidence import GivenDepths
 from slam_init.window.hypotheses import StayingTracks, WindowHypotheses
+from slam_init.window.last_look import after_last_look
 from slam_init.window.levels import FLOOR, UNDECIDED
 from slam_init.window.live import LiveHypotheses
 from slam_init.window.risk import WindowRisk, risk_of
@@ -203,7 +203,7 @@ class WindowRule:
         return replace(outcome, motion=window.motion, margin=risk.margin)
 
     def _estimated(self, views: _Views) -> tuple[WindowHypotheses, WindowRisk, bool] | None:
-        """The hypotheses of a window, the risk of the best one, and whether it was small before it was confirmed.
+        """The hypotheses of a window, the risk of the best one, and whether it was small before the last look.
 
         * Returns: None without hypotheses.
         """
@@ -222,12 +222,12 @@ class WindowRule:
         max_risk = self._config.acceptance.max_risk
         first = risk_of(hypotheses, max_risk)
         hypotheses, first = self._bodies.judge(hypotheses, first, max_risk, depths)
-        again, risk = confirmed(hypotheses, first, max_risk)
+        again, risk = after_last_look(hypotheses, first, max_risk)
         if risk.total <= max_risk and again.tracks.down_weights.any():
             alone = self._live.without_gravity(again)
             if alone is None:
                 return None
-            again, risk = confirmed(alone, risk_of(alone, max_risk), max_risk)
+            again, risk = after_last_look(alone, risk_of(alone, max_risk), max_risk)
         if again is not hypotheses:
             self._live.keep(again)
         return again, risk, first.total <= max_risk

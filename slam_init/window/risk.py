@@ -18,7 +18,7 @@ causes add their probabilities:
 * **floor**: what is not modelled.
 
 A window is judged at each frame: tails hold for any stopping time (:mod:`~slam_init.window.tails`). A small risk is
-looked at again (:mod:`~slam_init.window.confirmation`). ``docs/how/risk.md`` derives all of it.
+looked at again (:mod:`~slam_init.window.last_look`). ``docs/how/risk.md`` derives all of it.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ from slam_init.decision import window_rule
 from slam_init.initializer import Initializer
 from slam_init.output.tables import markdown_table
 from slam_init.system.linear_algebra import single_threaded
-from slam_init.window import confirmation
+from slam_init.window import last_look
 from slam_init.window.hypotheses import WindowHypotheses, with_rotation_anew
 from slam_init.window.left_out import wrong_by_a_half
 from slam_init.window.risk import WindowRisk, risk_of
@@ -70,7 +70,7 @@ def windows_of(world: World) -> list[dict[str, Any]]:
 
 @contextmanager
 def _noting(world: World, found: list[dict[str, Any]]) -> Iterator[None]:
-    confirmed = confirmation.confirmed
+    look = last_look.after_last_look
 
     def noted(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -> tuple[WindowHypotheses, WindowRisk]:
         best = hypotheses.motions[0]
@@ -82,14 +82,14 @@ def _noting(world: World, found: list[dict[str, Any]]) -> Iterator[None]:
         if risk.total <= max_risk:
             row["last"] = _terms_of_last_look(hypotheses, risk)
         found.append(row)
-        return confirmed(hypotheses, risk, max_risk)
+        return look(hypotheses, risk, max_risk)
 
-    with mock.patch.object(window_rule, "confirmed", noted):
+    with mock.patch.object(window_rule, "after_last_look", noted):
         yield
 
 
 def _terms_of_last_look(hypotheses: WindowHypotheses, risk: WindowRisk) -> dict[str, float]:
-    """What each step of :func:`slam_init.window.confirmation.confirmed` adds, whatever the others say."""
+    """What each step of :func:`slam_init.window.last_look.after_last_look` adds, whatever the others say."""
     added: dict[str, float] = {}
     with single_threaded():
         if hypotheses.rotation_lives:
@@ -97,10 +97,10 @@ def _terms_of_last_look(hypotheses: WindowHypotheses, risk: WindowRisk) -> dict[
             if anew is not hypotheses:
                 before, hypotheses, risk = risk.total, anew, risk_of(anew)
                 added["anew"] = risk.total - before
-        added["bod"] = confirmation._against_bodies(hypotheses, risk).rotation - risk.rotation
+        added["bod"] = last_look._against_bodies(hypotheses, risk).rotation - risk.rotation
         zooming = with_zooms(hypotheses)
         added["zrot"] = zooming_probability(hypotheses, zooming)
-        hypotheses, again = confirmation._with_free_depths(hypotheses, risk, look_again(hypotheses))
+        hypotheses, again = last_look._with_free_depths(hypotheses, risk, look_again(hypotheses))
         added["free"] = again.total - risk.total
         added["half"] = wrong_by_a_half(hypotheses)
         added["zmot"] = wrong_by_zooms(hypotheses, zooming) if hypotheses.priors.lens_changes else 0.0

@@ -9,7 +9,7 @@ from make_window import hypotheses_of_scene as hypotheses
 
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.config import AcceptanceConfig
-from slam_init.window.confirmation import confirmed
+from slam_init.window.last_look import after_last_look
 from slam_init.window.levels import UNDECIDED
 from slam_init.window.risk import risk_of
 from slam_init.window.rotation_term import rotation_probability
@@ -96,7 +96,7 @@ def test_bodies_before_a_turning_camera_are_no_translation_whatever_its_tracker_
     camera, turned = turned_views("rotation", seed, 15.0, lasting_px=0.3, on_body=0.3)
     found = hypotheses_of(camera, turned[:views], PRIORS)
     risk = risk_of(found)
-    _, again = confirmed(found, looks_small(risk), MAX_RISK)
+    _, again = after_last_look(found, looks_small(risk), MAX_RISK)
     assert risk.rotation > 0.5
     assert again.rotation > 0.5
 
@@ -127,5 +127,5 @@ def test_before_a_camera_that_turns_bodies_that_hold_two_fifths_of_the_tracks_ar
         pixels = view.pixels + on_body * step
         views_moved.append(replace(view, pixels=pixels, bearings=source.camera.bearings(pixels)))
     found = hypotheses_of(source.camera, views_moved, PRIORS)
-    _, risk = confirmed(found, looks_small(risk_of(found)), max_risk=0.005)
+    _, risk = after_last_look(found, looks_small(risk_of(found)), max_risk=0.005)
     assert risk.rotation > 0.5

@@ -11,7 +11,7 @@ from make_window import hypotheses_of_scene as hypotheses
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.types.pose import Pose
 from slam_init.window import second_look
-from slam_init.window.confirmation import confirmed
+from slam_init.window.last_look import after_last_look
 from slam_init.window.levels import PRINCIPAL_SIGMA
 from slam_init.window.motion import difference_deg, fit_motion
 from slam_init.window.other_motion import bearings_of_best
@@ -35,7 +35,7 @@ def test_points_on_the_planes_of_two_motions_vote_by_the_plane(baseline, seed):
     """A distance for each point lets a wrong motion of a wall follow the noise."""
     found = hypotheses_of_changing_lens("wall", seed, baseline=baseline, points=300)
     assert risk_of(look_again(found)).rival > 0.1
-    again, risk = confirmed(found, risk_of(found), max_risk=0.005)
+    again, risk = after_last_look(found, risk_of(found), max_risk=0.005)
     assert again.planar
     assert risk.total < 0.005
 
@@ -68,7 +68,7 @@ def test_a_small_risk_of_an_ambiguous_plane_is_not_confirmed_where_its_rival_was
     single = replace(found, motions=found.motions[:1])
     risk = risk_of(single)
     assert risk.rival == 0
-    _, again = confirmed(single, risk, max_risk=1.0)
+    _, again = after_last_look(single, risk, max_risk=1.0)
     assert again.rival > 0.1
     assert again.total > risk.total
 
@@ -85,7 +85,7 @@ def test_a_turn_about_the_optical_axis_over_flat_ground_leaves_the_direction_kno
 def test_a_room_is_confirmed_as_it_is():
     found = hypotheses("room", 0, 6)
     risk = risk_of(found)
-    same, again = confirmed(found, risk, max_risk=0.005)
+    same, again = after_last_look(found, risk, max_risk=0.005)
     assert again.total == pytest.approx(risk.total, abs=1e-3)
     assert same.motions[0].same_as(found.motions[0])
 
@@ -93,7 +93,7 @@ def test_a_room_is_confirmed_as_it_is():
 def test_a_risk_that_is_too_large_is_not_looked_at_again():
     found = hypotheses("wall", 0, 2, baseline=0.3)
     risk = risk_of(found)
-    same, again = confirmed(found, risk, max_risk=0.005)
+    same, again = after_last_look(found, risk, max_risk=0.005)
     assert same is found
     assert again is risk
 

@@ -8,7 +8,7 @@ from make_window import VIEWS_OF_CHANGING_LENS as VIEWS
 from make_window import hypotheses_of_changing_lens as hypotheses
 from make_window import looks_small
 
-from slam_init.window.confirmation import confirmed
+from slam_init.window.last_look import after_last_look
 from slam_init.window.levels import SHIFTS, ZOOMS
 from slam_init.window.risk import risk_of
 from slam_init.window.uncertainty import expand, varying_lens
@@ -79,7 +79,7 @@ def test_a_camera_that_zooms_and_does_not_translate_has_no_small_risk(scene, see
     zooming = with_zooms(found).hypotheses
     assert zooming.rotation_only.cost < 0.7 * found.rotation_only.cost
     assert zooming.gain_over_rotation[0] < 2 * zooming.gain_over_rotation[1]
-    _, risk = confirmed(found, looks_small(risk_of(found)), max_risk=0.005)
+    _, risk = after_last_look(found, looks_small(risk_of(found)), max_risk=0.005)
     assert risk.total > 0.005
 
 
@@ -89,7 +89,7 @@ def test_a_camera_that_zooms_and_does_not_translate_has_no_small_risk(scene, see
 def test_a_person_who_zooms_does_not_move_toward_a_plane(scene, seed, ramp):
     found = hypotheses(scene, seed, ramp=ramp)
     assert with_zooms(found).cost < 0.4 * found.rotation_only.cost
-    _, risk = confirmed(found, looks_small(risk_of(found)), max_risk=0.005)
+    _, risk = after_last_look(found, looks_small(risk_of(found)), max_risk=0.005)
     assert risk.total > 0.005
 
 
@@ -105,7 +105,7 @@ def test_what_the_model_of_a_zoom_lacks_is_no_motion(seed, ramp, image_k1, jumpi
     """A distortion that stays in the image, and wrong matches: a motion toward a plane explains more of both."""
     found = hypotheses("static", seed, ramp=ramp, image_k1=image_k1, jumping=jumping, points=300, noise_px=0.1)
     assert with_zooms(found).cost > found.motions[0].fit.cost + 1000
-    _, risk = confirmed(found, risk_of(found), max_risk=0.005)
+    _, risk = after_last_look(found, risk_of(found), max_risk=0.005)
     assert risk.total > 0.005
 
 
@@ -132,7 +132,7 @@ def test_a_stabilizer_that_shifts_the_frames_of_a_camera_at_rest_makes_no_map(sc
     shifted = with_zooms(found)
     assert shifted.cost < 1.02 * found.motions[0].fit.cost
     assert np.abs(shifted.shifts).max() > 0.001 * found.tracks.camera.width
-    _, risk = confirmed(found, looks_small(risk_of(found)), max_risk=0.005)
+    _, risk = after_last_look(found, looks_small(risk_of(found)), max_risk=0.005)
     assert risk.total > 0.005
 
 
@@ -142,5 +142,5 @@ def test_level_flight_over_flat_ground_is_no_stabilizer(seed):
     found = hypotheses("nadir", seed, baseline=0.15, points=300)
     shifted = with_zooms(found)
     assert found.rotation_only.cost - shifted.cost > shifted.cost - found.motions[0].fit.cost - shifted.price
-    _, risk = confirmed(found, risk_of(found), max_risk=0.005)
+    _, risk = after_last_look(found, risk_of(found), max_risk=0.005)
     assert risk.total < 0.005

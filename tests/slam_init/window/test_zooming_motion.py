@@ -9,8 +9,8 @@ from make_window import hypotheses_of_changing_lens as hypotheses
 from make_window import looks_small
 
 from slam_init.window import zooming_motion
-from slam_init.window.confirmation import confirmed
 from slam_init.window.joint_fit import fit_window
+from slam_init.window.last_look import after_last_look
 from slam_init.window.risk import risk_of
 from slam_init.window.zooming_motion import wrong_by_zooms, zooming_motions
 from slam_init.window.zooming_rotation import with_zooms, zoomed
@@ -36,9 +36,9 @@ def test_no_map_of_a_zooming_lens_is_confirmed(ramp):
     """Unless the lens is said to be fixed."""
     found = hypotheses("desk", 1, ramp=ramp, baseline=0.1)
     small = looks_small(risk_of(found))
-    assert confirmed(found, small, max_risk=1.0)[1].direction > 0.99
+    assert after_last_look(found, small, max_risk=1.0)[1].direction > 0.99
     fixed = replace(found, priors=replace(found.priors, lens_changes=0.0))
-    assert confirmed(fixed, small, max_risk=1.0)[1].direction < 0.99
+    assert after_last_look(fixed, small, max_risk=1.0)[1].direction < 0.99
 
 
 def test_what_cannot_be_told_from_a_zoom_keeps_the_probability_of_one():

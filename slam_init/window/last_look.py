@@ -1,7 +1,7 @@
 """The last look at a map whose risk is small: at rivals that take a search of their own, in turn while it stays small.
 
-1. The camera that only rotates is fitted from afar, and to the half of the tracks that it explains best: bodies may
-   hold the others (:mod:`~slam_init.window.half_at_rest`).
+1. The camera that only rotates is fitted from afar, and to those tracks that it explains best: bodies may hold the
+   others (:mod:`~slam_init.window.half_at_rest`).
 2. Its images may zoom and shift from view to view (:mod:`~slam_init.window.zooming_rotation`).
 3. All motions are fitted with free depths, and motions are tried that no pair proposed
    (:mod:`~slam_init.window.second_look`).
@@ -33,7 +33,9 @@ from slam_init.window.zooming_motion import wrong_by_zooms
 from slam_init.window.zooming_rotation import ZoomingRotation, with_zooms
 
 
-def confirmed(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -> tuple[WindowHypotheses, WindowRisk]:
+def after_last_look(
+    hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float
+) -> tuple[WindowHypotheses, WindowRisk]:
     """Hypotheses whose risk is small, and the risk after a second look at them; others are returned as they are.
 
     The plane keeps its precision where the fits with free depths agree on the motion, and decide against all rivals.
@@ -67,7 +69,10 @@ def confirmed(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -
 def _with_free_depths(
     hypotheses: WindowHypotheses, risk: WindowRisk, free: WindowHypotheses
 ) -> tuple[WindowHypotheses, WindowRisk]:
-    """The hypotheses to go on with after a second look with free depths, and their risk."""
+    """The hypotheses to go on with after a second look with free depths, and their risk.
+
+    The plane keeps its precision where the fits with free depths agree on the motion, and decide against all rivals.
+    """
     best, again = hypotheses.motions[0], free.motions[0]
     if not hypotheses.planar:
         return (hypotheses, risk) if len(free.motions) == 1 and again.same_as(best) else (free, risk_of(free))
@@ -95,7 +100,7 @@ def _on_planes(hypotheses: WindowHypotheses, free: WindowHypotheses) -> WindowHy
 
 
 def _against_bodies(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk:
-    """The risk with the rival that the camera only rotates as half of the tracks say, and that the others move."""
+    """The risk with the rival that the camera only rotates as some of the tracks say, and that the others move."""
     rotation = risk.rotation
     for one in () if hypotheses.planar else (hypotheses, *_wide_too(hypotheses, risk)):
         rotation = max(rotation, bodies_probability(one, ON_BODIES, anew=True))
