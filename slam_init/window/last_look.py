@@ -18,10 +18,10 @@ from dataclasses import replace
 
 from quest.noise import GATE_SIGMAS
 from slam_init.system.linear_algebra import single_threaded
-from slam_init.window.half_at_rest import bodies_probability
+from slam_init.window.half_at_rest import beside_bodies
 from slam_init.window.hypotheses import WindowHypotheses, with_plane, with_rotation_anew
 from slam_init.window.left_out import wrong_by_a_half
-from slam_init.window.levels import ON_BODIES, SAME_DIRECTION_DEG, SAME_ROTATION_DEG, UNDECIDED
+from slam_init.window.levels import SAME_DIRECTION_DEG, SAME_ROTATION_DEG, UNDECIDED
 from slam_init.window.motion import fit_motion
 from slam_init.window.other_motion import bearings_of_best
 from slam_init.window.risk import WindowRisk, risk_of
@@ -103,7 +103,7 @@ def _against_bodies(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRis
     """The risk with the rival that the camera only rotates as some of the tracks say, and that the others move."""
     rotation = risk.rotation
     for one in () if hypotheses.planar else (hypotheses, *_wide_too(hypotheses, risk)):
-        rotation = max(rotation, bodies_probability(one, ON_BODIES, anew=True))
+        rotation = max(rotation, beside_bodies(one, anew=True))
     return replace(risk, rotation=rotation)
 
 

@@ -32,6 +32,10 @@ FEW_VIEWS = 0.7
 #: the tracks has to show a translation without the tracks that gain most: bodies that hold this share of them.
 #: Class: assumption.
 ON_BODIES = 0.5
+#: Shares of larger bodies that are tried besides, at the odds of ``RARER_BY_SHARE``. At three quarters these odds are
+#: .0067, near the allowed risk.
+#: Class: budget.
+LARGE_BODIES = (0.7, 0.6)
 
 #: A rotation or a rival with a larger probability is undecided, however precisely it is known. A direction that is
 #: wrong with a larger probability is unknown, however far behind the rivals are. A gain over the rotation-only camera

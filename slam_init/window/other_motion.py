@@ -51,11 +51,16 @@ def explained_tracks(hypotheses: WindowHypotheses) -> Bools:
 
 
 def other_motion(
-    hypotheses: WindowHypotheses, rotation_sigma_deg: float = 0.0, direction_sigma_deg: float = 0.0
+    hypotheses: WindowHypotheses,
+    rotation_sigma_deg: float = 0.0,
+    direction_sigma_deg: float = 0.0,
+    *,
+    seeks: bool = True,
 ) -> OtherMotion:
     """Find a rigid motion of the tracks that the best motion does not explain.
 
     * ``rotation_sigma_deg, direction_sigma_deg``: Standard deviations of the best motion.
+    * ``seeks``: Whether a new motion is sought beside the one of the window before.
     """
     staying = _staying(hypotheses)
     rest = (hypotheses.tracks.anchor >= 0) & ~explained_tracks(hypotheses)
@@ -68,7 +73,9 @@ def other_motion(
         WRONG_DIRECTION_DEG - GATE_SIGMAS * direction_sigma_deg,
     )
     # The views may not tell the motion again that was found in the window before.
-    found = (_proposed(search), _carried(search), _rotation(search), staying)
+    found = [_carried(search), staying]
+    if seeks:
+        found = [_proposed(search), _rotation(search), *found]
     return max(found, key=lambda other: other.probability)
 
 

@@ -69,6 +69,14 @@ def test_other_tracks_are_looked_at_in_the_two_views_that_see_most_of_them_farth
     assert _telling_pair(tracks, seen) is None
 
 
+def test_a_new_motion_is_sought_only_where_it_can_decide_and_one_that_is_known_is_followed():
+    found = hypotheses(1, views=10, moving=0.45, bodies=1, body_turn_deg_s=30, outliers=0.05)
+    sought = other_motion(found)
+    assert other_motion(found, seeks=False).probability == 0 < sought.probability
+    follows = replace(found, other_before=sought.fitted.motion)
+    assert other_motion(follows, seeks=False).probability == pytest.approx(sought.probability, rel=0.5)
+
+
 def test_a_motion_within_the_deviations_of_the_best_one_may_contradict_its_map():
     found = hypotheses(1, views=10, moving=0.45, bodies=1, body_turn_deg_s=30, outliers=0.05)
     certain = other_motion(found)
