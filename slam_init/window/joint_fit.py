@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -55,6 +56,10 @@ _MEDIAN_SQUARE, _LARGEST_START_FACTOR = 1.386, 30.0
 class JointFit:
     """A fitted window."""
 
+    tracks: WindowTracks
+    priors: Priors
+    #: Whether all points are at infinity.
+    rotation_only: bool
     state: WindowState
     #: Twice the negative logarithm of the posterior density, up to a constant.
     cost: float
@@ -62,17 +67,8 @@ class JointFit:
     track_costs: Floats
     #: Number of Gauss-Newton steps.
     iterations: int
-    #: (G, G) Of the unknowns of the views, the focal length and the plane, tracks eliminated, baseline held; in the
-    #: order of :mod:`slam_init.window.kernels`.
-    information: Floats
     #: View whose baseline was held.
     held_view: int
-    #: The noise by the residuals over the noise of the tracks as assumed; 1 where there are too few residuals.
-    noise_factor: float
-    #: How much the cost of a track falls by chance where its point may move in one direction, at least 1: 1 for
-    #: errors that are independent from view to view, more for a tracker that keeps its errors. It is measured across
-    #: the epipolar lines, where a rigid scene does not move.
-    dispersion: float
     #: (V, T, 2) Of each observation in units of the noise; infinite behind a camera.
     residuals: Floats
     #: (T,) Tracks that the fit explains.
@@ -86,6 +82,52 @@ class JointFit:
     def explained(self) -> int:
         """Number of tracks that the fit explains."""
         return int(self.explains.sum())
+
+    @property
+    def information(self) -> Floats:
+        """Of the unknowns of the views, the focal length and the plane, tracks eliminated, baseline held.
+
+        Shapes: returns (G, G), in the order of :mod:`slam_init.window.kernels`.
+        """
+        return self._at_end.information(self.state)
+
+    @cached_property
+    def dispersion(self) -> float:
+        """How much the cost of a track falls by chance where its point may move in one direction, at least 1.
+
+        1 for errors that are independent from view to view, more for a tracker that keeps its errors. It is measured
+        across the epipolar lines, where a rigid scene does not move.
+        """
+        equations = self._at_end
+        free = equations.free & ~self.state.on_plane & (self.tracks.anchor >= 0)
+        return max(float(equations.across[free].mean()), 1.0) if free.any() else 1.0
+
+    @cached_property
+    def noise_factor(self) -> float:
+        """The noise by the residuals over the noise of the tracks as assumed; 1 where there are too few residuals.
+
+        Residuals beyond three deviations are outliers.
+        """
+        used = self.tracks.seen & (self.tracks.anchor >= 0)
+        poses, factor2 = 6 * (len(used) - 1), 1.0
+        squares = np.einsum("vtq,vtq->vt", self.residuals, self.residuals)
+        for _ in range(_NOISE_ROUNDS):
+            inside = used & (squares < 9.0 * factor2)
+            observations, counts = float(inside.sum()), inside.sum(axis=0)
+            free = (counts >= 2) & ~self.state.on_plane & self._at_end.free
+            freedom = 2 * observations - 2 * float((counts >= 1).sum()) - float(free.sum()) - poses
+            if freedom < 0.1 * observations:
+                return 1.0
+            factor2 = float(squares[inside].sum()) / (freedom * _INSIDE_THREE_SIGMAS)
+        return float(np.sqrt(factor2))
+
+    @cached_property
+    def _at_end(self) -> WindowEquations:
+        """The equations at the fitted state: they take as long as a step, and most fits only compete by their cost."""
+        equations = WindowEquations(self.tracks, self.state, self.priors, self.rotation_only, with_shares=False)
+        equations.held_view = self.held_view
+        equations.build(self.state)
+        return equations
 
 
 def fit_window(
@@ -191,69 +233,51 @@ def _optimized(
     equations: WindowEquations, state: WindowState, max_steps: int, tolerance: float, hopeless: float, give_up: float
 ) -> JointFit:
     """Levenberg-Marquardt from a state."""
-    cost = equations.build(state)
+    cost = equations.build(state) if max_steps else equations.cost(state)
+    # The state that the costs of the tracks in the equations belong to.
+    weighed = state
     damping, steps, fell, given_up = _DAMPING, 0, math.inf, False
-    for _ in range(max_steps):
+    while steps < max_steps:
+        if steps:
+            equations.build(state)
         normal, gradient = equations.information(state), equations.gradient.copy()
         diagonal = np.maximum(np.diag(normal), 1e-6)
         for _ in range(_TRIES):
             step = np.asarray(-np.linalg.solve(normal + damping * np.diag(diagonal), gradient), np.float64)
-            moved = equations.moved(state, step)
+            weighed = moved = equations.moved(state, step)
             lower = equations.cost(moved)
             if lower < cost:
                 break
             damping *= _RAISE
         else:
-            # The costs of the tracks are those of the last try, which was rejected.
-            equations.build(state)
             break
         steps += 1
         ratio, fell = (cost - lower) / fell, cost - lower
         if _SLOW < ratio < 1:
             # Where each step gains this share of the one before, the sum of all steps is so much longer (Aitken).
-            further = equations.moved(state, step, min(1 / (1 - ratio), _LONGEST))
+            weighed = further = equations.moved(state, step, min(1 / (1 - ratio), _LONGEST))
             lowest = equations.cost(further)
             if lowest < lower:
                 moved, lower = further, lowest
         state, cost, damping = moved, lower, max(damping / _RAISE, 1e-9)
-        equations.build(state)
         given_up = cost - _STEPS_TO_COME * fell > hopeless or cost > give_up
         if fell < tolerance or given_up:
             break
+    if weighed is not state:
+        equations.cost(state)
     return JointFit(
+        equations.tracks,
+        equations.priors,
+        equations.rotation_only,
         state,
         cost,
         equations.costs.copy(),
         steps,
-        equations.information(state),
         equations.held_view,
-        _noise_factor(equations, state),
-        _dispersion(equations, state),
         equations.residuals.copy(),
         *_explained_and_near(equations, state),
         given_up,
     )
-
-
-def _dispersion(equations: WindowEquations, state: WindowState) -> float:
-    free = equations.free & ~state.on_plane & (equations.tracks.anchor >= 0)
-    return max(float(equations.across[free].mean()), 1.0) if free.any() else 1.0
-
-
-def _noise_factor(equations: WindowEquations, state: WindowState) -> float:
-    """The noise by the residuals over the assumed noise; residuals beyond three deviations are outliers."""
-    used = equations.tracks.seen & (equations.tracks.anchor >= 0)
-    poses = 6 * (len(used) - 1)
-    squares, factor2 = equations.squares, 1.0
-    for _ in range(_NOISE_ROUNDS):
-        inside = used & (squares < 9.0 * factor2)
-        observations, counts = float(inside.sum()), inside.sum(axis=0)
-        free = (counts >= 2) & ~state.on_plane & equations.free
-        freedom = 2 * observations - 2 * float((counts >= 1).sum()) - float(free.sum()) - poses
-        if freedom < 0.1 * observations:
-            return 1.0
-        factor2 = float(squares[inside].sum()) / (freedom * _INSIDE_THREE_SIGMAS)
-    return float(np.sqrt(factor2))
 
 
 def _explained_and_near(equations: WindowEquations, state: WindowState) -> tuple[Bools, Bools]:
