@@ -1,7 +1,7 @@
 """The last look at a map whose risk is small: at rivals that take a search of their own, in turn while it stays small.
 
-1. The camera that only rotates is fitted from afar, and to those tracks that it explains best: bodies may hold the
-   others (:mod:`~slam_init.window.half_at_rest`).
+1. The camera that only rotates is fitted from afar, and to the half of the tracks that it explains best: bodies may
+   hold the others (:mod:`~slam_init.window.half_at_rest`).
 2. Its images may zoom and shift from view to view (:mod:`~slam_init.window.zooming_rotation`).
 3. All motions are fitted with free depths, and motions are tried that no pair proposed
    (:mod:`~slam_init.window.second_look`).
@@ -18,10 +18,10 @@ from dataclasses import replace
 
 from quest.noise import GATE_SIGMAS
 from slam_init.system.linear_algebra import single_threaded
-from slam_init.window.half_at_rest import beside_bodies
+from slam_init.window.half_at_rest import bodies_probability
 from slam_init.window.hypotheses import WindowHypotheses, with_plane, with_rotation_anew
 from slam_init.window.left_out import wrong_by_a_half
-from slam_init.window.levels import SAME_DIRECTION_DEG, SAME_ROTATION_DEG, UNDECIDED
+from slam_init.window.levels import ON_BODIES, SAME_DIRECTION_DEG, SAME_ROTATION_DEG, UNDECIDED
 from slam_init.window.motion import fit_motion
 from slam_init.window.other_motion import bearings_of_best
 from slam_init.window.risk import WindowRisk, risk_of
@@ -100,10 +100,10 @@ def _on_planes(hypotheses: WindowHypotheses, free: WindowHypotheses) -> WindowHy
 
 
 def _against_bodies(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk:
-    """The risk with the rival that the camera only rotates as some of the tracks say, and that the others move."""
+    """The risk with the rival that the camera only rotates as half of the tracks say, and that the others move."""
     rotation = risk.rotation
     for one in () if hypotheses.planar else (hypotheses, *_wide_too(hypotheses, risk)):
-        rotation = max(rotation, beside_bodies(one, anew=True))
+        rotation = max(rotation, bodies_probability(one, ON_BODIES, anew=True))
     return replace(risk, rotation=rotation)
 
 

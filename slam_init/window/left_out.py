@@ -26,7 +26,7 @@ from slam_init.window.levels import (
     WRONG_ROTATION_DEG,
 )
 from slam_init.window.motion import farthest_deg, fit_motion
-from slam_init.window.neighbours import PLACES, far_from_places, variance_by_neighbours
+from slam_init.window.neighbours import HALVES, far_halves, variance_by_neighbours
 from slam_init.window.tails import chi_square_as_gaussian
 from slam_init.window.uncertainty import places_of
 
@@ -50,7 +50,7 @@ def wrong_by_a_half(hypotheses: WindowHypotheses) -> float:
     scale = best.fit.dispersion * variance_by_neighbours(best.tracks, best.fit, priors, places)
     freedom = ON_BODIES * (6 * (len(best.rows) - 1) - 1)
     far, gains, wrong = False, list[float](), 0.0
-    for half in far_from_places(places[used]):
+    for half in far_halves(places[used]):
         rest = used[half]
         cost = float(best.fit.track_costs[rest].sum())
         # A gain below the mean of what chance gains shows no body.
@@ -68,7 +68,7 @@ def wrong_by_a_half(hypotheses: WindowHypotheses) -> float:
 
 def _probability(largest: float) -> float:
     """Probability of a body that holds the best motion, by the largest of the gains, in standard deviations."""
-    below, count = 1 - gaussian_tail(largest), PLACES
+    below, count = 1 - gaussian_tail(largest), HALVES
     if below**count < EVEN_ODDS:
         return 0.0
     by_chance = count * math.exp(-0.5 * largest**2) / math.sqrt(2 * math.pi) * below ** (count - 1)

@@ -32,10 +32,6 @@ FEW_VIEWS = 0.7
 #: the tracks has to show a translation without the tracks that gain most: bodies that hold this share of them.
 #: Class: assumption.
 ON_BODIES = 0.5
-#: Shares of larger bodies that are tried besides, at the odds of ``RARER_BY_SHARE``. At three quarters these odds are
-#: .0067, near the allowed risk.
-#: Class: budget.
-LARGE_BODIES = (0.7, 0.6)
 
 #: A rotation or a rival with a larger probability is undecided, however precisely it is known. A direction that is
 #: wrong with a larger probability is unknown, however far behind the rivals are. A gain over the rotation-only camera
@@ -167,7 +163,10 @@ NEIGHBOURHOOD = 0.1
 
 #: Of two rigid motions of the tracks either may be that of the camera, and the other one that of a body. Bodies that
 #: hold a tenth of the tracks more are rarer by a factor of e: a scene at rest that holds half as many tracks as a body
-#: of equal area has odds of 1 to 28.
+#: of equal area has odds of 1 to 28. Of 101 bodies on 30 to 70 % of the tracks, in the worlds of three authors, those
+#: on more than half are less rare: 4.6 fits them (95 %: 2.4 to 7). With 5 (and larger bodies before a camera that
+#: rotates) 7 of 12 false maps of worlds with a body on 60 % were left, but on a video without one (Tsukuba) the mean
+#: wait grew from 1.9 to 3.2 frames.
 #: Class: assumption, over the share of the tracks.
 RARER_BY_SHARE = 10.0
 

@@ -27,14 +27,14 @@ from slam_init.window.tracks import WindowTracks
 _COMPARED, _BOUND_SIGMAS = 3, 1.645
 
 
-#: Places that bodies may lie at, in parts of the extent of the tracks, across and down; the quantiles that bound it;
-#: and the number of places.
+#: Centres of the compact halves, in parts of the extent of the tracks, across and down; the quantiles that bound it;
+#: and the number of halves.
 _CENTRES, _EXTENT = (0.0, 0.5, 1.0), (0.15, 0.85)
-PLACES = len(_CENTRES) ** 2
+HALVES = len(_CENTRES) ** 2
 
 
-def far_from_places(places: Floats, share: float = ON_BODIES) -> Iterator[Ints]:
-    """The tracks without the share of them that is nearest to a place, for each place.
+def far_halves(places: Floats) -> Iterator[Ints]:
+    """The tracks without the half of them that is nearest to a centre, for each centre.
 
     Shapes: ``places`` (N, 2).
     """
@@ -44,7 +44,7 @@ def far_from_places(places: Floats, share: float = ON_BODIES) -> Iterator[Ints]:
         for down in _CENTRES:
             apart = np.sum(((places - low) / units - (across, down)) ** 2, axis=1)
             order = np.argsort(apart, kind="stable")
-            yield np.sort(order[int(share * len(order)) :])
+            yield np.sort(order[int(ON_BODIES * len(order)) :])
 
 
 def variance_by_neighbours(tracks: WindowTracks, fit: JointFit, priors: Priors, places: Floats) -> float:
@@ -63,22 +63,6 @@ def variance_by_neighbours(tracks: WindowTracks, fit: JointFit, priors: Priors, 
     return 1.0 + max(float(np.sum(errors * (near @ errors))) / total, 0.0) if total > 0 else 1.0
 
 
-def separation_in_view(places: Floats, of: Bools) -> float:
-    """How far some tracks and the others lie apart: 0 where they mix as by chance, 1 where all neighbours are alike.
-
-    It is a product: of what the neighbours of these tracks are, and of what those of the others are.
-
-    Shapes: ``places`` (N, 2), ``of`` (N,).
-    """
-    if not _COMPARED < of.sum() < len(of) - _COMPARED:
-        return 1.0
-    nearest, separation = _nearest(places, _COMPARED), 1.0
-    for one in (of, ~of):
-        alike, by_chance = float(one[nearest[one]].mean()), (one.sum() - 1) / (len(one) - 1)
-        separation *= max((alike - by_chance) / (1 - by_chance), 0.0)
-    return float(separation)
-
-
 def agreement_of_neighbours(tracks: WindowTracks, fit: JointFit, of: Bools, places: Floats) -> float:
     """How far the residuals of some tracks agree with those of their neighbours among them: at most, from 0 to 1.
 
@@ -95,7 +79,10 @@ def agreement_of_neighbours(tracks: WindowTracks, fit: JointFit, of: Bools, plac
     # Of two tracks the views count that see both.
     lengths = np.sqrt(np.where(used, squares, 0.0) @ used.T.astype(float))
     cosines = np.einsum("ivq,jvq->ij", errors, errors) / np.maximum(lengths * lengths.T, 1e-300)
-    of_track = np.take_along_axis(cosines, _nearest(places[index], _COMPARED), axis=1).mean(axis=1)
+    apart = np.sum((places[index, None] - places[index]) ** 2, axis=2)
+    np.fill_diagonal(apart, np.inf)
+    nearest = np.argpartition(apart, _COMPARED - 1, axis=1)[:, :_COMPARED]
+    of_track = np.take_along_axis(cosines, nearest, axis=1).mean(axis=1)
     bound = float(of_track.mean() + _BOUND_SIGMAS * of_track.std() / np.sqrt(len(index)))
     return min(max(bound, 0.0), 1.0)
 
@@ -107,13 +94,9 @@ def _neighbours(places: Floats, used: Bools) -> Floats:
     count = min(max(round(NEIGHBOURHOOD * len(index)), 1), len(index) - 1)
     if count < 1:
         return near
-    near[index[:, None], index[_nearest(places[index], count)]] = 1.0
-    return near
-
-
-def _nearest(places: Floats, count: int) -> Ints:
-    """The nearest others (N, count) of each of some places (N, 2), in any order."""
-    x, y = places.T
+    x, y = places[index].T
     squares = (x[:, None] - x) ** 2 + (y[:, None] - y) ** 2
     np.fill_diagonal(squares, np.inf)
-    return np.asarray(np.argpartition(squares, count - 1, axis=1)[:, :count])
+    nearest = np.argpartition(squares, count - 1, axis=1)[:, :count]
+    near[index[:, None], index[nearest]] = 1.0
+    return near

@@ -10,8 +10,8 @@ causes add their probabilities:
   the most: so much it costs to say that the track is an outlier. The image region with the largest vote is left out,
   since a moving body or a step in the scene fills a region. What the error fields explain of the rival counts for it.
 * **rotation**: the camera only rotates, with a wrong focal length, and translation and points gain by chance; or its
-  images zoom and shift besides (:mod:`~slam_init.window.rotation_term`); or many of the tracks lie on bodies that move
-  (:mod:`~slam_init.window.half_at_rest`).
+  images zoom and shift besides (:mod:`~slam_init.window.rotation_term`); or up to half of the tracks lie on bodies that
+  move (:mod:`~slam_init.window.half_at_rest`).
 * **moving**: the tracks that the best motion does not explain have a rigid motion of their own, and they may be the
   scene at rest (:mod:`~slam_init.window.other_motion`); or a body holds the best motion, and the half of the view
   without it prefers another one (:mod:`~slam_init.window.left_out`).
@@ -32,9 +32,9 @@ import numpy as np
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.evidence import Margin
 from slam_init.window.direction_term import DirectionTerm, direction_term
-from slam_init.window.half_at_rest import beside_bodies
+from slam_init.window.half_at_rest import bodies_probability
 from slam_init.window.hypotheses import WindowHypotheses
-from slam_init.window.levels import EVEN_ODDS, FLOOR, UNDECIDED
+from slam_init.window.levels import EVEN_ODDS, FLOOR, ON_BODIES, UNDECIDED
 from slam_init.window.motion import OtherMotion
 from slam_init.window.other_motion import explained_tracks, other_motion
 from slam_init.window.rival import rival_term
@@ -158,7 +158,7 @@ def _beside_bodies(hypotheses: WindowHypotheses) -> float:
 
     Points at infinity lie on no plane, so that a plane needs no such test.
     """
-    return 0.0 if hypotheses.planar else beside_bodies(hypotheses)
+    return 0.0 if hypotheses.planar else bodies_probability(hypotheses, ON_BODIES)
 
 
 def _depth_sigma(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> float:

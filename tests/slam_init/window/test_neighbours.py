@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from make_window import PRIORS, fitted_window
 
-from slam_init.window.neighbours import agreement_of_neighbours, separation_in_view, variance_by_neighbours
+from slam_init.window.neighbours import agreement_of_neighbours, variance_by_neighbours
 
 
 def factor(window_fit, residuals):
@@ -86,22 +86,3 @@ def test_tracks_far_from_their_projections_agree_with_nobody(fitted):
     """Residuals beyond thirty deviations, or behind a camera, do not count."""
     for far in (100.0, np.inf):
         assert agreement(fitted, np.full((*fitted[0].seen.shape, 2), far)) == 0.0
-
-
-@pytest.mark.parametrize("share", [0.1, 0.3, 0.6])
-def test_tracks_that_mix_with_the_others_are_not_separated_and_tracks_on_one_side_are(share):
-    rng = np.random.default_rng(0)
-    places = rng.uniform(0, 1, (300, 2))
-    apart = places[:, 0] < share
-    mixed = rng.permutation(apart)
-    assert separation_in_view(places, mixed) < 0.05
-    assert separation_in_view(places, apart) > 0.5
-    assert separation_in_view(places, apart) == separation_in_view(places, ~apart)
-    # Neither its scale nor its attitude counts.
-    assert separation_in_view(places @ [[0, 3], [-3, 0]], apart) == pytest.approx(separation_in_view(places, apart))
-
-
-def test_few_tracks_say_nothing_about_a_separation():
-    places = np.random.default_rng(0).uniform(0, 1, (50, 2))
-    assert separation_in_view(places, np.arange(50) < 3) == 1
-    assert separation_in_view(places, np.zeros(50, bool)) == 1
