@@ -18,7 +18,7 @@ from make_window import (
 
 from sequences_synth.points import make_points
 from slam_init.bundle.focal import camera_with_focal_factor
-from slam_init.window.equations import OFF_PLANE_COST
+from slam_init.window.equations import OFF_PLANE_COST, WindowEquations
 from slam_init.window.joint_fit import costs_off_plane, fit_window, information_of_relief, start_noise_factor
 from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.state import Priors, start_at
@@ -72,6 +72,24 @@ def test_the_length_of_the_longest_baseline_is_held():
     fit = fitted(window, seed=4)
     assert fit.held_view == np.argmax(np.linalg.norm(start.t, axis=1))
     assert np.linalg.norm(fit.state.t[fit.held_view]) == pytest.approx(np.linalg.norm(start.t[fit.held_view]), rel=5e-3)
+
+
+@pytest.mark.parametrize("kind", SCENES)
+@pytest.mark.parametrize("max_steps", [0, 2, 12])
+def test_a_fit_has_the_costs_and_the_equations_of_the_state_where_it_ends(kind, max_steps):
+    window = make_window(SCENES[kind], 5, 5, noise_px=0.7)
+    start = window.start(5, 1.03 * window.plane if kind == "plane" else None)
+    fit = fit_window(window.tracks, start, PRIORS, max_steps=max_steps)
+    assert fit.iterations <= max_steps
+    equations = WindowEquations(window.tracks, fit.state, PRIORS)
+    equations.held_view = fit.held_view
+    assert equations.build(fit.state) == pytest.approx(fit.cost, rel=1e-12)
+    np.testing.assert_array_equal(fit.track_costs, equations.costs)
+    np.testing.assert_array_equal(fit.residuals, equations.residuals)
+    np.testing.assert_array_equal(fit.information, equations.information(fit.state))
+    # Asked again, or after another fit of the same tracks, they are the same.
+    fit_window(window.tracks, start, PRIORS)
+    np.testing.assert_array_equal(fit.information, equations.information(fit.state))
 
 
 def test_a_start_at_the_true_poses_has_the_true_inverse_distances():
