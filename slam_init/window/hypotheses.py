@@ -341,13 +341,13 @@ def _fit_rotation(
     any_focal = replace(any_focal, principal_sigma_px=UNKNOWN_PRINCIPAL_SIGMA * tracks.camera.width)
     hopeless = _hopeless_rotation(tracks, rotations, priors, best)
     wrong = _fit_turning(tracks, living[0] if start is None else start, any_focal, hopeless)
-    ends: tuple[Motion, ...] = (_turning_motion(tracks, wrong),)
+    ends: tuple[Motion, ...] = (_turning_motion(wrong),)
     wrong = replace(wrong, cost=wrong.cost + (0.0 if unknown else WRONG_FOCAL_COST))
     if unknown or wrong.cost > hopeless:
         return _Turning(wrong, any_focal, ends)
     # It is the better one only if it costs less.
     right = _fit_turning(tracks, living[1] if len(living) > 1 else wrong.state, priors, wrong.cost)
-    ends = (*ends, _turning_motion(tracks, right))
+    ends = (*ends, _turning_motion(right))
     if right.cost <= wrong.cost:
         return _Turning(right, priors, ends)
     return _Turning(wrong, any_focal, ends)
@@ -387,9 +387,10 @@ def _no_motion(views: int) -> Floats:
     return np.outer(np.arange(views), [1e-9, 0.0, 0.0])
 
 
-def _turning_motion(tracks: WindowTracks, fit: JointFit) -> Motion:
+def _turning_motion(fit: JointFit) -> Motion:
     """Where a fit of a camera that only rotates ended."""
-    return FittedMotion(fit, tracks, tuple(range(len(tracks.frames))), tracks.frames).motion
+    frames = fit.tracks.frames
+    return FittedMotion(fit, tuple(range(len(frames))), frames).motion
 
 
 def _in_window(tracks: WindowTracks, motion: Motion, rotations: Floats) -> Motion:

@@ -61,14 +61,17 @@ class FittedMotion:
     """A motion with the joint fit of the views that it could locate."""
 
     fit: JointFit
-    #: In the views of the fit, as they were fitted.
-    tracks: WindowTracks
     #: Views of the window in the fit, reference and current first.
     rows: tuple[int, ...]
     #: Absolute indices of these views.
     frames: tuple[int, ...]
     #: Whether it has not been carried from one window to the next.
     is_new: bool = False
+
+    @property
+    def tracks(self) -> WindowTracks:
+        """The tracks in the views of the fit, as they were fitted."""
+        return self.fit.tracks
 
     @property
     def cam2_from_cam1(self) -> Pose:
@@ -146,7 +149,7 @@ def fit_motion(
     part = with_translation(part, start)
     known = None if motion.points is None else motion.points.start(part, start)
     fit = fit_window(part, start, priors, known=known, hopeless=hopeless, give_up=give_up, max_steps=max_steps)
-    return FittedMotion(fit, part, rows, frames, motion.is_new)
+    return FittedMotion(fit, rows, frames, motion.is_new)
 
 
 def noise_factor_at(tracks: WindowTracks, motion: Motion, priors: Priors) -> float:

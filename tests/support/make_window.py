@@ -22,7 +22,7 @@ from slam_init.window.arguments import FIELD_TERMS, Fitted, Layout, Sums
 from slam_init.window.arguments import Equations as Arrays
 from slam_init.window.equations import lens_of, observed_by, scene_of
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
-from slam_init.window.joint_fit import JointFit, fit_window
+from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
 from slam_init.window.kernels import accumulate
 from slam_init.window.motion import OtherMotion
 from slam_init.window.projection import camera_vector
@@ -284,6 +284,15 @@ def moved(
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     inverse = state.inverse_distances + local[:, 2]
     return WindowState(R, t, rays, inverse, log_scale, field, plane, state.on_plane, readout_s, k1, principal_px)
+
+
+def fit_near_truth(window, priors=PRIORS, kind="general", seed=0, tolerance=1e-10):
+    """The fit from a start near the truth, first with the noise of the start, then with that of the tracks."""
+    start = window.start(seed, 1.03 * window.plane if kind == "plane" else None)
+    tracks = window.tracks
+    coarse = tracks.with_noise(tracks.noise_px * start_noise_factor(tracks, start, priors))
+    start = fit_window(coarse, start, priors, tolerance=tolerance).state
+    return fit_window(tracks, start, priors, max_steps=50, tolerance=tolerance)
 
 
 def fitted_window(scene: str, seed: int, views: int) -> tuple[WindowTracks, JointFit]:

@@ -10,6 +10,7 @@ from make_window import (
     camera_of,
     direction_covariance,
     direction_sigma_deg,
+    fit_near_truth,
     focal_sigma,
     make_window,
     pair_and_further,
@@ -20,22 +21,12 @@ from sequences_synth.points import make_points
 from slam_init.bundle.focal import camera_with_focal_factor
 from slam_init.window.equations import OFF_PLANE_COST, WindowEquations
 from slam_init.window.joint_fit import costs_off_plane, fit_window, information_of_relief, start_noise_factor
-from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.state import Priors, start_at
 from slam_init.window.tracks import WindowTracks, gather_tracks
 
 SCENES = {"general": "room", "plane": "wall"}
 #: No observation is an outlier.
 WIDE = replace(PRIORS, gate_sigmas=1e3)
-
-
-def fitted(window, priors=PRIORS, kind="general", seed=0, tolerance=1e-10):
-    """The fit from a start near the truth, first with the noise of the start, then with that of the tracks."""
-    start = window.start(seed, 1.03 * window.plane if kind == "plane" else None)
-    tracks = window.tracks
-    coarse = tracks.with_noise(tracks.noise_px * start_noise_factor(tracks, start, priors))
-    start = fit_window(coarse, start, priors, tolerance=tolerance).state
-    return fit_window(tracks, start, priors, max_steps=50, tolerance=tolerance)
 
 
 # -- exact data -----------------------------------------------------------------------------------
@@ -47,7 +38,7 @@ def fitted(window, priors=PRIORS, kind="general", seed=0, tolerance=1e-10):
 def test_exact_tracks_give_the_truth(camera, views, kind):
     for seed in range(3):
         window = make_window(SCENES[kind], seed, views, camera=CAMERAS[camera])
-        fit = fitted(window, kind=kind, seed=seed)
+        fit = fit_near_truth(window, kind=kind, seed=seed)
         assert fit.cost < 1e-6
         assert window.rotation_error(fit.state) < 1e-6
         assert window.direction_error(fit.state) < 1e-5
@@ -57,7 +48,7 @@ def test_exact_tracks_give_the_truth(camera, views, kind):
 @pytest.mark.parametrize("views", [3, 8])
 def test_the_fit_returns_relative_lengths_and_points(views):
     window = make_window("room", 4, views)
-    state = fitted(window, seed=4).state
+    state = fit_near_truth(window, seed=4).state
     lengths, true = np.linalg.norm(state.t, axis=1), np.linalg.norm(window.t, axis=1)
     np.testing.assert_allclose(lengths / lengths.max(), true / true.max(), atol=1e-6)
     used, truth = window.tracks.anchor >= 0, window.true_state()
@@ -69,7 +60,7 @@ def test_the_fit_returns_relative_lengths_and_points(views):
 def test_the_length_of_the_longest_baseline_is_held():
     window = make_window("room", 4, 5, noise_px=0.7)
     start = window.start(4)
-    fit = fitted(window, seed=4)
+    fit = fit_near_truth(window, seed=4)
     assert fit.held_view == np.argmax(np.linalg.norm(start.t, axis=1))
     assert np.linalg.norm(fit.state.t[fit.held_view]) == pytest.approx(np.linalg.norm(start.t[fit.held_view]), rel=5e-3)
 
@@ -117,7 +108,7 @@ def test_outliers_move_the_fit_by_less_than_the_noise(seed, kind):
     pixels[1:, is_outlier] = rng.uniform((0, 0), (640, 480), (3, is_outlier.sum(), 2))
     tracks = WindowTracks.gather(tracks.camera, tracks.frames, tracks.track_ids, pixels, tracks.seen, 0.7)
     fit, noisy = (
-        fitted(w, kind=kind, seed=seed)
+        fit_near_truth(w, kind=kind, seed=seed)
         for w in (replace(window, tracks=tracks), make_window(SCENES[kind], seed, 4, 80, noise_px=0.7))
     )
     assert window.direction_error(fit.state) < np.radians(direction_limit_deg(noisy))
@@ -150,7 +141,7 @@ def test_permuting_the_tracks_changes_nothing(kind):
             0.7,
         ),
     )
-    a, b = (fitted(w, kind=kind, seed=7) for w in (window, permuted))
+    a, b = (fit_near_truth(w, kind=kind, seed=7) for w in (window, permuted))
     np.testing.assert_allclose(a.state.R, b.state.R, atol=1e-7)
     np.testing.assert_allclose(a.state.t, b.state.t, atol=1e-7)
     np.testing.assert_allclose(a.track_costs[order], b.track_costs, atol=1e-4)
@@ -238,7 +229,7 @@ def test_distances_of_their_own_lower_the_cost_of_tracks_on_a_plane_by_about_one
     gains: list[float] = []
     for seed in range(8):
         window = make_window("wall", seed, 5, 80, noise_px=0.7, baseline=0.3)
-        fit = fitted(window, kind="plane", seed=seed)
+        fit = fit_near_truth(window, kind="plane", seed=seed)
         on = fit.state.on_plane & (window.tracks.anchor >= 0)
         gains.extend((fit.track_costs - costs_off_plane(window.tracks, fit, PRIORS))[on])
     # Chi-square with one degree of freedom. Tracks with gains above 6 leave the plane; 0.89 is left.
@@ -257,7 +248,7 @@ def test_the_noise_measured_in_three_rounds_is_the_true_one_whatever_was_assumed
         noise_px = 0.7 / factor
         for _ in range(3):
             window = replace(window, tracks=window.tracks.with_noise(noise_px))
-            noise_px *= fitted(window, kind=kind, seed=seed).noise_factor
+            noise_px *= fit_near_truth(window, kind=kind, seed=seed).noise_factor
         found.append(noise_px)
     assert np.mean(found) == pytest.approx(0.7, rel=0.05)
 
@@ -265,7 +256,7 @@ def test_the_noise_measured_in_three_rounds_is_the_true_one_whatever_was_assumed
 def test_too_few_residuals_leave_the_noise_as_assumed():
     window = make_window("room", 0, 2, 8, noise_px=0.1, sigma_px=0.7)
     window = replace(window, tracks=window.tracks.with_noise(0.7))
-    assert fitted(window).noise_factor == 1
+    assert fit_near_truth(window).noise_factor == 1
 
 
 def test_the_information_of_a_relief_is_that_of_the_distances_over_the_noise():
@@ -319,7 +310,7 @@ def cost_of_camera(fit):
 def test_the_cost_is_the_sum_of_the_costs_of_the_tracks_and_of_the_camera(seed, kind):
     window = make_window(SCENES[kind], seed, 5, noise_px=0.7, baseline=0.05)
     for tolerance in (0.01, 0.0):
-        fit = fitted(window, kind=kind, seed=seed, tolerance=tolerance)
+        fit = fit_near_truth(window, kind=kind, seed=seed, tolerance=tolerance)
         assert fit.cost == pytest.approx(fit.track_costs.sum() + cost_of_camera(fit), rel=1e-9)
 
 
@@ -328,70 +319,6 @@ def test_the_cost_is_the_sum_of_those_of_the_tracks_also_where_no_step_lowers_it
     start = start_at(window.tracks, window.R, np.outer(np.arange(5), [1e-3, 0, 0]))
     fit = fit_window(window.tracks, start, PRIORS)
     assert fit.cost == pytest.approx(fit.track_costs.sum() + cost_of_camera(fit), rel=1e-9)
-
-
-# -- expansion with error fields ------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("kind", SCENES)
-def test_the_expansion_without_its_fields_is_the_information_of_the_fit(kind):
-    window = make_window(SCENES[kind], 1, 4, noise_px=0.7, baseline=0.3)
-    fit = fitted(window, kind=kind, seed=1)
-    found = linearize_with_fields(window.tracks, fit, PRIORS)
-    assert found.is_field.sum() == 12 * 4
-    other = ~found.is_field
-    largest = np.abs(fit.information).max()
-    np.testing.assert_allclose(found.information[np.ix_(other, other)], fit.information, atol=1e-9 * largest)
-
-
-@pytest.mark.parametrize("kind", SCENES)
-def test_the_gradient_of_the_expansion_is_the_sum_of_the_shares_and_vanishes_at_a_fit(kind):
-    window = make_window(SCENES[kind], 2, 4, noise_px=0.7, baseline=0.3)
-    fit = fitted(window, kind=kind, seed=2)
-    found = linearize_with_fields(window.tracks, fit, PRIORS)
-    total, focal = found.shares.sum(axis=0), np.flatnonzero(~found.is_field)[6 * 3]
-    total[focal] += fit.state.log_scale / PRIORS.focal_sigma**2
-    total[np.flatnonzero(~found.is_field)[6 * 3 + 1]] += fit.state.k1 / PRIORS.k1_sigma**2
-    np.testing.assert_allclose(found.gradient, total, atol=1e-7)
-    scale = np.sqrt(np.diag(found.information))
-    assert np.abs(found.gradient / scale)[~found.is_field].max() < 1e-3
-    assert np.abs(found.gradient / scale)[found.is_field].max() > 0.1
-
-
-def test_the_gradient_of_the_expansion_is_the_sum_of_the_shares_with_tracks_at_infinity():
-    window = make_window("rotation", 10, 5, noise_px=0.7)
-    start = start_at(window.tracks, window.R, np.outer(np.arange(5), [1e-3, 0, 0]))
-    fit = fit_window(window.tracks, start, PRIORS, max_steps=60, tolerance=1e-9)
-    assert (fit.state.inverse_distances[window.tracks.anchor >= 0] == 0).any()
-    found = linearize_with_fields(window.tracks, fit, PRIORS)
-    focal = np.flatnonzero(~found.is_field)[6 * 4]
-    expected = found.shares[:, focal].sum() + fit.state.log_scale / PRIORS.focal_sigma**2
-    assert found.gradient[focal] == pytest.approx(expected, rel=1e-6)
-
-
-def test_fields_without_a_prior_are_the_limit_of_wide_priors():
-    window = make_window("room", 3, 4, 100, noise_px=0.7, baseline=0.3)
-    fit = fitted(window, seed=3)
-    found = linearize_with_fields(window.tracks, fit, PRIORS)
-    wide = fit_window(window.tracks, fit.state, replace(PRIORS, field_sigma_px=1e6), max_steps=0)
-    largest = np.abs(found.information).max()
-    np.testing.assert_allclose(found.information, wide.information, atol=1e-9 * largest)
-
-
-def test_the_variance_of_a_distance_is_the_inverse_of_its_curvature():
-    """At known poses and focal length, two noisy views of a track in the middle of the image."""
-    errors, sigmas = [], []
-    for seed in range(40):
-        window = make_window("room", seed, 4, 60, noise_px=0.7, baseline=0.3)
-        truth = window.true_state()
-        fit = fit_window(window.tracks, truth, PRIORS, max_steps=0)
-        moved = start_at(window.tracks, window.R, window.t)
-        found = linearize_with_fields(window.tracks, fit, PRIORS)
-        used = window.tracks.seen.all(axis=0)
-        errors.extend((moved.inverse_distances - truth.inverse_distances)[used])
-        sigmas.extend(np.sqrt(found.distance_variance[used]))
-    # The start is linear least squares, which is nearly as good as the maximum of the likelihood.
-    assert np.sqrt(np.mean((np.array(errors) / sigmas) ** 2)) == pytest.approx(1, abs=0.25)
 
 
 # -- rotation only --------------------------------------------------------------------------------
@@ -424,7 +351,7 @@ def test_the_cost_of_noisy_tracks_is_their_degrees_of_freedom(views, kind):
     costs, freedoms = 0.0, 0.0
     for seed in range(5):
         window = make_window(SCENES[kind], seed, views, noise_px=0.7, baseline=0.3)
-        fit = fitted(window, WIDE, kind, seed)
+        fit = fit_near_truth(window, WIDE, kind, seed)
         used = window.tracks.anchor >= 0
         observations = int(window.tracks.seen[:, used].sum())
         own = 2 if kind == "plane" else 3  # unknowns of a track; those of the plane are three, and the scale is held
@@ -440,7 +367,7 @@ def test_a_wrong_focal_length_is_found_where_the_camera_turns_and_translates():
         window = make_window(
             "room", seed, 6, 120, noise_px=0.3, baseline=0.5, turning=0.15, stated=camera_with_focal_factor(true, 1.02)
         )
-        fit = fitted(window, Priors(focal_sigma=0.03), seed=seed)
+        fit = fit_near_truth(window, Priors(focal_sigma=0.03), seed=seed)
         errors.append(fit.state.log_scale + np.log(1.02))
         sigmas.append(focal_sigma(fit))
     z = np.array(errors) / sigmas
@@ -476,7 +403,7 @@ def test_the_error_of_the_direction_has_the_stated_size():
         window = make_window("room", 1000 + seed, 8, 100, noise_px=0.7, baseline=0.1)
         window = replace(window, tracks=window.tracks.of_views((0, 7, 1, 2, 3, 4, 5, 6)))
         window = replace(window, R=window.R[[0, 7, 1, 2, 3, 4, 5, 6]], t=window.t[[0, 7, 1, 2, 3, 4, 5, 6]])
-        fit = fitted(window, seed=seed, tolerance=1e-4)
+        fit = fit_near_truth(window, seed=seed, tolerance=1e-4)
         true = window.R[1].T @ window.t[1] / np.linalg.norm(window.t[1])
         covariance, basis = direction_covariance(fit, 1)
         error = basis @ true
