@@ -30,7 +30,7 @@ from slam_init.window.joint_fit import costs_off_plane
 from slam_init.window.levels import (
     LARGEST_VOTE,
     LEAST_TRACKS,
-    RARER_BY_SHARE,
+    RARER_BY_TRACKS,
     WRONG_DIRECTION_DEG,
     WRONG_ROTATION_DEG,
 )
@@ -156,7 +156,7 @@ def _staying(hypotheses: WindowHypotheses) -> OtherMotion:
     count, explained = used * staying.share / (1 - staying.share), explained_tracks(hypotheses)
     places = np.arctan2(staying.rays[:, :2], staying.rays[:, 2:])
     of_best = _extent(places_of(hypotheses.motions[0].fit)[explained])
-    odds = _odds((float(explained.sum()) - count) / (used + count), _extent(places), of_best)
+    odds = _odds(count / max(int(explained.sum()), 1), _extent(places), of_best)
     return OtherMotion(odds / (1 + odds), staying.track_ids)
 
 
@@ -254,19 +254,19 @@ def _probability(hypotheses: WindowHypotheses, votes: Floats) -> float:
 
 def odds_of_body(hypotheses: WindowHypotheses, of_best: Bools, of_other: Bools) -> float:
     """Odds that a motion is that of a body, by the tracks (T,) that follow it and those that follow another motion."""
-    places, count = places_of(hypotheses.motions[0].fit), float((hypotheses.tracks.anchor >= 0).sum())
-    return _odds(float(of_best.sum() - of_other.sum()) / count, _extent(places[of_other]), _extent(places[of_best]))
+    places = places_of(hypotheses.motions[0].fit)
+    return _odds(int(of_other.sum()) / max(int(of_best.sum()), 1), _extent(places[of_other]), _extent(places[of_best]))
 
 
-def _odds(more: float, of_other: float, of_best: float) -> float:
+def _odds(tracks: float, of_other: float, of_best: float) -> float:
     """Odds that a motion is that of a body.
 
     Bodies on the ground at any distance have areas in the image whose density falls with the square of the area.
 
-    * ``more``: The share of the tracks that it has more than the other motion.
+    * ``tracks``: The tracks of the other motion for each one that it has.
     * ``of_other, of_best``: Areas of the other motion and of this one.
     """
-    return math.exp(-RARER_BY_SHARE * more) * min(of_other / max(of_best, 1e-300), 1.0) ** 2
+    return tracks**RARER_BY_TRACKS * min(of_other / max(of_best, 1e-300), 1.0) ** 2
 
 
 def bearings_of_best(hypotheses: WindowHypotheses) -> Floats:
