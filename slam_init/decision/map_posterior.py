@@ -89,7 +89,7 @@ def posterior_of(hypotheses: WindowHypotheses, risk: WindowRisk, world_from_cam:
     tail = _tail_of_rotation(hypotheses, risk)
     factor = -math.e * tail * math.log(tail) if 0 < tail < 1 / math.e else float(tail > 0)
     rotation = _ROTATES * factor / (_ROTATES * factor + 1 - _ROTATES)
-    odds = np.array([1.0, *rival_odds(hypotheses, expand(hypotheses, best))])
+    odds = np.array([1.0, *rival_odds(hypotheses, expand(best))])
     shares = (1 - rotation) * odds / odds.sum()
     at_fit, at_map = _wrong(hypotheses, risk, world_from_cam)
     others = [_wrong_by_rival(hypotheses, k, world_from_cam) for k in range(1, 1 + len(rivals))]
@@ -134,7 +134,7 @@ def _wrong_by_rival(hypotheses: WindowHypotheses, k: int, world_from_cam: Mappin
 def _wrong(hypotheses: WindowHypotheses, risk: WindowRisk, world_from_cam: Mapping[int, Pose]) -> tuple[float, float]:
     """Probability that a map is wrong if the best motion is right: of a map at its fit, and of the map."""
     best, rotation_sigma_deg = hypotheses.motions[0], risk.directions.rotation_sigma_deg
-    expanded, lengths = expand(hypotheses, best), np.linalg.norm(best.fit.state.t, axis=1)
+    expanded, lengths = expand(best), np.linalg.norm(best.fit.state.t, axis=1)
     # The stated tail of the direction knows lenses that change from view to view, and fits with free depths.
     rotated = three_directions(WRONG_ROTATION_DEG, rotation_sigma_deg)
     tail = min(max(risk.direction - rotated, math.exp(-0.5 * _PLACES[-1] ** 2)), 1.0)

@@ -120,13 +120,13 @@ def direction_term(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> Direc
     calibrated = hypotheses.priors.focal_sigma <= CALIBRATED_SIGMA
     optimism, weights = _optimism(hypotheses, best), expanded.scale_weights
     factor = optimism.factor(lens_held=calibrated)
-    moved = moved_by_lens(expanded, hypotheses.priors, held=calibrated)
+    moved = moved_by_lens(expanded, held=calibrated)
     by_tracks_deg = direction_sigmas_deg(expanded)
     # What the fit does not know widens its deviations, but not that of the principal point with its own prior.
     by_point_deg = direction_by_principal_point_deg(expanded)[:, None]
     of_fit_deg = _widened(by_tracks_deg, factor, by_point_deg)
     of_map_deg = np.hypot(of_fit_deg, moved.directions_deg[:, None])
-    varying = varying_lens(expanded, hypotheses.priors)
+    varying = varying_lens(expanded)
     rotation_of_fit_deg = factor * _largest_sigma_deg(rotation_covariance(expanded))
     rotation_deg = math.hypot(rotation_of_fit_deg, moved.rotation_deg)
     rotated, held = three_directions(WRONG_ROTATION_DEG, rotation_deg), _held_by_bodies(best)
@@ -185,9 +185,9 @@ def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> _Optimism:
     # in the same direction, times their correlation.
     places, near = places_of(best.fit), best.fit.near_misses
     pull = 0.5 * float(near.sum()) / math.sqrt(max(best.fit.explained, 1))
-    bodies = agreement_of_neighbours(best.tracks, best.fit, near, places) * pull**2
+    bodies = agreement_of_neighbours(best.fit, near, places) * pull**2
     # What a fit explains in part leaves residuals that neighbours share.
-    shared = variance_by_neighbours(best.tracks, best.fit, hypotheses.priors, places)
+    shared = variance_by_neighbours(best.fit, places)
     return _Optimism(few_views, pull2 / PULL_FREEDOM, bodies + shared - 1)
 
 

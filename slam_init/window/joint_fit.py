@@ -194,7 +194,7 @@ def start_noise_factor(
     return float(np.sqrt(min(max(median / _MEDIAN_SQUARE, 1.0), _LARGEST_START_FACTOR**2)))
 
 
-def costs_off_plane(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Floats:
+def costs_off_plane(fit: JointFit) -> Floats:
     """The cost of each track of a fit, at the same poses, if each point had a distance of its own.
 
     Shapes: returns (T,).
@@ -202,18 +202,18 @@ def costs_off_plane(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Floa
     * Returns: Without the cost of leaving the plane. The rays and the distances are those of one Gauss-Newton step.
     """
     state = fit.state
-    equations = WindowEquations(tracks, state, priors, with_shares=False)
-    return _costs_off_plane(equations, state, _measured(tracks, state))
+    equations = WindowEquations(fit.tracks, state, fit.priors, with_shares=False)
+    return _costs_off_plane(equations, state, _measured(fit.tracks, state))
 
 
-def information_of_relief(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Floats:
+def information_of_relief(fit: JointFit) -> Floats:
     """How well the distances of the tracks of a plane would be known with a distance for each, at the same poses.
 
     Shapes: returns (T,).
 
     * Returns: Squared ratio of the distance to its standard deviation; 0 for a track off the plane or behind a camera.
     """
-    state = fit.state
+    state, tracks = fit.state, fit.tracks
     if state.plane is None:
         return np.zeros(len(state.rays))
     anchor = np.maximum(tracks.anchor, 0)
@@ -221,7 +221,7 @@ def information_of_relief(tracks: WindowTracks, fit: JointFit, priors: Priors) -
     centre = -np.einsum("tji,tj->ti", state.R[anchor], state.t[anchor])
     inverse = (world @ state.plane) / (1 - centre @ state.plane)
     on_plane = state.on_plane & (tracks.anchor >= 0) & (inverse > 0)
-    equations = WindowEquations(tracks, state, priors, with_shares=False)
+    equations = WindowEquations(tracks, state, fit.priors, with_shares=False)
     nowhere = np.zeros(len(inverse), bool)
     free = replace(state, on_plane=nowhere, inverse_distances=np.where(on_plane, inverse, 0.0))
     equations.build(free, hold=False)

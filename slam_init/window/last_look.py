@@ -78,7 +78,7 @@ def _with_free_depths(
         return (hypotheses, risk) if len(free.motions) == 1 and again.same_as(best) else (free, risk_of(free))
     # The scene must not vote for a motion: points that leave one of two planes vote by their free depths.
     planes, deg = _on_planes(hypotheses, free), risk.directions.sigma_deg
-    by_points, _ = rival_term(planes, expand(hypotheses, best), deg, most=UNDECIDED, free=free)
+    by_points, _ = rival_term(planes, expand(best), deg, most=UNDECIDED, free=free)
     known = [one for one in free.motions[1:] if planes.fit_near(one)]
     of_free = risk_of(replace(free, motions=tuple(one for one in free.motions if one not in known)))
     rotation_deg, direction_deg = best.difference_deg(again)

@@ -47,7 +47,7 @@ def wrong_by_a_half(hypotheses: WindowHypotheses) -> float:
     if len(used) < LEAST_TRACKS:
         return 0.0
     places = places_of(best.fit)
-    scale = best.fit.dispersion * variance_by_neighbours(best.tracks, best.fit, priors, places)
+    scale = best.fit.dispersion * variance_by_neighbours(best.fit, places)
     freedom = ON_BODIES * (6 * (len(best.rows) - 1) - 1)
     far, gains, wrong = False, list[float](), 0.0
     for half in far_halves(places[used]):

@@ -161,10 +161,10 @@ NEIGHBOURHOOD = 0.1
 
 # -- a motion of other tracks ----------------------------------------------------------------------------
 
-#: Of two rigid motions of the tracks either may be that of the camera, and the other one that of a body. The odds that a
-#: body holds a share s of their tracks, and not 1 - s, fall with this power of s / (1 - s): a scene at rest that holds
-#: half as many tracks as a body of equal area has odds of 1 to 12. So much fits 362 worlds with a body on at least 20
-#: tracks, of four authors (95 %: 2.8 to 4.4).
+#: Of two rigid motions of the tracks either may be that of the camera, and the other one that of a body. The odds that
+#: a body holds a share s of these tracks, and not 1 - s, fall with this power of s / (1 - s): a scene at rest that
+#: holds half as many tracks as a body of equal area has odds of 1 to 12. So much fits 362 worlds with a body on at
+#: least 20 tracks, of four authors (95 %: 2.8 to 4.4).
 #: Class: measured, over the tracks of such worlds.
 RARER_BY_TRACKS = 3.6
 

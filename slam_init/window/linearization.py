@@ -10,8 +10,6 @@ from slam_init.types.arrays import Bools, Floats
 from slam_init.window.equations import WindowEquations, tangent_bases
 from slam_init.window.joint_fit import JointFit
 from slam_init.window.kernels import TUKEY_GATES
-from slam_init.window.state import Priors
-from slam_init.window.tracks import WindowTracks
 
 #: A gate that weights all observations alike.
 _NO_GATE = 1e6
@@ -41,16 +39,14 @@ class Linearization:
     principal_columns: slice | None = None
 
 
-def linearize_with_fields(
-    tracks: WindowTracks, fit: JointFit, priors: Priors, *, rotation_only: bool = False
-) -> Linearization:
+def linearize_with_fields(fit: JointFit) -> Linearization:
     """Expand the cost of a fit in all its unknowns and in the error fields of the views.
 
     The distances of tracks at infinity count as unknowns too: that a distance is not negative bounds it on one side
     only. Their gradient, which the bound stops, is left out.
     """
-    state = fit.state
-    equations = WindowEquations(tracks, state, replace(priors, field_sigma_px=np.inf), rotation_only)
+    state, priors = fit.state, fit.priors
+    equations = WindowEquations(fit.tracks, state, replace(priors, field_sigma_px=np.inf), fit.rotation_only)
     equations.held_view = fit.held_view
     equations.build(state, hold=False)
     back, shares, held = equations.back, equations.shares.copy(), equations.stopped(state)
@@ -71,7 +67,7 @@ def linearize_with_fields(
     if state.plane is not None:
         # In the reference, the inverse distance along a ray is the product of the plane and the ray. The ray follows
         # the other unknowns too, most of all the focal length.
-        on_plane = np.flatnonzero(state.on_plane & (tracks.anchor == 0))
+        on_plane = np.flatnonzero(state.on_plane & (fit.tracks.anchor == 0))
         by_ray = np.stack([base[on_plane] @ state.plane for base in tangent_bases(state.rays)], axis=1)
         inverse = back[on_plane, :2, 1:3]
         variance[on_plane] = np.einsum("tp,tpq,tq->t", by_ray, inverse, by_ray)
@@ -86,7 +82,7 @@ def linearize_with_fields(
     return Linearization(information, gradient, shares, is_field, variance, coupling, k1, readout, principal)
 
 
-def information_by_chance(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Floats:
+def information_by_chance(fit: JointFit) -> Floats:
     """The part of a fit's information that the errors of the inverse distances make.
 
     A track tells the direction of a baseline by its parallax ``rho t``, and its information grows with the square of
@@ -99,7 +95,7 @@ def information_by_chance(tracks: WindowTracks, fit: JointFit, priors: Priors) -
 
     * Returns: In the order of :attr:`JointFit.information`, tracks eliminated.
     """
-    state = fit.state
+    state, tracks, priors = fit.state, fit.tracks, fit.priors
     # An error of a distance must not change the weight of an observation: each has the weight of the fit, as its noise.
     squares = np.einsum("vtq,vtq->vt", fit.residuals, fit.residuals)
     left = np.maximum(1 - squares / (TUKEY_GATES * priors.gate_sigmas**2), 0.0)

@@ -18,8 +18,6 @@ from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.window.joint_fit import NEAR_SIGMAS, JointFit
 from slam_init.window.kernels import TUKEY_GATES
 from slam_init.window.levels import NEIGHBOURHOOD, ON_BODIES
-from slam_init.window.state import Priors
-from slam_init.window.tracks import WindowTracks
 
 #: Neighbours that a track is compared with: a body holds four tracks or more, or pulls little. The bound is exceeded by
 #: chance once in twenty, that many standard deviations beyond the mean.
@@ -47,7 +45,7 @@ def far_halves(places: Floats) -> Iterator[Ints]:
             yield np.sort(order[int(ON_BODIES * len(order)) :])
 
 
-def variance_by_neighbours(tracks: WindowTracks, fit: JointFit, priors: Priors, places: Floats) -> float:
+def variance_by_neighbours(fit: JointFit, places: Floats) -> float:
     """Factor on each variance of a fit for the errors that neighbouring tracks share.
 
     Shapes: ``places`` (T, 2).
@@ -55,15 +53,16 @@ def variance_by_neighbours(tracks: WindowTracks, fit: JointFit, priors: Priors, 
     * Returns: At least 1. Without shared errors it exceeds 1 by chance: with 300 tracks in two views by 0.25, in twelve
       views by 0.1.
     """
+    tracks = fit.tracks
     near = _neighbours(places, tracks.anchor >= 0)
     squares = np.einsum("vtq,vtq->vt", fit.residuals, fit.residuals)
-    used = tracks.seen & (tracks.anchor >= 0) & (squares < TUKEY_GATES * priors.gate_sigmas**2)
+    used = tracks.seen & (tracks.anchor >= 0) & (squares < TUKEY_GATES * fit.priors.gate_sigmas**2)
     errors = np.where(used[..., None], fit.residuals, 0.0).transpose(1, 0, 2).reshape(len(places), -1)
     total = float(np.sum(errors**2))
     return 1.0 + max(float(np.sum(errors * (near @ errors))) / total, 0.0) if total > 0 else 1.0
 
 
-def agreement_of_neighbours(tracks: WindowTracks, fit: JointFit, of: Bools, places: Floats) -> float:
+def agreement_of_neighbours(fit: JointFit, of: Bools, places: Floats) -> float:
     """How far the residuals of some tracks agree with those of their neighbours among them: at most, from 0 to 1.
 
     Tracks on a body that moves agree (0.7 to 1), wrong matches and tracks with more noise than others do not.
@@ -74,7 +73,7 @@ def agreement_of_neighbours(tracks: WindowTracks, fit: JointFit, of: Bools, plac
     if len(index) <= _COMPARED:
         return 1.0
     squares = np.einsum("vtq,vtq->tv", fit.residuals[:, index], fit.residuals[:, index])
-    used = tracks.seen[:, index].T & (squares < NEAR_SIGMAS**2)
+    used = fit.tracks.seen[:, index].T & (squares < NEAR_SIGMAS**2)
     errors = np.where(used[..., None], fit.residuals[:, index].transpose(1, 0, 2), 0.0)
     # Of two tracks the views count that see both.
     lengths = np.sqrt(np.where(used, squares, 0.0) @ used.T.astype(float))

@@ -241,7 +241,7 @@ def _votes(hypotheses: WindowHypotheses, costs: Floats) -> Floats:
 def costs_at(hypotheses: WindowHypotheses, motion: Motion) -> Floats:
     """The cost (T,) of each track in all views at the poses of a motion, each with a distance of its own."""
     everywhere = fit_motion(hypotheses.tracks, motion, hypotheses.priors, max_steps=0)
-    costs = costs_off_plane(everywhere.tracks, everywhere.fit, hypotheses.priors)
+    costs = costs_off_plane(everywhere.fit)
     return hypotheses.costs_of(replace(everywhere, fit=replace(everywhere.fit, track_costs=costs)))
 
 
@@ -266,7 +266,7 @@ def _odds(tracks: float, of_other: float, of_best: float) -> float:
     * ``tracks``: The tracks of the other motion for each one that it has.
     * ``of_other, of_best``: Areas of the other motion and of this one.
     """
-    return tracks**RARER_BY_TRACKS * min(of_other / max(of_best, 1e-300), 1.0) ** 2
+    return math.pow(tracks, RARER_BY_TRACKS) * min(of_other / max(of_best, 1e-300), 1.0) ** 2
 
 
 def bearings_of_best(hypotheses: WindowHypotheses) -> Floats:

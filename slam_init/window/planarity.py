@@ -58,25 +58,24 @@ def is_plane(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> bool
     * Returns: True if a relief would show, and distances of their own gain nothing: neither at the poses of the fit,
       nor where the poses follow.
     """
-    return _fits_plane(tracks, fitted, priors) and not _has_relief(tracks, fitted, priors)
+    return _fits_plane(tracks, fitted) and not _has_relief(tracks, fitted, priors)
 
 
-def _fits_plane(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> bool:
+def _fits_plane(tracks: WindowTracks, fitted: FittedMotion) -> bool:
     """Whether the points of a fit lie on its plane: a relief would show, and distances of their own gain nothing."""
     on_plane = fitted.fit.state.on_plane & (tracks.anchor >= 0)
     count = int(on_plane.sum())
     if count < max(LEAST_TRACKS, LEAST_ON_PLANE * float((tracks.anchor >= 0).sum())):
         return False
-    part = fitted.tracks
-    if not _tells_relief(part, fitted, priors):
+    if not _tells_relief(fitted):
         return False
-    gain = fitted.fit.track_costs - costs_off_plane(part, fitted.fit, priors)
+    gain = fitted.fit.track_costs - costs_off_plane(fitted.fit)
     return _is_chance(float(gain[on_plane].sum()), count, PLANE_SIGMAS)
 
 
-def _tells_relief(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> bool:
+def _tells_relief(fitted: FittedMotion) -> bool:
     """Whether a relief of a fifth of the distances would lower the cost far beyond chance."""
-    information = information_of_relief(tracks, fitted.fit, priors)
+    information = information_of_relief(fitted.fit)
     gains = np.minimum(TOLD_RELIEF**2 * information, LARGEST_GAIN)
     return float(gains.sum()) >= TOLD_SIGMAS * math.sqrt(2 * max(int((information > 0).sum()), 1))
 

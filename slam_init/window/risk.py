@@ -94,7 +94,7 @@ def risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
 
 
 def _risk_of(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
-    expanded = expand(hypotheses, hypotheses.motions[0])
+    expanded = expand(hypotheses.motions[0])
     directions = direction_term(hypotheses, expanded)
     direction = directions.of_pair
     by_rotation = _rotation_risk(hypotheses, expanded, direction)
@@ -146,7 +146,7 @@ def _rotation_risk(hypotheses: WindowHypotheses, expanded: ExpandedFit, directio
     lasting_in_noise = rotation > FLOOR and direction <= UNDECIDED and keeps_errors(hypotheses)
     if lasting_in_noise:
         wide = with_errors_in_noise(hypotheses)
-        of_wide = rotation_probability(wide, expand(wide, wide.motions[0]), lasting_in_noise=True)[1]
+        of_wide = rotation_probability(wide, expand(wide.motions[0]), lasting_in_noise=True)[1]
         of_wide = max(of_wide, _beside_bodies(wide))
         lasting_in_noise, rotation = of_wide < rotation, min(of_wide, rotation)
     rotation = max(rotation, _beside_bodies(hypotheses))

@@ -156,7 +156,7 @@ def _rival_probability(
     missing = int(seen[list(motion.rows)].sum()) - int(seen[list(rival.rows)].sum())
     outliers = hypotheses.priors.gate_sigmas**2 * missing
     ahead = max(0.5 * (rival.fit.cost + outliers - best.fit.cost), 1e-9)
-    expanded = expand_for_evidence(rival, hypotheses.priors)
+    expanded = expand_for_evidence(rival)
     # The fields explain a share of the difference of the costs, and the same share of the votes. A wrong motion absorbs
     # a part of the fields, so that it seems to need smaller ones. The fields belong to the tracker and not to the
     # motion: the motions are compared at each scale that is likely with both.

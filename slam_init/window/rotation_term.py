@@ -64,14 +64,12 @@ def rotation_probability(
 
     if z_of(np.array([(1 - EXPLAINED_BY_FIELDS) * max(gain, 0.0) / dispersion]))[0] > CERTAIN_SIGMAS:
         return gain, 0.0, None
-    rotation = linearize_with_fields(
-        hypotheses.tracks, hypotheses.rotation_only, hypotheses.rotation_priors, rotation_only=True
-    )
+    rotation = linearize_with_fields(hypotheses.rotation_only)
     marginal = marginalize_fields(rotation)
     explained = marginal.lowered_cost - expanded.marginal.lowered_cost
     gains = np.maximum(gain - 0.5 * np.maximum(explained, 0.0), 0.0) / dispersion
     probability = float(expanded.scale_weights @ [at_any_look(float(one)) for one in z_of(gains)])
-    return gain, probability, camera_estimate(ExpandedFit(tracks, hypotheses.rotation_only, rotation, marginal))
+    return gain, probability, camera_estimate(ExpandedFit(hypotheses.rotation_only, rotation, marginal))
 
 
 def keeps_errors(hypotheses: WindowHypotheses) -> bool:
@@ -123,7 +121,7 @@ def _probability_beside_zooms(
         # A wrong match, which both explain in part, costs a camera more that starts farther away. Before a plane, where
         # a zoom and a motion explain the same, these would decide.
         beyond = zoom.hypotheses.gain_beyond_votes if one.planar else 0.0
-        best = expand(one, one.motions[0])
+        best = expand(one.motions[0])
         left = unexplained + beyond
         _, by_gain, _ = rotation_probability(zoom.hypotheses, best, left, lasting_in_noise=lasting_in_noise)
         by_bodies = bodies_probability(zoom.hypotheses, SHARE_OF_BODIES, price=zoom.price) if bodies else 0.0

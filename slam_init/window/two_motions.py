@@ -91,7 +91,7 @@ def without_body(hypotheses: WindowHypotheses) -> WindowHypotheses | None:
 def _shows_two_motions(hypotheses: WindowHypotheses) -> bool:
     """Whether neighbouring tracks share residuals of the best motion, as they do where it explains two in part."""
     best = hypotheses.motions[0]
-    return variance_by_neighbours(best.tracks, best.fit, hypotheses.priors, places_of(best.fit)) > _SHARED
+    return variance_by_neighbours(best.fit, places_of(best.fit)) > _SHARED
 
 
 class _Apart(NamedTuple):

@@ -29,15 +29,13 @@ from slam_init.system.linear_algebra import deviations
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.window.arguments import FIELD_TERMS
-from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import JointFit
 from slam_init.window.kernels import TUKEY_GATES
 from slam_init.window.levels import DOUBTFUL_SIGMAS, REGIONS, SHIFTS, TURNING_FACTOR, ZOOMS
 from slam_init.window.linearization import Linearization, information_by_chance, linearize_with_fields
 from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, FieldMarginal, marginalize_fields
 from slam_init.window.motion import FittedMotion
-from slam_init.window.state import Priors, WindowState
-from slam_init.window.tracks import WindowTracks
+from slam_init.window.state import WindowState
 
 #: A lens that zooms shifts a view by its optical axis, over the width of the image: half a pixel of 1280.
 _NO_SHIFT = 3e-4
@@ -52,8 +50,6 @@ _KEPT = 4
 class ExpandedFit:
     """A fit, its quadratic expansion, and the posterior of the scale of its error fields."""
 
-    #: In the views of the fit.
-    tracks: WindowTracks
     fit: JointFit
     linearization: Linearization
     marginal: FieldMarginal
@@ -87,7 +83,7 @@ class ExpandedFit:
 
         * Returns: Its squares, summed over the regions, are the variances of the unknowns by the scatter.
         """
-        used = np.flatnonzero(self.tracks.anchor >= 0)
+        used = np.flatnonzero(self.fit.tracks.anchor >= 0)
         region = regions_of(places_of(self.fit), REGIONS)[used]
         member = np.zeros((math.prod(REGIONS), len(used)))
         member[region, np.arange(len(used))] = 1.0
@@ -217,23 +213,18 @@ class CameraEstimate:
     readout: ReadoutEstimate | None
 
 
-def expand(hypotheses: WindowHypotheses, motion: FittedMotion) -> ExpandedFit:
-    """Expand the cost of a fitted motion, and integrate the error fields out."""
-    return _expanded(motion, hypotheses.priors)
-
-
 @lru_cache(maxsize=_KEPT)
-def _expanded(motion: FittedMotion, priors: Priors) -> ExpandedFit:
-    expanded = expand_for_evidence(motion, priors)
-    by_chance = information_by_chance(motion.tracks, motion.fit, priors)
+def expand(motion: FittedMotion) -> ExpandedFit:
+    """Expand the cost of a fitted motion, and integrate the error fields out."""
+    expanded, by_chance = expand_for_evidence(motion), information_by_chance(motion.fit)
     return replace(expanded, marginal=expanded.marginal.without_chance(by_chance))
 
 
 @lru_cache(maxsize=_KEPT)
-def expand_for_evidence(motion: FittedMotion, priors: Priors) -> ExpandedFit:
+def expand_for_evidence(motion: FittedMotion) -> ExpandedFit:
     """The same where only the evidence is wanted: covariances count information by chance too."""
-    linearization = linearize_with_fields(motion.tracks, motion.fit, priors)
-    return ExpandedFit(motion.tracks, motion.fit, linearization, marginalize_fields(linearization))
+    linearization = linearize_with_fields(motion.fit)
+    return ExpandedFit(motion.fit, linearization, marginalize_fields(linearization))
 
 
 def camera_estimate(expanded: ExpandedFit, optimism: float = 1.0) -> CameraEstimate:
@@ -318,14 +309,15 @@ def direction_by_principal_point_deg(expanded: ExpandedFit) -> Floats:
     return np.asarray(np.degrees(np.sqrt(np.maximum(np.linalg.eigvalsh(by_point)[:, -1], 0.0))))
 
 
-def moved_by_lens(expanded: ExpandedFit, priors: Priors, *, held: bool) -> MovedByLens:
+def moved_by_lens(expanded: ExpandedFit, *, held: bool) -> MovedByLens:
     """How far the motion of a map, whose lens is the expected one, is from that of the fit, which moves the lens.
 
     All other unknowns follow the lens as their covariance says. A map never moves the principal point.
 
     * ``held``: Whether the map keeps focal length and distortion too.
     """
-    lin, state, covariance = expanded.linearization, expanded.fit.state, expanded.marginal.covariance
+    lin, fit, covariance = expanded.linearization, expanded.fit, expanded.marginal.covariance
+    state, priors = fit.state, fit.priors
     columns: list[int] = []
     offsets: list[float] = []
     if held:
@@ -341,13 +333,13 @@ def moved_by_lens(expanded: ExpandedFit, priors: Priors, *, held: bool) -> Moved
     return MovedByLens(math.degrees(float(np.linalg.norm(moved[:3]))), directions_deg)
 
 
-def varying_lens(expanded: ExpandedFit, priors: Priors) -> VaryingLens:
+def varying_lens(expanded: ExpandedFit) -> VaryingLens:
     """What a zoom and a shift of each view explain of the tracks, and what they change about the directions.
 
     The expansion of the fit tells it: the gradient of the cost by the zooms and the shifts, and their information. The
     first view has none, as what all views have in common is the lens. The fields have their likeliest scale.
     """
-    lin, views = expanded.linearization, len(expanded.fit.state.R)
+    lin, views, lens_changes = expanded.linearization, len(expanded.fit.state.R), expanded.fit.priors.lens_changes
     other, field, H = ~lin.is_field, lin.is_field, lin.information
     known = H[np.ix_(other, other)] + 1e-9 * np.eye(int(other.sum()))
     units = np.sqrt(np.maximum(np.diag(known), 1e-300))
@@ -360,15 +352,15 @@ def varying_lens(expanded: ExpandedFit, priors: Priors) -> VaryingLens:
     if scale_px:
         given = np.linalg.inv(0.5 * (left + left.T) + np.eye(len(left)) / scale_px**2)
     # Given a zoom or a shift, the fields take a part of it back.
-    B = zooms_and_shifts(expanded.tracks.camera, views)
+    B = zooms_and_shifts(expanded.fit.tracks.camera, views)
     B -= given @ (left @ B)
-    information, gradient = B.T @ left @ zooms_and_shifts(expanded.tracks.camera, views), B.T @ gradient
-    gradient[::3] += shrunk_noise(expanded.tracks, expanded.fit, priors)
+    information, gradient = B.T @ left @ zooms_and_shifts(expanded.fit.tracks.camera, views), B.T @ gradient
+    gradient[::3] += shrunk_noise(expanded.fit)
     J, along = expanded.directions, expanded.directions @ follow
     fixed = J @ covariance @ np.swapaxes(J, 1, 2) + along @ given @ np.swapaxes(along, 1, 2)
     by_mode, largest_fixed = along @ B, np.maximum(np.linalg.eigvalsh(fixed)[:, -1], 1e-300)
     log_weights, factors, moved_deg = (
-        [math.log(1 - priors.lens_changes * sum(prior for _, prior in (*ZOOMS, *SHIFTS)))],
+        [math.log(1 - lens_changes * sum(prior for _, prior in (*ZOOMS, *SHIFTS)))],
         [np.ones(views - 1)],
         [np.zeros(views - 1)],
     )
@@ -376,20 +368,20 @@ def varying_lens(expanded: ExpandedFit, priors: Priors) -> VaryingLens:
         *((zoom, _NO_SHIFT, prior) for zoom, prior in ZOOMS),
         *((shift / 3, shift, prior) for shift, prior in SHIFTS),
     ]
-    for zoom, shift, prior in modes if priors.lens_changes else ():
-        sigmas = np.tile([zoom, *2 * [shift * expanded.tracks.camera.width]], views - 1)
+    for zoom, shift, prior in modes if lens_changes else ():
+        sigmas = np.tile([zoom, *2 * [shift * expanded.fit.tracks.camera.width]], views - 1)
         scaled = np.outer(sigmas, sigmas) * 0.5 * (information + information.T) + np.eye(len(sigmas))
         posterior = np.outer(sigmas, sigmas) * np.linalg.inv(scaled)
         mean = -posterior @ gradient
         evidence = 0.5 * float(gradient @ posterior @ gradient) - 0.5 * float(np.linalg.slogdet(scaled)[1])
-        log_weights.append(math.log(priors.lens_changes * prior) + evidence)
+        log_weights.append(math.log(lens_changes * prior) + evidence)
         moved = by_mode @ posterior @ np.swapaxes(by_mode, 1, 2)
         factors.append(np.sqrt(np.maximum(np.linalg.eigvalsh(fixed + moved)[:, -1] / largest_fixed, 1.0)))
         moved_deg.append(np.degrees(np.linalg.norm(by_mode @ mean, axis=1)))
     return VaryingLens(np.array(log_weights), np.array(factors), np.array(moved_deg))
 
 
-def shrunk_noise(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Floats:
+def shrunk_noise(fit: JointFit) -> Floats:
     """What the gradient by the zoom of each view but the first lacks, where fields describe the zooms.
 
     The fields are polynomials of the measured pixels. A zoom of these shrinks their noise as well: with N tracks in a
@@ -397,8 +389,8 @@ def shrunk_noise(tracks: WindowTracks, fit: JointFit, priors: Priors) -> Floats:
 
     Shapes: returns (V - 1,).
     """
-    squares = np.sum(fit.residuals**2, axis=2)
-    left_of_gate = np.maximum(1 - squares / (TUKEY_GATES * priors.gate_sigmas**2), 0.0)
+    tracks, squares = fit.tracks, np.sum(fit.residuals**2, axis=2)
+    left_of_gate = np.maximum(1 - squares / (TUKEY_GATES * fit.priors.gate_sigmas**2), 0.0)
     used = tracks.seen & (tracks.anchor >= 0) & (left_of_gate > 0)
     return np.asarray(np.sum(left_of_gate**2 * np.where(used, squares, 0.0), axis=1)[1:])
 
@@ -424,7 +416,7 @@ def inverse_distances(expanded: ExpandedFit) -> InverseDistances:
     J[:, 3:6] += values[:, None] * state.t[1] / length
     shared = expanded.marginal.variances(J, length * lin.distance_coupling[:, lin.is_field], expanded.scale_weights)
     variances = shared + length**2 * lin.distance_variance
-    return InverseDistances(expanded.tracks.anchor == 0, length * values, deviations(variances))
+    return InverseDistances(expanded.fit.tracks.anchor == 0, length * values, deviations(variances))
 
 
 def places_of(fit: JointFit) -> Floats:

@@ -89,7 +89,7 @@ def zooming_motions(hypotheses: WindowHypotheses, rotation: ZoomingRotation) -> 
     # What a tracker keeps from view to view grows with the displacement of the image, as the effect of a zoom does.
     dispersion = held.dispersion * gain_of_lasting_errors(best.tracks, held.state.R)
     for tracks, fit, zooms in _starts(hypotheses, held, rotation):
-        found, lowest = _optimum(tracks, fit, zooms, priors, dispersion), held.cost
+        found, lowest = _optimum(tracks, fit, zooms, dispersion), held.cost
         if found.log_evidence + 0.5 * lowest / dispersion > math.log(FLOOR):
             # The way there may lead to another mode of the motion, which explains more tracks without zooms too.
             lowest = min(lowest, fit_window(tracks, found.fit.state, priors, max_steps=_ROUNDS * _STEPS).cost)
@@ -117,7 +117,7 @@ def _starts(
         yield best.tracks, fit, zooms
 
 
-def _optimum(tracks: WindowTracks, fit: JointFit, zooms: Floats, priors: Priors, dispersion: float) -> ZoomingMotion:
+def _optimum(tracks: WindowTracks, fit: JointFit, zooms: Floats, dispersion: float) -> ZoomingMotion:
     """Fit the zooms and the motion in turn; the motion follows each step of the zooms as its expansion says."""
     covariances = [_covariance(tracks.times_s, sigma) for sigma in _ZOOM_SIGMAS]
     precision = np.asarray(np.linalg.inv(covariances[-1]), np.float64)
@@ -125,8 +125,7 @@ def _optimum(tracks: WindowTracks, fit: JointFit, zooms: Floats, priors: Priors,
     def log_likelihood(fit: JointFit, zooms: Floats) -> float:
         return -0.5 * (fit.cost + float(zooms[1:] @ precision @ zooms[1:]))
 
-    part, value = zoomed(tracks, zooms), log_likelihood(fit, zooms)
-    expanded = _Expansion.of(part, fit, priors)
+    value, expanded = log_likelihood(fit, zooms), _Expansion.of(fit)
     for _ in range(_ROUNDS):
         step = expanded.step(zooms, precision)
         largest = float(np.abs(step).max())
@@ -134,12 +133,11 @@ def _optimum(tracks: WindowTracks, fit: JointFit, zooms: Floats, priors: Priors,
         gained = 0.0
         for _ in range(_TRIES if largest > _CONVERGED else 0):
             moved = (1 + zooms) * (1 + step) - 1
-            again = zoomed(tracks, moved)
-            fitted = _fitted(again, fit.state, priors)
+            fitted = _fitted(zoomed(tracks, moved), fit.state, fit.priors)
             gained = log_likelihood(fitted, moved) - value
             if gained > 0:
-                part, fit, zooms, value = again, fitted, moved, value + gained
-                expanded = _Expansion.of(part, fit, priors)
+                fit, zooms, value = fitted, moved, value + gained
+                expanded = _Expansion.of(fit)
                 break
             step *= _SHORTER
         if gained < _LEAST_GAIN:
@@ -178,15 +176,15 @@ class _Expansion:
     gradient: Floats
 
     @staticmethod
-    def of(tracks: WindowTracks, fit: JointFit, priors: Priors) -> _Expansion:
+    def of(fit: JointFit) -> _Expansion:
         """Expand a fit; the zooms are linear terms of error fields, which have no other part."""
-        lin, views = linearize_with_fields(tracks, fit, priors), len(fit.state.R)
-        by_zoom = zooms_and_shifts(tracks.camera, views)[:, ::3]
+        lin, views = linearize_with_fields(fit), len(fit.state.R)
+        by_zoom = zooms_and_shifts(fit.tracks.camera, views)[:, ::3]
         chosen = np.zeros((len(lin.gradient), int((~lin.is_field).sum()) + views - 1))
         chosen[np.flatnonzero(~lin.is_field), np.arange(chosen.shape[1] - views + 1)] = 1.0
         chosen[lin.is_field, chosen.shape[1] - views + 1 :] = by_zoom
         information, gradient = chosen.T @ lin.information @ chosen, chosen.T @ lin.gradient
-        gradient[1 - views :] += shrunk_noise(tracks, fit, priors)
+        gradient[1 - views :] += shrunk_noise(fit)
         return _Expansion(fit, information + 1e-9 * np.eye(len(gradient)), gradient)
 
     def step(self, zooms: Floats, precision: Floats) -> Floats:

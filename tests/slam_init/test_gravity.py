@@ -88,8 +88,8 @@ def gravity_cost(tracks, state):
 
 
 def test_a_turn_about_gravity_costs_nothing_and_a_tilt_costs_its_square():
-    tracks, fit = fitted_window("room", 1, 3)
-    tracks, state = with_gravity(tracks, fit.state), fit.state
+    fit = fitted_window("room", 1, 3)
+    tracks, state = with_gravity(fit.tracks, fit.state), fit.state
     assert gravity_cost(tracks, state) == pytest.approx(0, abs=1e-6)
     assert gravity_cost(tracks, turned_about(state, 1, 0.05 * tracks.down[1])) == pytest.approx(0, abs=1e-6)
     across = np.cross(tracks.down[1], [1.0, 0.0, 0.0])
@@ -98,8 +98,8 @@ def test_a_turn_about_gravity_costs_nothing_and_a_tilt_costs_its_square():
 
 
 def test_a_tilt_that_is_too_large_costs_little_more_and_pulls_little():
-    tracks, fit = fitted_window("room", 1, 3)
-    tracks = with_gravity(tracks, fit.state)
+    fit = fitted_window("room", 1, 3)
+    tracks = with_gravity(fit.tracks, fit.state)
     across = np.cross(tracks.down[1], [1.0, 0.0, 0.0])
     across /= np.linalg.norm(across)
     pulls = [
@@ -110,8 +110,8 @@ def test_a_tilt_that_is_too_large_costs_little_more_and_pulls_little():
 
 
 def test_the_gradient_is_that_of_the_cost():
-    tracks, fit = fitted_window("room", 1, 3)
-    tracks = with_gravity(tracks, fit.state)
+    fit = fitted_window("room", 1, 3)
+    tracks = with_gravity(fit.tracks, fit.state)
     state = turned_about(fit.state, 2, [0.01, -0.02, 0.015])
     gradient = WindowEquations(tracks, state, PRIORS).turned_gradient(state)
     step = 1e-5

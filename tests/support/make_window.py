@@ -295,10 +295,10 @@ def fit_near_truth(window, priors=PRIORS, kind="general", seed=0, tolerance=1e-1
     return fit_window(tracks, start, priors, max_steps=50, tolerance=tolerance)
 
 
-def fitted_window(scene: str, seed: int, views: int) -> tuple[WindowTracks, JointFit]:
-    """A noisy window of a drawn world with its fit from the true poses."""
+def fitted_window(scene: str, seed: int, views: int) -> JointFit:
+    """The fit of a noisy window of a drawn world from the true poses."""
     window = make_window(scene, seed, views, noise_px=0.7, baseline=0.3)
-    return window.tracks, fit_window(window.tracks, start_at(window.tracks, window.R, window.t), PRIORS)
+    return fit_window(window.tracks, start_at(window.tracks, window.R, window.t), PRIORS)
 
 
 #: Views of :func:`hypotheses_of_changing_lens`.

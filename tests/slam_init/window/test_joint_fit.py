@@ -214,14 +214,14 @@ def test_relief_leaves_the_plane_and_the_rest_stays(seed):
     assert (fit.track_costs[off & used] >= OFF_PLANE_COST).all()
     assert window.direction_error(fit.state) < np.radians(3)
     # A plane without relief costs its tracks more.
-    costs = costs_off_plane(window.tracks, fit, PRIORS)
+    costs = costs_off_plane(fit)
     np.testing.assert_allclose(costs[off], fit.track_costs[off] - OFF_PLANE_COST, atol=0.5)
 
 
 def test_distances_of_their_own_lower_no_cost_where_there_is_no_plane():
     window = make_window("room", 0, 5, 80, noise_px=0.5, baseline=0.3)
     fit = fit_window(window.tracks, window.start(0, None, 0.0), PRIORS)
-    costs = costs_off_plane(window.tracks, fit, PRIORS)
+    costs = costs_off_plane(fit)
     np.testing.assert_allclose(costs, fit.track_costs, atol=0.5)
 
 
@@ -231,7 +231,7 @@ def test_distances_of_their_own_lower_the_cost_of_tracks_on_a_plane_by_about_one
         window = make_window("wall", seed, 5, 80, noise_px=0.7, baseline=0.3)
         fit = fit_near_truth(window, kind="plane", seed=seed)
         on = fit.state.on_plane & (window.tracks.anchor >= 0)
-        gains.extend((fit.track_costs - costs_off_plane(window.tracks, fit, PRIORS))[on])
+        gains.extend((fit.track_costs - costs_off_plane(fit))[on])
     # Chi-square with one degree of freedom. Tracks with gains above 6 leave the plane; 0.89 is left.
     assert 0.7 < np.mean(gains) < 1.1
 
@@ -263,22 +263,22 @@ def test_the_information_of_a_relief_is_that_of_the_distances_over_the_noise():
     """More parallax and less noise tell a distance better. Tracks off the plane do not count."""
     window = make_window("wall", 1, 6, 80, noise_px=0.5, baseline=0.2)
     fit = fit_window(window.tracks, window.start(0, window.plane), PRIORS)
-    found = information_of_relief(window.tracks, fit, PRIORS)
+    found = information_of_relief(fit)
     on_plane = fit.state.on_plane & (window.tracks.anchor >= 0)
     assert (found[on_plane] > 0).all()
     assert not found[~on_plane].any()
-    noisier = information_of_relief(window.tracks.with_noise(2 * window.tracks.noise_px), fit, PRIORS)
+    noisier = information_of_relief(replace(fit, tracks=window.tracks.with_noise(2 * window.tracks.noise_px)))
     assert np.median(found / np.maximum(noisier, 1e-300)) == pytest.approx(4, rel=0.1)
     pair = window.tracks.of_views((0, 1))
     start = start_at(pair, fit.state.R[:2], fit.state.t[:2], fit.state.plane)
-    of_pair = information_of_relief(pair, fit_window(pair, start, PRIORS), PRIORS)
+    of_pair = information_of_relief(fit_window(pair, start, PRIORS))
     assert np.median(of_pair[of_pair > 0]) < np.median(found[on_plane])
 
 
 def test_without_a_plane_there_is_no_relief():
     window = make_window("room", 1, 3, 40, noise_px=0.5, baseline=0.2)
     fit = fit_window(window.tracks, window.start(0), PRIORS)
-    assert not information_of_relief(window.tracks, fit, PRIORS).any()
+    assert not information_of_relief(fit).any()
 
 
 def test_the_noise_of_a_start_covers_its_error_within_a_factor_of_thirty():

@@ -17,7 +17,7 @@ SCENES = {"general": "room", "plane": "wall"}
 def test_the_expansion_without_its_fields_is_the_information_of_the_fit(kind):
     window = make_window(SCENES[kind], 1, 4, noise_px=0.7, baseline=0.3)
     fit = fit_near_truth(window, kind=kind, seed=1)
-    found = linearize_with_fields(window.tracks, fit, PRIORS)
+    found = linearize_with_fields(fit)
     assert found.is_field.sum() == 12 * 4
     other = ~found.is_field
     largest = np.abs(fit.information).max()
@@ -28,7 +28,7 @@ def test_the_expansion_without_its_fields_is_the_information_of_the_fit(kind):
 def test_the_gradient_of_the_expansion_is_the_sum_of_the_shares_and_vanishes_at_a_fit(kind):
     window = make_window(SCENES[kind], 2, 4, noise_px=0.7, baseline=0.3)
     fit = fit_near_truth(window, kind=kind, seed=2)
-    found = linearize_with_fields(window.tracks, fit, PRIORS)
+    found = linearize_with_fields(fit)
     total, focal = found.shares.sum(axis=0), np.flatnonzero(~found.is_field)[6 * 3]
     total[focal] += fit.state.log_scale / PRIORS.focal_sigma**2
     total[np.flatnonzero(~found.is_field)[6 * 3 + 1]] += fit.state.k1 / PRIORS.k1_sigma**2
@@ -43,7 +43,7 @@ def test_the_gradient_of_the_expansion_is_the_sum_of_the_shares_with_tracks_at_i
     start = start_at(window.tracks, window.R, np.outer(np.arange(5), [1e-3, 0, 0]))
     fit = fit_window(window.tracks, start, PRIORS, max_steps=60, tolerance=1e-9)
     assert (fit.state.inverse_distances[window.tracks.anchor >= 0] == 0).any()
-    found = linearize_with_fields(window.tracks, fit, PRIORS)
+    found = linearize_with_fields(fit)
     focal = np.flatnonzero(~found.is_field)[6 * 4]
     expected = found.shares[:, focal].sum() + fit.state.log_scale / PRIORS.focal_sigma**2
     assert found.gradient[focal] == pytest.approx(expected, rel=1e-6)
@@ -52,7 +52,7 @@ def test_the_gradient_of_the_expansion_is_the_sum_of_the_shares_with_tracks_at_i
 def test_fields_without_a_prior_are_the_limit_of_wide_priors():
     window = make_window("room", 3, 4, 100, noise_px=0.7, baseline=0.3)
     fit = fit_near_truth(window, seed=3)
-    found = linearize_with_fields(window.tracks, fit, PRIORS)
+    found = linearize_with_fields(fit)
     wide = fit_window(window.tracks, fit.state, replace(PRIORS, field_sigma_px=1e6), max_steps=0)
     largest = np.abs(found.information).max()
     np.testing.assert_allclose(found.information, wide.information, atol=1e-9 * largest)
@@ -66,7 +66,7 @@ def test_the_variance_of_a_distance_is_the_inverse_of_its_curvature():
         truth = window.true_state()
         fit = fit_window(window.tracks, truth, PRIORS, max_steps=0)
         moved = start_at(window.tracks, window.R, window.t)
-        found = linearize_with_fields(window.tracks, fit, PRIORS)
+        found = linearize_with_fields(fit)
         used = window.tracks.seen.all(axis=0)
         errors.extend((moved.inverse_distances - truth.inverse_distances)[used])
         sigmas.extend(np.sqrt(found.distance_variance[used]))

@@ -21,7 +21,7 @@ def linearization(request):
     window = make_window(SCENES[request.param], 1, 4, 40, noise_px=0.7, baseline=0.3)
     start = window.start(1, window.plane if request.param == "plane" else None, error=1e-3)
     fit = fit_window(window.tracks, start, PRIORS, max_steps=0)
-    return linearize_with_fields(window.tracks, fit, PRIORS)
+    return linearize_with_fields(fit)
 
 
 def exact(linearization):
@@ -160,7 +160,7 @@ def small_fit(scene, seed, field_px):
     for k in tracks.frames:
         pixels, terms = tracks.pixels[k, tracks.seen[k]], 0.7 * tracks.places[k, tracks.seen[k]]
         coefficients.append(np.linalg.lstsq(terms, error.at(k, pixels), rcond=None)[0])
-    return linearize_with_fields(tracks, fit, PRIORS), float(np.sqrt(np.mean(np.square(coefficients))))
+    return linearize_with_fields(fit), float(np.sqrt(np.mean(np.square(coefficients))))
 
 
 @pytest.mark.parametrize("seed", range(3))

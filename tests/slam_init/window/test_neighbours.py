@@ -4,15 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from make_window import PRIORS, fitted_window
+from make_window import fitted_window
 
 from slam_init.window.neighbours import agreement_of_neighbours, variance_by_neighbours
 
 
-def factor(window_fit, residuals):
-    tracks, fit = window_fit
-    places = tracks.pixels[0]
-    return variance_by_neighbours(tracks, replace(fit, residuals=residuals), PRIORS, places)
+def factor(fit, residuals):
+    return variance_by_neighbours(replace(fit, residuals=residuals), fit.tracks.pixels[0])
 
 
 @pytest.fixture(scope="module")
@@ -22,22 +20,22 @@ def fitted():
 
 def test_independent_errors_have_no_factor(fitted):
     rng = np.random.default_rng(0)
-    shape = (*fitted[0].seen.shape, 2)
+    shape = (*fitted.tracks.seen.shape, 2)
     factors = [factor(fitted, rng.normal(size=shape)) for _ in range(20)]
     assert min(factors) >= 1
     assert np.mean(factors) < 1.2
 
 
 def test_errors_that_all_tracks_of_a_view_share_count_as_often_as_a_track_has_neighbours(fitted):
-    tracks, fit = fitted
+    tracks = fitted.tracks
     everywhere = replace(tracks, seen=np.ones_like(tracks.seen), anchor=np.zeros_like(tracks.anchor))
     residuals = np.ones((*tracks.seen.shape, 2))
-    assert factor((everywhere, fit), residuals) == 1 + round(0.1 * len(tracks.anchor))
+    assert factor(replace(fitted, tracks=everywhere), residuals) == 1 + round(0.1 * len(tracks.anchor))
 
 
 def test_outliers_have_no_part_in_it(fitted):
     rng = np.random.default_rng(1)
-    residuals = rng.normal(size=(*fitted[0].seen.shape, 2))
+    residuals = rng.normal(size=(*fitted.tracks.seen.shape, 2))
     far = residuals.copy()
     far[:, ::2] = 50.0  # each second track, all alike
     half = residuals.copy()
@@ -46,34 +44,33 @@ def test_outliers_have_no_part_in_it(fitted):
 
 
 def test_without_tracks_there_is_no_factor(fitted):
-    tracks, fit = fitted
-    none = replace(tracks, anchor=np.full_like(tracks.anchor, -1))
-    assert variance_by_neighbours(none, fit, PRIORS, tracks.pixels[0]) == 1.0
+    none = replace(fitted.tracks, anchor=np.full_like(fitted.tracks.anchor, -1))
+    assert factor(replace(fitted, tracks=none), fitted.residuals) == 1.0
 
 
-def agreement(window_fit, residuals, of=None):
-    tracks, fit = window_fit
+def agreement(fit, residuals, of=None):
+    tracks = fit.tracks
     of = np.ones(len(tracks.anchor), bool) if of is None else of
     everywhere = replace(tracks, seen=np.ones_like(tracks.seen))
-    return agreement_of_neighbours(everywhere, replace(fit, residuals=residuals), of, tracks.pixels[0])
+    return agreement_of_neighbours(replace(fit, tracks=everywhere, residuals=residuals), of, tracks.pixels[0])
 
 
 def test_tracks_on_a_body_agree_and_noise_does_not(fitted):
     rng = np.random.default_rng(2)
-    shape = (*fitted[0].seen.shape, 2)
+    shape = (*fitted.tracks.seen.shape, 2)
     of_noise = [agreement(fitted, 8 * rng.normal(size=shape)) for _ in range(20)]
     assert max(of_noise) < 0.2
     moved = 8 * rng.normal(size=(shape[0], 1, 2)) + rng.normal(size=shape)
     assert agreement(fitted, moved) > 0.9
     # Two bodies on both sides of the image move as each of them does.
-    left = fitted[0].pixels[0, :, 0] < fitted[0].camera.width / 2
+    left = fitted.tracks.pixels[0, :, 0] < fitted.tracks.camera.width / 2
     two = np.where(left[:, None], moved, -moved)
     assert agreement(fitted, two) > 0.8
 
 
 def test_the_agreement_of_few_tracks_is_not_known(fitted):
     rng = np.random.default_rng(3)
-    residuals = 8 * rng.normal(size=(*fitted[0].seen.shape, 2))
+    residuals = 8 * rng.normal(size=(*fitted.tracks.seen.shape, 2))
     few = np.zeros(residuals.shape[1], bool)
     few[:3] = True
     assert agreement(fitted, residuals, few) == 1.0
@@ -85,4 +82,4 @@ def test_the_agreement_of_few_tracks_is_not_known(fitted):
 def test_tracks_far_from_their_projections_agree_with_nobody(fitted):
     """Residuals beyond thirty deviations, or behind a camera, do not count."""
     for far in (100.0, np.inf):
-        assert agreement(fitted, np.full((*fitted[0].seen.shape, 2), far)) == 0.0
+        assert agreement(fitted, np.full((*fitted.tracks.seen.shape, 2), far)) == 0.0

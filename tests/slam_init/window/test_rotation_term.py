@@ -27,7 +27,7 @@ def clear():
 
 
 def test_the_rotation_term_falls_with_the_gain_over_the_rotation_only_camera(clear):
-    cost, expanded = clear.motions[0].fit.cost, expand(clear, clear.motions[0])
+    cost, expanded = clear.motions[0].fit.cost, expand(clear.motions[0])
     gains, probabilities, _ = zip(
         *(
             rotation_probability(replace(clear, rotation_only=replace(clear.rotation_only, cost=cost + gain)), expanded)
@@ -50,7 +50,7 @@ def test_a_gain_tells_less_where_the_image_moved_further_for_a_tracker_keeps_err
         R = np.array([rotation_from_vector(turn * np.array([0.0, 1.0, 0.0])) for turn in turns])
         turned = replace(fit, cost=cost + 700.0, state=replace(fit.state, R=R))
         noisy = replace(clear, tracks=clear.tracks.with_noise(0.1), rotation_only=turned)
-        return rotation_probability(noisy, expand(clear, clear.motions[0]))[1]
+        return rotation_probability(noisy, expand(clear.motions[0]))[1]
 
     none, little, much, most = map(rotation_term, (0.0, 1.0, 5.0, 20.0))
     assert none <= little <= much <= most
@@ -85,7 +85,7 @@ def test_two_views_tell_a_translation_beyond_what_a_tracker_keeps(seed):
     found = hypotheses_of(camera, views[:2], PRIORS)
     risk = risk_of(found)
     assert risk.lasting_in_noise
-    assert rotation_probability(found, expand(found, found.motions[0]))[1] > UNDECIDED
+    assert rotation_probability(found, expand(found.motions[0]))[1] > UNDECIDED
     assert risk.rotation < 1e-3
 
 

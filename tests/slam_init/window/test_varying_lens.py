@@ -16,7 +16,7 @@ from slam_init.window.zooming_rotation import with_zooms
 
 
 def lens_of(found):
-    return varying_lens(expand(found, found.motions[0]), found.priors)
+    return varying_lens(expand(found.motions[0]))
 
 
 @pytest.mark.parametrize("scene", ["room", "corridor", "wall"])
@@ -56,7 +56,9 @@ def test_the_modes_widen_the_directions_and_the_lens_as_stated_does_not():
 
 def test_a_lens_that_is_said_to_be_fixed_has_no_other_modes():
     found = hypotheses("wall", baseline=0.05)
-    fixed = replace(found, priors=replace(found.priors, lens_changes=0.0))
+    priors = replace(found.priors, lens_changes=0.0)
+    motions = tuple(replace(one, fit=replace(one.fit, priors=priors)) for one in found.motions)
+    fixed = replace(found, priors=priors, motions=motions)
     lens = lens_of(fixed)
     assert lens.probabilities.tolist() == [1.0]
     assert lens.shifted == 0
