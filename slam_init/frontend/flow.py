@@ -21,7 +21,7 @@ import numpy as np
 
 from slam_init.config import TrackingConfig
 from slam_init.frontend.sift import first_per_cell
-from slam_init.types.arrays import Bools, Floats, Image, Ints
+from slam_init.types.arrays import Bools, Floats, Floats32, Image, Ints, evenly_spaced
 
 #: Standard deviation of a step over the mean absolute difference of the patches by the root of the mean squared
 #: gradient, measured on rendered images. With independent errors of the pixels it would be 0.06: 1.25 over the root of
@@ -42,6 +42,13 @@ _LEAST_GAIN = 1.05
 _COARSE_PX = 8
 #: Gradients are sampled at every second pixel of each row and column: a patch has a hundred samples then.
 _STEP_PX = 2
+#: Points that tell whether all move as before, and fewer of which tell nothing.
+_SAMPLES, _LEAST_SAMPLES = 48, 24
+#: Points are near where they are expected within this distance, px: half of what the window of the flow reaches from
+#: its centre in the finest octave, so that the octave above it finds them in any case.
+_NEAR_PX = 5.0
+#: The other points are sought near their places where this share of the few are found near theirs.
+_NEAR_SHARE = 0.8
 #: Added to the mean squares of gradients, so that a flat patch has a finite covariance: a few times the 0.02 that
 #: rounding grey levels makes.
 _ROUNDING = 0.1
@@ -81,49 +88,93 @@ class Flow:
 def flow(before: Image, after: Image, pixels: Floats, config: TrackingConfig, expected: Floats | None = None) -> Flow:
     """Follow points forward, and back as a check.
 
+    Points that are not found where they are expected are sought in all octaves.
+
     Shapes: ``before, after`` (H, W), ``pixels, expected`` (N, 2).
 
-    * ``expected``: Where the points are in the next frame to within some pixels, if that is known.
+    * ``expected``: Where the points are in the next frame to within some pixels; NaN where that is not known.
     """
-    import cv2
-
     if len(pixels) == 0:
         return Flow(np.zeros(0, bool), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), None)
     before, after = _equally_bright(before, after)
-    start = pixels.astype(np.float32)
-    window = (config.window_px, config.window_px)
-    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.01)
-    levels, flags = (config.pyramid_levels, 0) if expected is None else (1, cv2.OPTFLOW_USE_INITIAL_FLOW)
-    first = np.empty_like(start) if expected is None else expected.astype(np.float32)
-    end, found, remainder = cv2.calcOpticalFlowPyrLK(
-        before, after, start, first, winSize=window, maxLevel=levels, criteria=criteria, flags=flags
-    )
-    height, width = after.shape
-    inside = (end >= 0).all(axis=1) & (end[:, 0] <= width - 1) & (end[:, 1] <= height - 1)
-    # A point that is lost already needs no check.
-    reached = np.flatnonzero((found.ravel() > 0) & inside)
-    closed = np.zeros(0, bool)
-    if len(reached):
-        # The backward flow starts from its expected end, so that it needs no coarse pyramid levels.
-        back, found_back, _ = cv2.calcOpticalFlowPyrLK(
-            after, before, end[reached], start[reached], winSize=window, maxLevel=1, criteria=criteria,
-            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-        )  # fmt: skip
-        misses_px = np.linalg.norm(back - start[reached], axis=1)
-        closed = (found_back.ravel() > 0) & (misses_px < config.forward_backward_px)
-    survivors = reached[closed]
-    moved = end.astype(float)
+    start, end, remainders = pixels.astype(np.float32), pixels.astype(np.float32), np.zeros(len(pixels))
+    closed = np.zeros(len(pixels), bool)
+    for near in (expected, None):
+        sought = np.flatnonzero(~closed if near is None else np.isfinite(near).all(axis=1))
+        if len(sought):
+            first = None if near is None else near[sought].astype(np.float32)
+            end[sought], remainders[sought], closed[sought] = _there_and_back(
+                before, after, start[sought], first, config
+            )
+    survivors, moved = np.flatnonzero(closed), end.astype(float)
     # Of two tracks that meet in one place only the older is kept.
     kept = np.zeros(len(start), bool)
-    kept[survivors[first_per_cell(moved[survivors], 0.5 * config.min_distance * width)]] = True
+    kept[survivors[first_per_cell(moved[survivors], 0.5 * config.min_distance * after.shape[1])]] = True
     # Nothing is known of a point that is lost.
     covariances = np.broadcast_to(np.eye(2), (len(pixels), 2, 2)).copy()
     products = gradient_products(after, moved[kept], config.window_px)
-    remainders = np.zeros(len(pixels))
-    remainders[kept] = remainder.ravel()[kept]
+    remainders[~kept] = 0.0
     squares = (_SCALE * remainders[kept]) ** 2 + MISFIT_PX**2 * anisotropy(products)
     covariances[kept] = squares[:, None, None] * np.linalg.inv(products)
     return Flow(kept, moved, covariances, remainders, _trail(products, (moved - pixels)[kept]))
+
+
+def expected_as_before(
+    before: Image, after: Image, pixels: Floats, moved: Floats, config: TrackingConfig
+) -> Floats | None:
+    """Where points are expected that move as in the step before, but for a shift that all have in common.
+
+    A few points are sought in all octaves. They tell the shift, by which the camera turns more or less than before.
+
+    Shapes: ``before, after`` (H, W), ``pixels, moved`` (N, 2), returns (N, 2).
+
+    * ``moved``: By how much each point moved in the step before; NaN where that is not known.
+    * Returns: NaN where no step is known; None where some of the few points are elsewhere.
+    """
+    known = np.flatnonzero(np.isfinite(moved).all(axis=1))
+    if len(known) < _LEAST_SAMPLES:
+        return None
+    chosen = known[evenly_spaced(len(known), _SAMPLES)]
+    start = pixels[chosen].astype(np.float32)
+    end, found, _ = _lucas_kanade(before, after, start, None, config)
+    more = (end - pixels[chosen] - moved[chosen])[found]
+    shift = np.median(more, axis=0) if len(more) else np.zeros(2)
+    near = np.linalg.norm(more - shift, axis=1) <= _NEAR_PX
+    return pixels + moved + shift if near.sum() >= _NEAR_SHARE * len(chosen) else None
+
+
+def _lucas_kanade(
+    before: Image, after: Image, start: Floats32, first: Floats32 | None, config: TrackingConfig
+) -> tuple[Floats32, Bools, Floats]:
+    """The ends of points (N, 2), which were found in the image, and what remains of the patches, grey levels.
+
+    * ``first``: Where they are to within some pixels, so that the finest two octaves find them; None for all octaves.
+    """
+    import cv2
+
+    levels, flags = (config.pyramid_levels, 0) if first is None else (1, cv2.OPTFLOW_USE_INITIAL_FLOW)
+    end, found, remainder = cv2.calcOpticalFlowPyrLK(
+        before, after, start, np.empty_like(start) if first is None else first.copy(),
+        winSize=(config.window_px, config.window_px), maxLevel=levels, flags=flags,
+        criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 30, 0.01),
+    )  # fmt: skip
+    height, width = after.shape
+    inside = (end >= 0).all(axis=1) & (end[:, 0] <= width - 1) & (end[:, 1] <= height - 1)
+    return np.asarray(end, np.float32), (found.ravel() > 0) & inside, remainder.ravel().astype(float)
+
+
+def _there_and_back(
+    before: Image, after: Image, start: Floats32, first: Floats32 | None, config: TrackingConfig
+) -> tuple[Floats32, Floats, Bools]:
+    """The same with the check that each point comes back to its start: ends, remainders, and which points do."""
+    end, found, remainders = _lucas_kanade(before, after, start, first, config)
+    # A point that is lost already needs no check.
+    reached, closed = np.flatnonzero(found), np.zeros(len(start), bool)
+    if len(reached):
+        back, found_back, _ = _lucas_kanade(after, before, end[reached], start[reached], config)
+        misses_px = np.linalg.norm(back - start[reached], axis=1)
+        closed[reached] = found_back & (misses_px < config.forward_backward_px)
+    return end, remainders, closed
 
 
 def _equally_bright(before: Image, after: Image) -> tuple[Image, Image]:

@@ -28,8 +28,8 @@ _STEPS, _CONVERGED = 6, 1e-4
 
 @inlined
 def sample_line(
-    greys: Floats32, width: int, x: float, y: float, by_x: float, by_y: float, corners: Ints, parts: Floats,
-    line: Floats,
+    greys: Floats32, width: int, x: float, y: float, by_x: float, by_y: float, corners: Ints,
+    parts: Floats | Floats32, line: Floats | Floats32,
 ) -> None:  # fmt: skip
     """Sample an image between its pixels, along a line from a place on.
 
@@ -53,7 +53,7 @@ def sample_line(
 
 @compiled
 def cut_patches(
-    image: Floats32, pixels: Floats, slots: Ints, radius: int, patches: Floats, inverses: Floats, brightness: Floats
+    image: Floats32, pixels: Floats, slots: Ints, radius: int, patches: Floats32, inverses: Floats, brightness: Floats
 ) -> Bools:
     """Cut patches out of an image, with their slopes and the inverses of their normal equations.
 
@@ -115,41 +115,48 @@ def is_inside(at: Floats, radius: int, width: int, height: int) -> bool:
 
 @inlined
 def products_with_errors(
-    greys: Floats32, width: int, at: Floats, patch: Floats, corners: Ints, parts: Floats, line: Floats, sums: Floats
-) -> float:
+    greys: Floats32, width: int, at: Floats, patch: Floats32, corners: Ints, parts: Floats32, line: Floats32,
+    columns: Floats32, sums: Floats,
+) -> float:  # fmt: skip
     """Sums over a patch of its errors times their derivatives by the unknowns.
 
-    Shapes: ``at, sums`` (8,), ``patch`` (3, K); see :func:`sample_line`.
+    Shapes: ``at, sums`` (8,), ``patch`` (3, K), ``columns`` (7, side); see :func:`sample_line`.
 
+    * ``columns``: Room for the sums over each column of the patch. A processor adds some columns at once, in the same
+      order on all processors.
     * Returns: The sum of the squares of the errors.
     """
-    x, y, a, b, c, d, mean, contrast = at[0], at[1], at[2], at[3], at[4], at[5], at[6], at[7]
-    radius, square = len(line) // 2, 0.0
-    sums[:] = 0.0
+    x, y, a, b, c, d = at[0], at[1], at[2], at[3], at[4], at[5]
+    mean, contrast = np.float32(at[6]), np.float32(at[7])
+    radius = len(line) // 2
+    columns[:] = np.float32(0.0)
     for j in range(len(line)):
-        down = float(j - radius) / radius
+        down, row = float(j - radius) / radius, j * len(line)
         at_x, at_y = x + radius * (b * down - a), y + radius * (d * down - c)
         sample_line(greys, width, at_x, at_y, a, c, corners, parts, line)
-        by_x, by_y, across_x, across_y, by_mean, by_contrast = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        below = np.float32(down)
         for i in range(len(line)):
-            across, k = float(i - radius), j * len(line) + i
-            error = line[i] - mean - contrast * patch[0, k]
-            error_x, error_y = patch[1, k] * error, patch[2, k] * error
-            by_x += error_x
-            by_y += error_y
-            across_x += error_x * across
-            across_y += error_y * across
-            by_mean += error
-            by_contrast += error * patch[0, k]
-            square += error * error
-        sums[0] += by_x
-        sums[1] += by_y
-        sums[2] += across_x / radius
-        sums[3] += by_x * down
-        sums[4] += across_y / radius
-        sums[5] += by_y * down
-        sums[6] += by_mean
-        sums[7] += by_contrast
+            error = line[i] - mean - contrast * patch[0, row + i]
+            error_x, error_y = patch[1, row + i] * error, patch[2, row + i] * error
+            columns[0, i] += error_x
+            columns[1, i] += error_y
+            columns[2, i] += error_x * below
+            columns[3, i] += error_y * below
+            columns[4, i] += error
+            columns[5, i] += error * patch[0, row + i]
+            columns[6, i] += error * error
+    sums[:], square = 0.0, 0.0
+    for i in range(len(line)):
+        across = float(i - radius) / radius
+        sums[0] += columns[0, i]
+        sums[1] += columns[1, i]
+        sums[2] += columns[0, i] * across
+        sums[3] += columns[2, i]
+        sums[4] += columns[1, i] * across
+        sums[5] += columns[3, i]
+        sums[6] += columns[4, i]
+        sums[7] += columns[5, i]
+        square += columns[6, i]
     return square
 
 
@@ -173,7 +180,7 @@ def align_patches(
     image: Floats32,
     slots: Ints,
     radius: int,
-    patches: Floats,
+    patches: Floats32,
     inverses: Floats,
     brightness: Floats,
     pixels: Floats,
@@ -192,7 +199,8 @@ def align_patches(
     height, width = image.shape
     side = 2 * radius + 1
     greys, left = image.reshape(-1), np.full(len(slots), np.inf)
-    corners, parts, line = np.empty(side, np.int64), np.empty((2, side)), np.empty(side)
+    corners, parts, line = np.empty(side, np.int64), np.empty((2, side), np.float32), np.empty(side, np.float32)
+    columns = np.empty((7, side), np.float32)
     at, sums, step = np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS)
     for n in range(len(slots)):
         slot, remains = slots[n], np.inf
@@ -201,7 +209,7 @@ def align_patches(
             if not is_inside(at, radius, width, height):
                 remains = np.inf
                 break
-            square = products_with_errors(greys, width, at, patches[slot], corners, parts, line, sums)
+            square = products_with_errors(greys, width, at, patches[slot], corners, parts, line, columns, sums)
             for p in range(UNKNOWNS):
                 step[p] = 0.0
                 for q in range(UNKNOWNS):

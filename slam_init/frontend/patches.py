@@ -20,11 +20,15 @@ is cut anew.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slam_init.frontend.flow import MISFIT_PX, anisotropy
 from slam_init.types.arrays import Bools, Floats, Floats32, Image, Ints
+
+Number = TypeVar("Number", bound=np.generic)
 
 #: Unknowns of an alignment (:data:`slam_init.frontend.patch_kernel.UNKNOWNS`, whose import compiles).
 _UNKNOWNS = 8
@@ -84,8 +88,8 @@ class Patches:
 
     def __init__(self, window_px: int) -> None:
         self._radius = window_px // 2
-        # By slot: a track has one while it lives.
-        self._patches = np.zeros((0, 3, (2 * self._radius + 1) ** 2))
+        # By slot: a track has one while it lives. Single precision is a thousand times finer than the noise.
+        self._patches = np.zeros((0, 3, (2 * self._radius + 1) ** 2), np.float32)
         self._inverses, self._brightness = np.zeros((0, _UNKNOWNS, _UNKNOWNS)), np.zeros((0, 2))
         self._affine, self._drifts, self._anisotropy = np.zeros((0, 4)), np.zeros((0, 2, 2)), np.zeros(0)
         # Alignments in a row that failed, and the frame in which a patch was cut: a running number.
@@ -147,7 +151,7 @@ class Patches:
         was_cut = cut_patches(image, pixels[new], slots, self._radius, self._patches, self._inverses, self._brightness)
         new, slots = new[was_cut], slots[was_cut]
         self._affine[slots], self._drifts[slots] = _IDENTITY, drifts[new]
-        slopes = self._patches[slots, 1:]
+        slopes = self._patches[slots, 1:].astype(float)
         self._anisotropy[slots] = anisotropy(slopes @ np.swapaxes(slopes, 1, 2))
         self._failures[slots], self._cut[slots] = 0, self._frames
         ids, slots = np.concatenate([self._ids[kept], track_ids[new]]), np.concatenate([self._slots[kept], slots])
@@ -174,15 +178,16 @@ class Patches:
         if more <= 0:
             return free[:count]
         first = len(self._cut)
-
-        def extended(values: Floats) -> Floats:
-            return np.concatenate([values, np.zeros((more, *values.shape[1:]))])
-
-        self._patches, self._inverses = extended(self._patches), extended(self._inverses)
-        self._brightness, self._affine, self._drifts = map(extended, (self._brightness, self._affine, self._drifts))
-        self._anisotropy = extended(self._anisotropy)
-        self._failures, self._cut = (np.append(one, np.zeros(more, np.int64)) for one in (self._failures, self._cut))
+        self._patches, self._inverses = _extended(self._patches, more), _extended(self._inverses, more)
+        self._brightness, self._anisotropy = _extended(self._brightness, more), _extended(self._anisotropy, more)
+        self._affine, self._drifts = _extended(self._affine, more), _extended(self._drifts, more)
+        self._failures, self._cut = _extended(self._failures, more), _extended(self._cut, more)
         return np.append(free, np.arange(first, first + more))
+
+
+def _extended(values: NDArray[Number], more: int) -> NDArray[Number]:
+    """The values of all slots (S, ...), with zeros for some new ones."""
+    return np.concatenate([values, np.zeros((more, *values.shape[1:]), values.dtype)])
 
 
 def _turns_of(affine: Floats) -> Floats:

@@ -25,7 +25,7 @@ import numpy as np
 from slam_init.config import TrackingConfig
 from slam_init.errors import SlamInitError
 from slam_init.frontend.conventions import check_lengths
-from slam_init.frontend.flow import Drift, Exposure, flow
+from slam_init.frontend.flow import Drift, Exposure, expected_as_before, flow
 from slam_init.frontend.masking import Trackable
 from slam_init.frontend.patches import Patches, smoothed
 from slam_init.frontend.sift import detect_sift, first_per_cell, match_descriptors
@@ -208,6 +208,7 @@ class Tracker:
         self.revised: tuple[Observations, ...] = ()
         self._config = config
         self._last: Observations | None = None
+        self._before: Observations | None = None
         self._last_gray: Image | None = None
         self._trackable: Trackable | None = None
         self._last_trackable: Trackable | None = None
@@ -238,17 +239,20 @@ class Tracker:
         order = order[np.isfinite(bearings[order]).all(axis=1)]
         drifts = self._drift.covariances(ids[order])
         self._patches.follow(smooth, ids[order], pixels[order], drifts)
-        self._last = Observations(
-            frame=frame.index,
-            timestamp_s=frame.timestamp_s,
-            name=frame.name,
-            track_ids=ids[order],
-            pixels=pixels[order],
-            bearings=bearings[order],
-            colors=colors_at(frame.image, pixels[order]),
-            drifts=drifts,
-            step_px=self._step_px,
-            exposure_s=self._exposure_s,
+        self._before, self._last = (
+            self._last,
+            Observations(
+                frame=frame.index,
+                timestamp_s=frame.timestamp_s,
+                name=frame.name,
+                track_ids=ids[order],
+                pixels=pixels[order],
+                bearings=bearings[order],
+                colors=colors_at(frame.image, pixels[order]),
+                drifts=drifts,
+                step_px=self._step_px,
+                exposure_s=self._exposure_s,
+            ),
         )
         self._last_gray, self._last_trackable = gray, self._trackable
         self.history.put(self._last)
@@ -265,7 +269,7 @@ class Tracker:
         """Tracks found in this frame: ids, pixels, and whether descriptors linked them (else flow did)."""
         if self._last is None or self._last_gray is None:
             return np.zeros(0, np.int64), np.zeros((0, 2)), False
-        followed = flow(self._last_gray, gray, self._last.pixels, self._config)
+        followed = flow(self._last_gray, gray, self._last.pixels, self._config, self._expected(gray))
         kept, moved, known_ids = followed.kept, followed.pixels, self._last.track_ids
         if self._trackable is not None:
             kept = kept & self._trackable.patches_are_clear(moved)
@@ -318,6 +322,16 @@ class Tracker:
             squares = np.sum((sift.pixels[linked][:, None] - flow_pixels[None]) ** 2, axis=2)
             single[len(flow_ids) :] = squares.min(axis=1) > (0.5 * self._config.min_distance * gray.shape[1]) ** 2
         return ids[single], pixels[single], True
+
+    def _expected(self, gray: Image) -> Floats | None:
+        """Where the tracks of the last frame are expected in the next one; None where that is not known."""
+        assert self._last is not None
+        assert self._last_gray is not None
+        moved = np.full((len(self._last), 2), np.nan)
+        if self._before is not None:
+            now, then = common_tracks(self._last, self._before)
+            moved[now] = self._last.pixels[now] - self._before.pixels[then]
+        return expected_as_before(self._last_gray, gray, self._last.pixels, moved, self._config)
 
     def _aligned(
         self, smooth: Floats32, kept: Bools, moved: Floats, covariances: Floats, remainders: Floats
