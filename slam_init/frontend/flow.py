@@ -146,7 +146,7 @@ def expected_as_before(
 def _lucas_kanade(
     before: Image, after: Image, start: Floats32, first: Floats32 | None, config: TrackingConfig
 ) -> tuple[Floats32, Bools, Floats]:
-    """The ends of points (N, 2), which were found in the image, and what remains of the patches, grey levels.
+    """The ends of points (N, 2), which were found in the image, and what remains of their patches, grey levels.
 
     * ``first``: Where they are to within some pixels, so that the finest two octaves find them; None for all octaves.
     """
@@ -160,7 +160,8 @@ def _lucas_kanade(
     )  # fmt: skip
     height, width = after.shape
     inside = (end >= 0).all(axis=1) & (end[:, 0] <= width - 1) & (end[:, 1] <= height - 1)
-    return np.asarray(end, np.float32), (found.ravel() > 0) & inside, remainder.ravel().astype(float)
+    reached = (found.ravel() > 0) & inside
+    return np.asarray(end, np.float32), reached, np.where(reached, remainder.ravel(), 0.0).astype(float)
 
 
 def _there_and_back(
