@@ -164,7 +164,7 @@ def test_points_that_are_not_where_they_are_expected_are_sought_in_all_octaves()
     assert both.sum() > 0.95 * of_all.kept.sum()
     for one in (of_near, of_far):
         apart = np.linalg.norm(one.pixels - of_all.pixels, axis=1)[both]
-        assert (apart < 0.1).mean() > 0.98  # a patch like this one may be where it is expected
+        assert (apart < 0.1).mean() > 0.9  # a patch that looks alike may be where a point is expected
 
 
 def test_no_points_have_an_empty_flow():
