@@ -52,6 +52,7 @@ from slam_init.window.hypotheses import StayingTracks, WindowHypotheses
 from slam_init.window.last_look import after_last_look
 from slam_init.window.levels import FLOOR, UNDECIDED
 from slam_init.window.live import LiveHypotheses
+from slam_init.window.motion import OtherMotion
 from slam_init.window.risk import WindowRisk, risk_of
 from slam_init.window.tracks import MAX_VIEWS
 from slam_init.window.two_motions import BodySearch
@@ -102,6 +103,8 @@ class WindowRule:
         self._last: JudgedWindow | None = None
         self._skipper = FrameSkipper()
         self._bodies = BodySearch()
+        # The motion of other tracks in the last window that was searched for one.
+        self._other = OtherMotion()
 
     def renewed(self) -> WindowRule:
         """A rule with the same options that has judged nothing."""
@@ -215,10 +218,9 @@ class WindowRule:
             return None
         depths = [history.depths.get(frame) for frame in hypotheses.tracks.frames]
         hypotheses = replace(hypotheses, depths=GivenDepths.of(hypotheses.tracks, depths), staying=views.staying)
-        # What was undecided stays a question in the next window, where the pair may not tell it again.
-        other = None if self._last is None else self._last.risk.other
-        if other is not None and other.fitted is not None and other.probability > FLOOR:
-            hypotheses = replace(hypotheses, other_before=other.fitted.motion)
+        # What was undecided stays a question in the next windows, whose pairs may not tell it again.
+        if self._other.probability > FLOOR:
+            hypotheses = replace(hypotheses, other_before=self._other)
         max_risk = self._config.acceptance.max_risk
         first = risk_of(hypotheses, max_risk)
         hypotheses, first = self._bodies.judge(hypotheses, first, max_risk, depths)
@@ -230,6 +232,8 @@ class WindowRule:
             again, risk = after_last_look(alone, risk_of(alone, max_risk), max_risk)
         if again is not hypotheses:
             self._live.keep(again)
+        if risk.knows_bodies:
+            self._other = risk.other
         return again, risk, first.total <= max_risk
 
     def _accept_or_refuse(self, window: JudgedWindow, attempt: Attempt) -> Outcome:

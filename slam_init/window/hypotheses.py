@@ -91,7 +91,7 @@ class WindowHypotheses:
     #: Depths from elsewhere; None without them.
     depths: GivenDepths | None = None
     #: The rigid motion that tracks had beside the best one in the window before; None without one.
-    other_before: Motion | None = None
+    other_before: OtherMotion | None = None
     #: The tracks that are left out since they stay at their pixel; None without them.
     staying: StayingTracks | None = None
     #: The body whose tracks are left out (:mod:`slam_init.window.two_motions`); None without one.

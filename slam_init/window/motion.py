@@ -116,6 +116,8 @@ class OtherMotion:
     track_ids: Ints = dataclasses.field(default_factory=lambda: np.zeros(0, int))
     #: In all views that these tracks locate; None without one.
     fitted: FittedMotion | None = None
+    #: (K,) The tracks that the best motion explains and this one does not.
+    of_best: Ints = dataclasses.field(default_factory=lambda: np.zeros(0, int))
 
 
 def difference_deg(a: Pose, b: Pose) -> tuple[float, float]:

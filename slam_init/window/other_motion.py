@@ -12,6 +12,8 @@ The other motion is one of four, the most probable one:
 * the other motion of the window before, while its probability exceeds the floor;
 * a rotation, where the camera turns or stands before a body;
 * none, where tracks that stay at their pixel have been left out as an overlay: the camera may stand.
+
+As long as it is found beside a best motion of the same tracks, its probability does not fall.
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ from slam_init.types.pose import Pose
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import costs_off_plane
 from slam_init.window.levels import (
+    FLOOR,
     LARGEST_VOTE,
     LEAST_TRACKS,
     RARER_BY_TRACKS,
@@ -65,7 +68,7 @@ def other_motion(
     staying = _staying(hypotheses)
     rest = (hypotheses.tracks.anchor >= 0) & ~explained_tracks(hypotheses)
     if rest.sum() < LEAST_TRACKS:
-        return staying
+        return _since_found(hypotheses, staying)
     search = _Search(
         hypotheses,
         rest,
@@ -76,7 +79,25 @@ def other_motion(
     found = [_carried(search), staying]
     if seeks:
         found = [_proposed(search), _rotation(search), *found]
-    return max(found, key=lambda other: other.probability)
+    return _since_found(hypotheses, max(found, key=lambda other: other.probability))
+
+
+def _since_found(hypotheses: WindowHypotheses, found: OtherMotion) -> OtherMotion:
+    """The same motion, at least as probable as it was in earlier windows beside the best motion of the same tracks.
+
+    A body that comes nearer hides tracks of the scene, and tracks end. The odds fall with their number, while nothing
+    has told which of the two motions is that of the camera.
+    """
+    ids, explained = hypotheses.tracks.track_ids, explained_tracks(hypotheses)
+    found = replace(found, of_best=ids[explained & ~np.isin(ids, found.track_ids)])
+    before = hypotheses.other_before
+    if (
+        before is None
+        or found.probability <= FLOOR
+        or 2 * np.isin(ids[explained], before.of_best).sum() < explained.sum()
+    ):
+        return found
+    return replace(found, probability=max(found.probability, before.probability))
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,13 +115,14 @@ class _Search:
 def _carried(search: _Search) -> OtherMotion:
     """The motion that was found in the window before, located in this one."""
     tracks, before = search.hypotheses.tracks, search.hypotheses.other_before
-    if before is None or before.points is None:
+    motion = None if before is None or before.fitted is None else before.fitted.motion
+    if motion is None or motion.points is None:
         return OtherMotion()
-    followed = before.points.track_ids[before.points.explained]
+    followed = motion.points.track_ids[motion.points.explained]
     moving = np.flatnonzero(search.rest & np.isin(tracks.track_ids, followed))
     if len(moving) < LEAST_TRACKS:
         return OtherMotion()
-    fitted = _fitted_to(search.hypotheses, before, moving)
+    fitted = _fitted_to(search.hypotheses, motion, moving)
     return OtherMotion() if fitted is None else _weighed(search, fitted)
 
 

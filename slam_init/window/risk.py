@@ -72,6 +72,11 @@ class WindowRisk:
     by_a_half: float = field(default=0.0, kw_only=True)
 
     @property
+    def knows_bodies(self) -> bool:
+        """Whether another motion was looked for: it is not where the camera or its direction is open anyway."""
+        return max(self.rotation, self.direction) <= UNDECIDED
+
+    @property
     def total(self) -> float:
         """The risk: the causes add their probabilities."""
         return min(1.0, self.direction + self.rival + self.rotation + self.moving + FLOOR)
@@ -100,16 +105,16 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
     by_rotation = _rotation_risk(hypotheses, expanded, direction)
     rotation = by_rotation.probability
     # A window that has no map without the terms of rivals and bodies is not worth their fits.
-    refused = rotation > UNDECIDED or direction > UNDECIDED
+    worth_it = max(rotation, direction) <= UNDECIDED
     other = OtherMotion()
-    if not refused:
+    if worth_it:
         # Another motion is sought where the window has a map without it; one that was found before is followed.
         seeks = direction + rotation + FLOOR <= max_risk
         other = other_motion(hypotheses, directions.rotation_sigma_deg, directions.sigma_deg, seeks=seeks)
     if hypotheses.body is not None and hypotheses.body.probability >= other.probability:
         other = hypotheses.body
     left = max_risk - min(1.0, direction + rotation + other.probability + FLOOR)
-    most = -1.0 if refused else min(left, UNDECIDED)
+    most = min(left, UNDECIDED) if worth_it else -1.0
     rival, nearest = rival_term(hypotheses, expanded, directions.sigma_deg, most=most)
     return WindowRisk(
         direction=direction,

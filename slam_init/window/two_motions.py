@@ -84,7 +84,9 @@ def without_body(hypotheses: WindowHypotheses) -> WindowHypotheses | None:
         again = propose(hypotheses, (hypotheses.tracks.anchor >= 0) & ~moving)
         starts = [] if again is None else [fitted.motion for fitted in again.fitted(hypotheses)]
         found = fit_hypotheses(part, [camera.motion, *starts], hypotheses.priors)
-        other = OtherMotion(odds / (1 + odds), hypotheses.tracks.track_ids[moving], body)
+        other = OtherMotion(
+            odds / (1 + odds), hypotheses.tracks.track_ids[moving], body, hypotheses.tracks.track_ids[~moving]
+        )
         return None if found is None else replace(found, body=other, staying=hypotheses.staying)
 
 

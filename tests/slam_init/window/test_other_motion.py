@@ -73,8 +73,23 @@ def test_a_new_motion_is_sought_only_where_it_can_decide_and_one_that_is_known_i
     found = hypotheses(1, views=10, moving=0.45, bodies=1, body_turn_deg_s=30, outliers=0.05)
     sought = other_motion(found)
     assert other_motion(found, seeks=False).probability == 0 < sought.probability
-    follows = replace(found, other_before=sought.fitted.motion)
+    follows = replace(found, other_before=sought)
     assert other_motion(follows, seeks=False).probability == pytest.approx(sought.probability, rel=0.5)
+
+
+def test_the_odds_of_a_motion_do_not_fall_while_it_is_found_beside_a_best_motion_of_the_same_tracks():
+    found = hypotheses(1, views=10, moving=0.45, bodies=1, body_turn_deg_s=30, outliers=0.05)
+    sought = other_motion(found)
+    likely = replace(sought, probability=0.9)
+    assert other_motion(replace(found, other_before=likely)).probability == 0.9
+    exchanged = replace(likely, track_ids=sought.of_best, of_best=sought.track_ids)
+    assert other_motion(replace(found, other_before=exchanged)).probability == pytest.approx(
+        sought.probability, rel=0.5
+    )
+    # A motion that is not found again was none.
+    alone = hypotheses(0, outliers=0.4)
+    known = replace(likely, of_best=alone.tracks.track_ids)
+    assert other_motion(replace(alone, other_before=known)).probability == 0
 
 
 def test_a_motion_within_the_deviations_of_the_best_one_may_contradict_its_map():
