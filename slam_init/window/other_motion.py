@@ -13,7 +13,8 @@ The other motion is one of four, the most probable one:
 * a rotation, where the camera turns or stands before a body;
 * none, where tracks that stay at their pixel have been left out as an overlay: the camera may stand.
 
-As long as it is found beside a best motion of the same tracks, its probability does not fall.
+As long as it is found beside a best motion of the same tracks, its probability does not fall. It stays as probable
+where its tracks, which only turn, are explained at last: any motion explains them as points at infinity.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from quest.noise import GATE_SIGMAS
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.pose import Pose
 from slam_init.window.hypotheses import WindowHypotheses
-from slam_init.window.joint_fit import costs_off_plane
+from slam_init.window.joint_fit import JointFit, costs_off_plane
 from slam_init.window.levels import (
     FLOOR,
     LARGEST_VOTE,
@@ -83,7 +84,7 @@ def other_motion(
 
 
 def _since_found(hypotheses: WindowHypotheses, found: OtherMotion) -> OtherMotion:
-    """The same motion, at least as probable as it was in earlier windows beside the best motion of the same tracks.
+    """The same motion, at least as probable as it was in earlier windows beside a best motion of the same tracks.
 
     A body that comes nearer hides tracks of the scene, and tracks end. The odds fall with their number, while nothing
     has told which of the two motions is that of the camera.
@@ -91,13 +92,20 @@ def _since_found(hypotheses: WindowHypotheses, found: OtherMotion) -> OtherMotio
     ids, explained = hypotheses.tracks.track_ids, explained_tracks(hypotheses)
     found = replace(found, of_best=ids[explained & ~np.isin(ids, found.track_ids)])
     before = hypotheses.other_before
-    if (
-        before is None
-        or found.probability <= FLOOR
-        or 2 * np.isin(ids[explained], before.of_best).sum() < explained.sum()
-    ):
+    if before is None or 2 * np.count_nonzero(np.isin(ids[explained], before.of_best)) < explained.sum():
         return found
-    return replace(found, probability=max(found.probability, before.probability))
+    if found.probability > FLOOR:
+        return replace(found, probability=max(found.probability, before.probability))
+    theirs = np.flatnonzero(np.isin(ids, before.track_ids) & (hypotheses.tracks.anchor >= 0))
+    return replace(before, fitted=None) if _only_turn(hypotheses, theirs) else found
+
+
+def _only_turn(hypotheses: WindowHypotheses, some: Ints) -> bool:
+    """Whether a camera that only rotates explains most of some tracks: any motion with its rotations does too."""
+    if len(some) < LEAST_TRACKS:
+        return False
+    costs = costs_of_rotation(hypotheses, some, _rotation_by(hypotheses, some))
+    return bool(2 * np.count_nonzero(costs <= hypotheses.largest_costs[some]) > len(some))
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,14 +164,19 @@ def _unlocated(search: _Search, proposed: Proposal) -> OtherMotion:
 def _rotation(search: _Search) -> OtherMotion:
     """The camera only rotates by the tracks that the best motion does not explain, and the best one is a body's."""
     hypotheses = search.hypotheses
-    lens = replace(hypotheses.rotation_only.state, log_scale=0.0, k1=0.0, principal_px=np.zeros(2))
-    fit = rotation_of(hypotheses, np.flatnonzero(search.rest), lens)
+    fit = _rotation_by(hypotheses, np.flatnonzero(search.rest))
     costs = costs_of_rotation(hypotheses, np.arange(len(search.rest)), fit)
     votes = _votes(hypotheses, costs)
     others = votes < -LARGEST_VOTE
     if min(others.sum(), (votes > LARGEST_VOTE).sum()) < LEAST_TRACKS:
         return OtherMotion()
     return OtherMotion(_probability(hypotheses, votes), hypotheses.tracks.track_ids[others])
+
+
+def _rotation_by(hypotheses: WindowHypotheses, some: Ints) -> JointFit:
+    """The camera that only rotates, by some of the tracks and the stated lens."""
+    lens = replace(hypotheses.rotation_only.state, log_scale=0.0, k1=0.0, principal_px=np.zeros(2))
+    return rotation_of(hypotheses, some, lens)
 
 
 def _staying(hypotheses: WindowHypotheses) -> OtherMotion:

@@ -9,7 +9,7 @@ from make_window import PRIORS, hypotheses_of, pair_and_further, point_source
 
 from slam_init.window.hypotheses import StayingTracks
 from slam_init.window.levels import FLOOR
-from slam_init.window.motion import farthest_deg
+from slam_init.window.motion import OtherMotion, farthest_deg
 from slam_init.window.other_motion import _telling_pair, explained_tracks, other_motion
 from slam_init.window.risk import risk_of
 
@@ -90,6 +90,18 @@ def test_the_odds_of_a_motion_do_not_fall_while_it_is_found_beside_a_best_motion
     alone = hypotheses(0, outliers=0.4)
     known = replace(likely, of_best=alone.tracks.track_ids)
     assert other_motion(replace(alone, other_before=known)).probability == 0
+
+
+def test_tracks_that_only_turn_are_explained_by_any_motion_and_stay_as_probable():
+    """Before a camera that turns, a body's motion explains the scene as points at infinity."""
+    options = {"baseline": 0.0, "noise_px": 0.3, "points": 200, "moving": 0.6, "bodies": 1, "body_turn_deg_s": 30}
+    source = point_source("room", 0, **options)
+    found = hypotheses_of(source.camera, pair_and_further(list(source.observations()), 6), PRIORS)
+    ids = found.tracks.track_ids
+    on_body = source.sequence.body_of_track[ids] >= 0
+    for theirs, expected in ((~on_body, 0.9), (on_body, 0.0)):
+        before = OtherMotion(0.9, ids[theirs], of_best=ids[explained_tracks(found)])
+        assert other_motion(replace(found, other_before=before), seeks=False).probability == expected
 
 
 def test_a_motion_within_the_deviations_of_the_best_one_may_contradict_its_map():
