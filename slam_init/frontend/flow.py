@@ -7,6 +7,10 @@ occlusion or a reflection raises the remainder. The next step starts where the l
 steps add up: this is the drift of a track, until its patch brings it back to its point
 (:mod:`~slam_init.frontend.patches`).
 
+Most of the time of the flow is spent at each point in each octave of the images. So a few points are followed through
+all octaves; where they move as in the step before, but for a shift that all have in common, the other points are sought
+near their places, in the finest two octaves (:func:`expected_as_before`).
+
 On rendered images with up to 16 px of blur, the errors of a step are 0.6 to 1.1 times these standard deviations (see
 ``_SCALE``) in the weak direction and in the strong one alike, while they themselves grow four times; beyond 16 px of
 blur 1.3 and 1.8 times.

@@ -239,20 +239,18 @@ class Tracker:
         order = order[np.isfinite(bearings[order]).all(axis=1)]
         drifts = self._drift.covariances(ids[order])
         self._patches.follow(smooth, ids[order], pixels[order], drifts)
-        self._before, self._last = (
-            self._last,
-            Observations(
-                frame=frame.index,
-                timestamp_s=frame.timestamp_s,
-                name=frame.name,
-                track_ids=ids[order],
-                pixels=pixels[order],
-                bearings=bearings[order],
-                colors=colors_at(frame.image, pixels[order]),
-                drifts=drifts,
-                step_px=self._step_px,
-                exposure_s=self._exposure_s,
-            ),
+        self._before = self._last
+        self._last = Observations(
+            frame=frame.index,
+            timestamp_s=frame.timestamp_s,
+            name=frame.name,
+            track_ids=ids[order],
+            pixels=pixels[order],
+            bearings=bearings[order],
+            colors=colors_at(frame.image, pixels[order]),
+            drifts=drifts,
+            step_px=self._step_px,
+            exposure_s=self._exposure_s,
         )
         self._last_gray, self._last_trackable = gray, self._trackable
         self.history.put(self._last)
