@@ -46,12 +46,13 @@ _LEAST_GAIN = 1.05
 _COARSE_PX = 8
 #: Gradients are sampled at every second pixel of each row and column: a patch has a hundred samples then.
 _STEP_PX = 2
-#: Points that tell whether all move as before, and fewer of which tell nothing.
+#: Points that tell whether all move as before: a twentieth of all. Fewer than half of them tell no share.
 _SAMPLES, _LEAST_SAMPLES = 48, 24
 #: Points are near where they are expected within this distance, px: half of what the window of the flow reaches from
 #: its centre in the finest octave, so that the octave above it finds them in any case.
 _NEAR_PX = 5.0
-#: The other points are sought near their places where this share of the few are found near theirs.
+#: The other points are sought near their places where this share of the few are found near theirs: some few are lost,
+#: or lie on a body that moves otherwise.
 _NEAR_SHARE = 0.8
 #: Added to the mean squares of gradients, so that a flat patch has a finite covariance: a few times the 0.02 that
 #: rounding grey levels makes.
@@ -103,13 +104,17 @@ def flow(before: Image, after: Image, pixels: Floats, config: TrackingConfig, ex
     before, after = _equally_bright(before, after)
     start, end, remainders = pixels.astype(np.float32), pixels.astype(np.float32), np.zeros(len(pixels))
     closed = np.zeros(len(pixels), bool)
-    for near in (expected, None):
-        sought = np.flatnonzero(~closed if near is None else np.isfinite(near).all(axis=1))
+
+    def seek(sought: Ints, first: Floats32 | None) -> None:
         if len(sought):
-            first = None if near is None else near[sought].astype(np.float32)
             end[sought], remainders[sought], closed[sought] = _there_and_back(
                 before, after, start[sought], first, config
             )
+
+    if expected is not None:
+        known = np.flatnonzero(np.isfinite(expected).all(axis=1))
+        seek(known, expected[known].astype(np.float32))
+    seek(np.flatnonzero(~closed), None)
     survivors, moved = np.flatnonzero(closed), end.astype(float)
     # Of two tracks that meet in one place only the older is kept.
     kept = np.zeros(len(start), bool)
@@ -129,6 +134,7 @@ def expected_as_before(
     """Where points are expected that move as in the step before, but for a shift that all have in common.
 
     A few points are sought in all octaves. They tell the shift, by which the camera turns more or less than before.
+    Where the brightness changes they are not found, and neither is the shift.
 
     Shapes: ``before, after`` (H, W), ``pixels, moved`` (N, 2), returns (N, 2).
 
@@ -171,7 +177,7 @@ def _lucas_kanade(
 def _there_and_back(
     before: Image, after: Image, start: Floats32, first: Floats32 | None, config: TrackingConfig
 ) -> tuple[Floats32, Floats, Bools]:
-    """The same with the check that each point comes back to its start: ends, remainders, and which points do."""
+    """The ends of points, what remains of their patches, and which points come back to their start on the way back."""
     end, found, remainders = _lucas_kanade(before, after, start, first, config)
     # A point that is lost already needs no check.
     reached, closed = np.flatnonzero(found), np.zeros(len(start), bool)

@@ -116,7 +116,7 @@ class OtherMotion:
     track_ids: Ints = dataclasses.field(default_factory=lambda: np.zeros(0, int))
     #: In all views that these tracks locate; None without one.
     fitted: FittedMotion | None = None
-    #: (K,) The tracks that the best motion explains and this one does not.
+    #: (K,) Tracks of the best motion, which do not have this one.
     of_best: Ints = dataclasses.field(default_factory=lambda: np.zeros(0, int))
 
 

@@ -74,7 +74,7 @@ class WindowRisk:
     @property
     def knows_bodies(self) -> bool:
         """Whether another motion was looked for: it is not where the camera or its direction is open anyway."""
-        return max(self.rotation, self.direction) <= UNDECIDED
+        return not _is_open(self.rotation, self.direction)
 
     @property
     def total(self) -> float:
@@ -104,17 +104,16 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
     direction = directions.of_pair
     by_rotation = _rotation_risk(hypotheses, expanded, direction)
     rotation = by_rotation.probability
-    # A window that has no map without the terms of rivals and bodies is not worth their fits.
-    worth_it = max(rotation, direction) <= UNDECIDED
+    is_open = _is_open(rotation, direction)
     other = OtherMotion()
-    if worth_it:
+    if not is_open:
         # Another motion is sought where the window has a map without it; one that was found before is followed.
         seeks = direction + rotation + FLOOR <= max_risk
         other = other_motion(hypotheses, directions.rotation_sigma_deg, directions.sigma_deg, seeks=seeks)
     if hypotheses.body is not None and hypotheses.body.probability >= other.probability:
         other = hypotheses.body
     left = max_risk - min(1.0, direction + rotation + other.probability + FLOOR)
-    most = min(left, UNDECIDED) if worth_it else -1.0
+    most = -1.0 if is_open else min(left, UNDECIDED)
     rival, nearest = rival_term(hypotheses, expanded, directions.sigma_deg, most=most)
     return WindowRisk(
         direction=direction,
@@ -129,6 +128,11 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
         lasting_in_noise=by_rotation.lasting_in_noise,
         other=other,
     )
+
+
+def _is_open(rotation: float, direction: float) -> bool:
+    """Whether a window has no map without the terms of rivals and bodies, so that it is not worth their fits."""
+    return max(rotation, direction) > UNDECIDED
 
 
 class _RotationRisk(NamedTuple):

@@ -167,6 +167,19 @@ def test_points_that_are_not_where_they_are_expected_are_sought_in_all_octaves()
         assert (apart < 0.1).mean() > 0.9  # a patch that looks alike may be where a point is expected
 
 
+def test_points_that_are_found_are_sought_once(monkeypatch):
+    """There and back: in all octaves where nothing is expected, in two of them where they are expected."""
+    sought, real = [], cv2.calcOpticalFlowPyrLK
+    monkeypatch.setattr(cv2, "calcOpticalFlowPyrLK", lambda *a, **k: sought.append(k["maxLevel"]) or real(*a, **k))
+    before, after = image(100, 60), image(110, 55)
+    start = corners(before)
+    found = flow(before, after, start, CONFIG)
+    assert sought == [CONFIG.pyramid_levels, 1]
+    sought.clear()
+    flow(before, after, start[found.kept], CONFIG, found.pixels[found.kept])
+    assert sought == [1, 1]
+
+
 def test_no_points_have_an_empty_flow():
     gray = image(100, 60)
     found = flow(gray, gray, np.zeros((0, 2)), CONFIG)
