@@ -7,10 +7,6 @@ occlusion or a reflection raises the remainder. The next step starts where the l
 steps add up: this is the drift of a track, until its patch brings it back to its point
 (:mod:`~slam_init.frontend.patches`).
 
-Most of the time of the flow is spent at each point in each octave of the images. So a few points are followed through
-all octaves; where they move as in the step before, but for a shift that all have in common, the other points are sought
-near their places, in the finest two octaves (:func:`expected_as_before`).
-
 On rendered images with up to 16 px of blur, the errors of a step are 0.6 to 1.1 times these standard deviations (see
 ``_SCALE``) in the weak direction and in the strong one alike, while they themselves grow four times; beyond 16 px of
 blur 1.3 and 1.8 times.
@@ -25,7 +21,7 @@ import numpy as np
 
 from slam_init.config import TrackingConfig
 from slam_init.frontend.sift import first_per_cell
-from slam_init.types.arrays import Bools, Floats, Floats32, Image, Ints, evenly_spaced
+from slam_init.types.arrays import Bools, Floats, Floats32, Image, Ints
 
 #: Standard deviation of a step over the mean absolute difference of the patches by the root of the mean squared
 #: gradient, measured on rendered images. With independent errors of the pixels it would be 0.06: 1.25 over the root of
@@ -46,14 +42,6 @@ _LEAST_GAIN = 1.05
 _COARSE_PX = 8
 #: Gradients are sampled at every second pixel of each row and column: a patch has a hundred samples then.
 _STEP_PX = 2
-#: Points that tell whether all move as before: a twentieth of all. Fewer than half of them tell no share.
-_SAMPLES, _LEAST_SAMPLES = 48, 24
-#: Points are near where they are expected within this distance, px: half of what the window of the flow reaches from
-#: its centre in the finest octave, so that the octave above it finds them in any case.
-_NEAR_PX = 5.0
-#: The other points are sought near their places where this share of the few are found near theirs: some few are lost,
-#: or lie on a body that moves otherwise.
-_NEAR_SHARE = 0.8
 #: Added to the mean squares of gradients, so that a flat patch has a finite covariance: a few times the 0.02 that
 #: rounding grey levels makes.
 _ROUNDING = 0.1
@@ -80,14 +68,19 @@ class Flow:
     #: Length of the trails of a blurred image over the displacement: the exposure in units of the frame interval.
     #: None where the points move too little.
     trail: float | None
+    #: Standard deviation of a typical displacement, px: the median of the geometric means over both directions; 0 where
+    #: no point survives.
+    step_px: float
 
-    @property
-    def step_px(self) -> float:
-        """Standard deviation of a typical displacement.
+    def copy(self) -> Flow:
+        """The same with arrays of its own."""
+        arrays = (self.kept.copy(), self.pixels.copy(), self.covariances.copy(), self.remainders.copy())
+        return Flow(*arrays, self.trail, self.step_px)
 
-        * Returns: The median of the geometric means over both directions, px; 0 where no point survives.
-        """
-        return float(np.median(np.linalg.det(self.covariances[self.kept]))) ** 0.25 if self.kept.any() else 0.0
+    def put(self, rows: Ints, other: Flow) -> None:
+        """Take the flow of some of the points, (M,), from elsewhere."""
+        self.kept[rows], self.pixels[rows] = other.kept, other.pixels
+        self.covariances[rows], self.remainders[rows] = other.covariances, other.remainders
 
 
 def flow(before: Image, after: Image, pixels: Floats, config: TrackingConfig, expected: Floats | None = None) -> Flow:
@@ -100,7 +93,7 @@ def flow(before: Image, after: Image, pixels: Floats, config: TrackingConfig, ex
     * ``expected``: Where the points are in the next frame to within some pixels; NaN where that is not known.
     """
     if len(pixels) == 0:
-        return Flow(np.zeros(0, bool), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), None)
+        return Flow(np.zeros(0, bool), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), None, 0.0)
     before, after = _equally_bright(before, after)
     start, end, remainders = pixels.astype(np.float32), pixels.astype(np.float32), np.zeros(len(pixels))
     closed = np.zeros(len(pixels), bool)
@@ -125,32 +118,8 @@ def flow(before: Image, after: Image, pixels: Floats, config: TrackingConfig, ex
     remainders[~kept] = 0.0
     squares = (_SCALE * remainders[kept]) ** 2 + MISFIT_PX**2 * anisotropy(products)
     covariances[kept] = squares[:, None, None] * np.linalg.inv(products)
-    return Flow(kept, moved, covariances, remainders, _trail(products, (moved - pixels)[kept]))
-
-
-def expected_as_before(
-    before: Image, after: Image, pixels: Floats, moved: Floats, config: TrackingConfig
-) -> Floats | None:
-    """Where points are expected that move as in the step before, but for a shift that all have in common.
-
-    A few points are sought in all octaves. They tell the shift, by which the camera turns more or less than before.
-    Where the brightness changes they are not found, and neither is the shift.
-
-    Shapes: ``before, after`` (H, W), ``pixels, moved`` (N, 2), returns (N, 2).
-
-    * ``moved``: By how much each point moved in the step before; NaN where that is not known.
-    * Returns: NaN where no step is known; None where some of the few points are elsewhere.
-    """
-    known = np.flatnonzero(np.isfinite(moved).all(axis=1))
-    if len(known) < _LEAST_SAMPLES:
-        return None
-    chosen = known[evenly_spaced(len(known), _SAMPLES)]
-    start = pixels[chosen].astype(np.float32)
-    end, found, _ = _lucas_kanade(before, after, start, None, config)
-    more = (end - pixels[chosen] - moved[chosen])[found]
-    shift = np.median(more, axis=0) if len(more) else np.zeros(2)
-    near = np.linalg.norm(more - shift, axis=1) <= _NEAR_PX
-    return pixels + moved + shift if near.sum() >= _NEAR_SHARE * len(chosen) else None
+    step_px = float(np.median(np.linalg.det(covariances[kept]))) ** 0.25 if kept.any() else 0.0
+    return Flow(kept, moved, covariances, remainders, _trail(products, (moved - pixels)[kept]), step_px)
 
 
 def _lucas_kanade(

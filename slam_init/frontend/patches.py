@@ -69,6 +69,39 @@ def smoothed(image: Image) -> Floats32:
 
 
 @dataclass(frozen=True, eq=False)
+class Sought:
+    """Patches of tracks that were aligned with an image: before their alignment is accepted."""
+
+    #: (N, 2) Where the alignments end.
+    pixels: Floats
+    #: (N, 4) The affine maps.
+    affine: Floats
+    #: (N,) Root of the mean square of what is left over the contrast; infinite where there is no alignment.
+    residuals: Floats
+
+    @staticmethod
+    def nowhere(count: int) -> Sought:
+        """No patch of a number of tracks was found."""
+        return Sought(np.zeros((count, 2)), np.zeros((count, 4)), np.full(count, np.inf))
+
+    @property
+    def found(self) -> Bools:
+        """Which alignments leave little, (N,)."""
+        return np.asarray(self.residuals <= _LITTLE)
+
+    def within(self, distance_px: float, places: Floats) -> Sought:
+        """The same without those that are not found within a distance from their places.
+
+        Shapes: ``places`` (N, 2).
+        """
+        near = self.found & (np.linalg.norm(self.pixels - places, axis=1) <= distance_px)
+        return Sought(self.pixels, self.affine, np.where(near, self.residuals, np.inf))
+
+    def __getitem__(self, chosen: Bools) -> Sought:
+        return Sought(self.pixels[chosen], self.affine[chosen], self.residuals[chosen])
+
+
+@dataclass(frozen=True, eq=False)
 class Aligned:
     """Tracks that were aligned with a frame."""
 
@@ -97,23 +130,46 @@ class Patches:
         # In ascending order of the tracks.
         self._ids, self._slots = np.zeros(0, np.int64), np.zeros(0, np.int64)
 
-    def align(self, image: Floats32, track_ids: Ints, pixels: Floats, remainders: Floats) -> Aligned:
+    def seek(self, image: Floats32, track_ids: Ints, pixels: Floats) -> Sought:
+        """Align the patches of tracks with an image, from given places.
+
+        Shapes: ``image`` (H, W), ``track_ids`` (N,), ``pixels`` (N, 2).
+
+        * ``pixels``: NaN where a track has no place.
+        """
+        from slam_init.frontend.patch_kernel import align_patches
+
+        sought = Sought(pixels.copy(), np.zeros((len(pixels), 4)), np.full(len(pixels), np.inf))
+        rows, slots = self._slots_of(track_ids)
+        placed = np.isfinite(pixels[rows]).all(axis=1)
+        rows, slots = rows[placed], slots[placed]
+        ends, affine = pixels[rows], self._affine[slots]
+        sought.residuals[rows] = align_patches(
+            image, slots, self._radius, self._patches, self._inverses, self._brightness, ends, affine
+        )
+        sought.pixels[rows], sought.affine[rows] = ends, affine
+        return sought
+
+    def align(
+        self, image: Floats32, track_ids: Ints, pixels: Floats, remainders: Floats, sought: Sought | None = None
+    ) -> Aligned:
         """Align the patches of tracks with an image, from where flow ends.
 
         Shapes: ``image`` (H, W), ``track_ids`` (N,), ``pixels`` (N, 2), ``remainders`` (N,).
 
         * ``remainders``: Mean absolute difference that flow leaves, grey levels.
+        * ``sought``: Of these tracks: those that are found already end at their pixels, without flow.
         """
-        from slam_init.frontend.patch_kernel import align_patches
+        sought = Sought.nowhere(len(pixels)) if sought is None else sought
+        others = np.flatnonzero(~sought.found)
+        later = self.seek(image, track_ids[others], pixels[others])
+        all_ends, all_affine, all_residuals = sought.pixels.copy(), sought.affine.copy(), sought.residuals.copy()
+        all_ends[others], all_affine[others], all_residuals[others] = later.pixels, later.affine, later.residuals
 
         succeeded, moved = np.zeros(len(track_ids), bool), pixels.copy()
         drifts = np.zeros((len(track_ids), 2, 2))
-        _, rows, known = np.intersect1d(track_ids, self._ids, assume_unique=True, return_indices=True)
-        slots = self._slots[known]
-        ends, affine = pixels[rows], self._affine[slots]
-        residuals = align_patches(
-            image, slots, self._radius, self._patches, self._inverses, self._brightness, ends, affine
-        )
+        rows, slots = self._slots_of(track_ids)
+        ends, affine, residuals = all_ends[rows], all_affine[rows], all_residuals[rows]
         accepted = np.isfinite(residuals) & (np.linalg.norm(ends - pixels[rows], axis=1) <= _NEAR_PX)
         greys = np.where(accepted, residuals, 0.0) * self._brightness[slots, 1]
         accepted &= (residuals <= _LITTLE) | (greys <= _AS_FLOW * _ROOT_OVER_MEAN * remainders[rows])
@@ -171,6 +227,11 @@ class Patches:
         ends = ends + np.einsum("nij,nj->ni", gain, deviations)
         affine = affine + np.einsum("nij,nj->ni", of_map @ weights, deviations) / self._radius
         return ends, affine, covariances[:, :2, :2] - gain @ np.swapaxes(by_map, 1, 2)
+
+    def _slots_of(self, track_ids: Ints) -> tuple[Ints, Ints]:
+        """Which tracks have a patch, and their slots."""
+        _, rows, known = np.intersect1d(track_ids, self._ids, assume_unique=True, return_indices=True)
+        return rows, self._slots[known]
 
     def _free(self, free: Ints, count: int) -> Ints:
         """A number of free slots, of which some are new where there are too few."""

@@ -25,9 +25,10 @@ import numpy as np
 from slam_init.config import TrackingConfig
 from slam_init.errors import SlamInitError
 from slam_init.frontend.conventions import check_lengths
-from slam_init.frontend.flow import Drift, Exposure, expected_as_before, flow
+from slam_init.frontend.flow import Drift, Exposure, Flow, flow
+from slam_init.frontend.following import Followed, follow
 from slam_init.frontend.masking import Trackable
-from slam_init.frontend.patches import Patches, smoothed
+from slam_init.frontend.patches import Patches, Sought, smoothed
 from slam_init.frontend.sift import detect_sift, first_per_cell, match_descriptors
 from slam_init.types.arrays import Bools, Floats, Floats32, Image, Ints
 from slam_init.types.attitude import Attitude
@@ -267,15 +268,12 @@ class Tracker:
         """Tracks found in this frame: ids, pixels, and whether descriptors linked them (else flow did)."""
         if self._last is None or self._last_gray is None:
             return np.zeros(0, np.int64), np.zeros((0, 2)), False
-        followed = flow(self._last_gray, gray, self._last.pixels, self._config, self._expected(gray))
-        kept, moved, known_ids = followed.kept, followed.pixels, self._last.track_ids
-        if self._trackable is not None:
-            kept = kept & self._trackable.patches_are_clear(moved)
-        self._step_px = followed.step_px
-        self._exposure_s = self._exposure.update(followed.trail, frame.timestamp_s - self._last.timestamp_s)
-        survived = kept.sum() >= self._config.flow_survival * len(self._last) and kept.any()
-        if survived:
-            return *self._aligned(smooth, kept, moved, followed.covariances, followed.remainders), False
+        followed = self._followed(gray, smooth)
+        found, kept = followed.flow, followed.flow.kept
+        self._step_px = found.step_px
+        self._exposure_s = self._exposure.update(found.trail, frame.timestamp_s - self._last.timestamp_s)
+        if kept.sum() >= self._config.flow_survival * len(self._last) and kept.any():
+            return *self._aligned(smooth, found, followed.sought), False
         sift = self._detect_sift(frame.index, gray, self._trackable)
         if not self._sift_frames or self._sift_frames[-1].frame != self._last.frame:
             # The last frame was linked by flow, or not at all. Its keypoints are the first to match with.
@@ -287,30 +285,17 @@ class Tracker:
         ]
         last, i_last, i_now = matches[-1]
         matched = last.pixels[i_last], sift.pixels[i_now]
-        confirmed = self._confirmed(matched, kept, moved)
+        confirmed = self._confirmed(matched, np.flatnonzero(kept), found.pixels[kept])
         more = int(kept.sum()) - len(i_last)
         if more >= 0 and (more > _CHANCE * np.sqrt(kept.sum()) or confirmed.any() or not kept.any()):
-            return *self._aligned(smooth, kept, moved, followed.covariances, followed.remainders), False
+            return *self._aligned(smooth, found, followed.sought), False
         for old, i_old, i_new in reversed(matches):
             self._join(old, sift, i_old, i_new)
         self._sift_frames.append(sift)
         self._step_px = 0.0
-        kept[kept] = confirmed
-        covariances, remainders = followed.covariances.copy(), followed.remainders.copy()
-        # The flow may have lost points only since it did not know where to look.
-        lost = np.flatnonzero(~kept)
-        expected = expected_by(*matched, self._last.pixels[lost])
-        if len(expected):
-            guided = flow(self._last_gray, gray, self._last.pixels[lost], self._config, expected)
-            moved[lost], covariances[lost], remainders[lost] = guided.pixels, guided.covariances, guided.remainders
-            found = np.zeros_like(kept)
-            found[lost] = guided.kept
-            if self._trackable is not None:
-                found &= self._trackable.patches_are_clear(moved)
-            found[found] = self._confirmed(matched, found, moved)
-            kept |= found
-        kept &= ~np.isin(known_ids, sift.track_ids)
-        flow_ids, flow_pixels = self._aligned(smooth, kept, moved, covariances, remainders)
+        found = self._guided(gray, matched, found, confirmed)
+        found.kept[np.isin(self._last.track_ids, sift.track_ids)] = False
+        flow_ids, flow_pixels = self._aligned(smooth, found, Sought.nowhere(len(kept)))
         # Of two tracks that meet in one place only that of the flow is kept, as it is the older one.
         linked = np.flatnonzero(sift.track_ids >= 0)
         pixels = np.concatenate([flow_pixels, sift.pixels[linked]])
@@ -321,33 +306,58 @@ class Tracker:
             single[len(flow_ids) :] = squares.min(axis=1) > (0.5 * self._config.min_distance * gray.shape[1]) ** 2
         return ids[single], pixels[single], True
 
-    def _expected(self, gray: Image) -> Floats | None:
-        """Where the tracks of the last frame are expected in the next one; None where that is not known."""
+    def _followed(self, gray: Image, smooth: Floats32) -> Followed:
+        """The tracks of the last frame in the next one, without those that come near ignored pixels."""
         assert self._last is not None
         assert self._last_gray is not None
         moved = np.full((len(self._last), 2), np.nan)
         if self._before is not None:
             now, then = common_tracks(self._last, self._before)
             moved[now] = self._last.pixels[now] - self._before.pixels[then]
-        return expected_as_before(self._last_gray, gray, self._last.pixels, moved, self._config)
+        followed = follow(self._last_gray, gray, smooth, self._last, moved, self._patches, self._config)
+        self._clear(followed.flow)
+        return followed
 
-    def _aligned(
-        self, smooth: Floats32, kept: Bools, moved: Floats, covariances: Floats, remainders: Floats
-    ) -> tuple[Ints, Floats]:
-        """The tracks of the last frame that the flow kept, brought back to their points: ids and pixels."""
+    def _guided(self, gray: Image, matched: tuple[Floats, Floats], found: Flow, confirmed: Bools) -> Flow:
+        """The flow that matches confirm; other points are sought once more where the matches around them went.
+
+        The flow may have lost them only since it did not know where to look.
+        """
         assert self._last is not None
+        assert self._last_gray is not None
+        found = found.copy()
+        found.kept[found.kept] = confirmed
+        lost = np.flatnonzero(~found.kept)
+        expected = expected_by(*matched, self._last.pixels[lost])
+        if len(expected):
+            guided = flow(self._last_gray, gray, self._last.pixels[lost], self._config, expected)
+            self._clear(guided)
+            kept = guided.kept
+            kept[kept] = self._confirmed(matched, lost[kept], guided.pixels[kept])
+            found.put(lost, guided)
+        return found
+
+    def _clear(self, found: Flow) -> None:
+        """End the tracks that come near ignored pixels."""
+        if self._trackable is not None:
+            found.kept[~self._trackable.patches_are_clear(found.pixels)] = False
+
+    def _aligned(self, smooth: Floats32, found: Flow, sought: Sought) -> tuple[Ints, Floats]:
+        """The tracks of the last frame that are found, brought back to their points: ids and pixels."""
+        assert self._last is not None
+        kept = found.kept
         ids = self._last.track_ids[kept]
-        self._drift.follow(ids, covariances[kept])
-        aligned = self._patches.align(smooth, ids, moved[kept], remainders[kept])
+        self._drift.follow(ids, found.covariances[kept])
+        aligned = self._patches.align(smooth, ids, found.pixels[kept], found.remainders[kept], sought[kept])
         self._drift.return_to(ids[aligned.succeeded], aligned.drifts[aligned.succeeded])
         # Tracks that flow has left apart may come back to one place.
         single = first_per_cell(aligned.pixels, 0.5 * self._config.min_distance * smooth.shape[1])
         return ids[single], aligned.pixels[single]
 
-    def _confirmed(self, matched: tuple[Floats, Floats], chosen: Bools, moved: Floats) -> Bools:
+    def _confirmed(self, matched: tuple[Floats, Floats], chosen: Ints, moved: Floats) -> Bools:
         """Which of some points of the last frame the matches confirm."""
         assert self._last is not None
-        return confirmed_by(*matched, self._last.pixels[chosen], moved[chosen], self._config.forward_backward_px)
+        return confirmed_by(*matched, self._last.pixels[chosen], moved, self._config.forward_backward_px)
 
     def _detect(self, gray: Image, occupied: Floats, count: int) -> Floats:
         """Up to ``count`` corners (n, 2) at a distance from the occupied pixels."""

@@ -6,7 +6,7 @@ import pytest
 from make_scene import texture, window
 
 from slam_init.config import TrackingConfig
-from slam_init.frontend.flow import Drift, Exposure, anisotropy, expected_as_before, flow, gradient_products
+from slam_init.frontend.flow import Drift, Exposure, anisotropy, flow, gradient_products
 from slam_init.frontend.tracks import Tracker
 from slam_init.types.camera import Camera
 
@@ -127,32 +127,6 @@ def test_points_that_are_lost_have_no_small_covariance():
     np.testing.assert_array_equal(
         found.covariances[~found.kept], np.broadcast_to(np.eye(2), (len(start), 2, 2))[~found.kept]
     )
-
-
-@pytest.mark.parametrize("shake", [(0.0, 0.0), (14.0, -9.0)])
-def test_points_are_expected_where_they_go_on_but_for_a_shift_of_the_whole_image(shake):
-    """All moved by (3, 1) before, and the camera turns besides."""
-    before, after = image(100, 60), image(103 + shake[0], 61 + shake[1])
-    start = corners(before)
-    expected = expected_as_before(before, after, start, np.tile([-3.0, -1.0], (len(start), 1)), CONFIG)
-    np.testing.assert_allclose(expected - start, np.tile([-3 - shake[0], -1 - shake[1]], (len(start), 1)), atol=0.1)
-
-
-def test_points_that_do_not_move_as_before_are_expected_nowhere():
-    before, after = image(100, 60), image(103, 61)
-    start = corners(before)
-    elsewhere = np.where(np.arange(len(start)) % 2, 12.0, -12.0)
-    assert expected_as_before(before, after, start, np.column_stack([elsewhere, elsewhere]), CONFIG) is None
-
-
-def test_points_whose_last_step_is_not_known_are_expected_nowhere():
-    before, after = image(100, 60), image(103, 61)
-    start = corners(before)
-    moved = np.tile([-3.0, -1.0], (len(start), 1))
-    moved[::2] = np.nan
-    assert np.isnan(expected_as_before(before, after, start, moved, CONFIG)[::2]).all()
-    moved[20:] = np.nan
-    assert expected_as_before(before, after, start, moved, CONFIG) is None
 
 
 def test_points_that_are_not_where_they_are_expected_are_sought_in_all_octaves():

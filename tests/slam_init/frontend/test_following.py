@@ -1,0 +1,140 @@
+"""Where tracks are expected in the next frame, and which of them their patches find there without flow."""
+
+import cv2
+import numpy as np
+import pytest
+from make_scene import texture, window
+
+from slam_init.config import TrackingConfig
+from slam_init.frontend import following
+from slam_init.frontend.flow import flow
+from slam_init.frontend.following import expected_as_before, follow
+from slam_init.frontend.patches import Patches, smoothed
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Observations
+
+SIZE = (320, 240)
+CAMERA = Camera("pinhole", *SIZE, 260.0, 260.0, 159.5, 119.5)
+CONFIG = TrackingConfig()
+TEXTURE = texture(1, 600, 1200)
+
+
+def image(x, y):
+    return window(TEXTURE, x, y, *SIZE).image
+
+
+def corners(gray):
+    return cv2.goodFeaturesToTrack(gray, 300, 0.002, 8, blockSize=5)[:, 0].astype(float)
+
+
+def seen(gray):
+    """The corners of a frame as tracks, and their patches."""
+    pixels, patches = corners(gray), Patches(CONFIG.window_px)
+    ids = np.arange(len(pixels))
+    patches.follow(smoothed(gray), ids, pixels, np.zeros((len(pixels), 2, 2)))
+    return Observations(0, 0.0, "", ids, pixels, CAMERA.bearings(pixels)), patches
+
+
+def followed(before, after, moved):
+    last, patches = seen(before)
+    return last, follow(before, after, smoothed(after), last, np.tile(moved, (len(last), 1)), patches, CONFIG)
+
+
+@pytest.mark.parametrize("shake", [(0.0, 0.0), (14.0, -9.0)])
+def test_points_are_expected_where_they_go_on_but_for_a_shift_of_the_whole_image(shake):
+    """All moved by (3, 1) before, and the camera turns besides."""
+    before, after = image(100, 60), image(103 + shake[0], 61 + shake[1])
+    start = corners(before)
+    expected = expected_as_before(before, after, start, np.tile([-3.0, -1.0], (len(start), 1)), CONFIG)
+    np.testing.assert_allclose(
+        expected.pixels - start, np.tile([-3 - shake[0], -1 - shake[1]], (len(start), 1)), atol=0.1
+    )
+    assert expected.closely
+
+
+def test_points_that_do_not_move_as_before_are_expected_nowhere():
+    before, after = image(100, 60), image(103, 61)
+    start = corners(before)
+    elsewhere = np.where(np.arange(len(start)) % 2, 12.0, -12.0)
+    assert expected_as_before(before, after, start, np.column_stack([elsewhere, elsewhere]), CONFIG) is None
+
+
+def test_points_that_move_about_as_before_are_not_expected_closely():
+    before, after = image(100, 60), image(103, 61)
+    start = corners(before)
+    about = np.tile([-3.0, -1.0], (len(start), 1)) + np.random.default_rng(0).uniform(-2, 2, (len(start), 2))
+    expected = expected_as_before(before, after, start, about, CONFIG)
+    assert not expected.closely
+    assert np.abs(expected.pixels - start - (-3, -1)).max() < 3
+
+
+def test_points_whose_last_step_is_not_known_are_expected_nowhere():
+    before, after = image(100, 60), image(103, 61)
+    start = corners(before)
+    moved = np.tile([-3.0, -1.0], (len(start), 1))
+    moved[::2] = np.nan
+    assert np.isnan(expected_as_before(before, after, start, moved, CONFIG).pixels[::2]).all()
+    moved[20:] = np.nan
+    assert expected_as_before(before, after, start, moved, CONFIG) is None
+
+
+def test_tracks_that_move_as_before_are_found_by_their_patches_where_flow_finds_them():
+    before, after = image(100, 60), image(103.4, 60.8)
+    last, found = followed(before, after, (-3.0, -1.0))
+    by_flow = flow(before, after, last.pixels, CONFIG)
+    both = found.sought.found & by_flow.kept
+    assert both.sum() > 0.85 * by_flow.kept.sum()
+    assert np.linalg.norm(found.flow.pixels - last.pixels - (-3.4, -0.8), axis=1)[both].max() < 0.3
+    assert (np.linalg.norm(found.flow.pixels - by_flow.pixels, axis=1)[both] < 0.1).mean() > 0.95
+
+
+def test_the_flow_seeks_what_the_patches_do_not_find(monkeypatch):
+    """A part of the view moves otherwise, by four pixels."""
+    before, after = image(100, 60), image(103, 61)
+    after = np.where(np.arange(SIZE[0]) < 100, image(107, 61), after)
+    sought, real = [], following.flow
+
+    def counted(first, second, pixels, *rest):
+        sought.append(len(pixels))
+        return real(first, second, pixels, *rest)
+
+    monkeypatch.setattr(following, "flow", counted)
+    last, found = followed(before, after, (-3.0, -1.0))
+    assert sought == [48, (~found.sought.found).sum()]
+    apart = last.pixels[:, 0] < 80
+    assert not found.sought.found[apart].any()
+    moved = (found.flow.pixels - last.pixels)[apart & found.flow.kept]
+    assert len(moved) > 0.8 * apart.sum()
+    assert np.abs(np.median(moved, axis=0) - (-7, -1)).max() < 0.05
+
+
+def test_a_patch_that_is_found_far_from_its_place_counts_as_not_found():
+    before, after = image(100, 60), image(103, 61)
+    last, patches = seen(before)
+    places = last.pixels + np.array([-3.0, -1.0])
+    sought = patches.seek(smoothed(after), last.track_ids, places + 0.8)
+    near = np.linalg.norm(sought.pixels - places, axis=1) < 0.1
+    assert near.sum() > 0.5 * len(last)
+    assert sought.found[near].all()
+    assert not sought.within(0.5, places + 0.8).found[near].any()
+
+
+def test_tracks_that_are_expected_nowhere_are_sought_by_flow_alone():
+    before, after = image(100, 60), image(103, 61)
+    last, found = followed(before, after, (np.nan, np.nan))
+    by_flow = flow(before, after, last.pixels, CONFIG)
+    assert not found.sought.found.any()
+    np.testing.assert_array_equal(found.flow.pixels, by_flow.pixels)
+    np.testing.assert_array_equal(found.flow.kept, by_flow.kept)
+
+
+def test_a_track_without_a_patch_is_sought_by_flow():
+    """As near the border of the image, or where it is flat."""
+    before, after = image(100, 60), image(103, 61)
+    last, patches = seen(before)
+    half = last.track_ids[::2]
+    patches.follow(smoothed(before), half, last.pixels[half], np.zeros((len(half), 2, 2)))
+    moved = np.tile([-3.0, -1.0], (len(last), 1))
+    found = follow(before, after, smoothed(after), last, moved, patches, CONFIG)
+    assert not found.sought.found[1::2].any()
+    assert found.flow.kept[1::2].mean() > 0.8
