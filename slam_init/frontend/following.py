@@ -33,9 +33,9 @@ _NEAR_SHARE = 0.8
 #: them from farther away. On four videos it ends elsewhere in 0 to 3 % from up to half a pixel, and in 0 to 14 % from
 #: half a pixel to one.
 _CLOSE_PX = 0.5
-#: Patches are sought where at least this share of the few are close to where they are expected: with fewer most are
-#: sought twice.
-_CLOSE_SHARE = 0.5
+#: Patches are sought where this share of the few are that close to where they are expected. Where more are elsewhere,
+#: many alignments begin too far away, and most tracks need the flow besides.
+_CLOSE_SHARE = 2 / 3
 
 
 @dataclass(frozen=True, eq=False)
