@@ -83,7 +83,15 @@ class Flow:
         self.covariances[rows], self.remainders[rows] = other.covariances, other.remainders
 
 
-def flow(before: Image, after: Image, pixels: Floats, config: TrackingConfig, expected: Floats | None = None) -> Flow:
+def flow(
+    before: Image,
+    after: Image,
+    pixels: Floats,
+    config: TrackingConfig,
+    expected: Floats | None = None,
+    *,
+    and_back: bool = True,
+) -> Flow:
     """Follow points forward, and back as a check.
 
     Points that are not found where they are expected are sought in all octaves.
@@ -91,6 +99,7 @@ def flow(before: Image, after: Image, pixels: Floats, config: TrackingConfig, ex
     Shapes: ``before, after`` (H, W), ``pixels, expected`` (N, 2).
 
     * ``expected``: Where the points are in the next frame to within some pixels; NaN where that is not known.
+    * ``and_back``: Whether points must come back. Without it each point that is found survives.
     """
     if len(pixels) == 0:
         return Flow(np.zeros(0, bool), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), None, 0.0)
@@ -99,10 +108,14 @@ def flow(before: Image, after: Image, pixels: Floats, config: TrackingConfig, ex
     closed = np.zeros(len(pixels), bool)
 
     def seek(sought: Ints, first: Floats32 | None) -> None:
-        if len(sought):
-            end[sought], remainders[sought], closed[sought] = _there_and_back(
-                before, after, start[sought], first, config
-            )
+        if not len(sought):
+            return
+        end[sought], closed[sought], remainders[sought] = _lucas_kanade(before, after, start[sought], first, config)
+        # A point that is lost already needs no check.
+        found = sought[closed[sought]]
+        if and_back and len(found):
+            back, closed[found], _ = _lucas_kanade(after, before, end[found], start[found], config)
+            closed[found] &= np.linalg.norm(back - start[found], axis=1) < config.forward_backward_px
 
     if expected is not None:
         known = np.flatnonzero(np.isfinite(expected).all(axis=1))
@@ -141,20 +154,6 @@ def _lucas_kanade(
     inside = (end >= 0).all(axis=1) & (end[:, 0] <= width - 1) & (end[:, 1] <= height - 1)
     reached = (found.ravel() > 0) & inside
     return np.asarray(end, np.float32), reached, np.where(reached, remainder.ravel(), 0.0).astype(float)
-
-
-def _there_and_back(
-    before: Image, after: Image, start: Floats32, first: Floats32 | None, config: TrackingConfig
-) -> tuple[Floats32, Floats, Bools]:
-    """The ends of points, what remains of their patches, and which points come back to their start on the way back."""
-    end, found, remainders = _lucas_kanade(before, after, start, first, config)
-    # A point that is lost already needs no check.
-    reached, closed = np.flatnonzero(found), np.zeros(len(start), bool)
-    if len(reached):
-        back, found_back, _ = _lucas_kanade(after, before, end[reached], start[reached], config)
-        misses_px = np.linalg.norm(back - start[reached], axis=1)
-        closed[reached] = found_back & (misses_px < config.forward_backward_px)
-    return end, remainders, closed
 
 
 def _equally_bright(before: Image, after: Image) -> tuple[Image, Image]:

@@ -106,7 +106,7 @@ def expected_as_before(
     if len(known) < _LEAST_SAMPLES:
         return None
     chosen = known[evenly_spaced(len(known), _SAMPLES)]
-    few = flow(before, after, pixels[chosen], config)
+    few = flow(before, after, pixels[chosen], config, and_back=False)
     more = (few.pixels - pixels[chosen] - moved[chosen])[few.kept]
     shift = np.median(more, axis=0) if len(more) else np.zeros(2)
     misses_px = np.linalg.norm(more - shift, axis=1)

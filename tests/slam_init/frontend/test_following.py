@@ -94,9 +94,9 @@ def test_the_flow_seeks_what_the_patches_do_not_find(monkeypatch):
     after = np.where(np.arange(SIZE[0]) < 100, image(107, 61), after)
     sought, real = [], following.flow
 
-    def counted(first, second, pixels, *rest):
+    def counted(first, second, pixels, *rest, **options):
         sought.append(len(pixels))
-        return real(first, second, pixels, *rest)
+        return real(first, second, pixels, *rest, **options)
 
     monkeypatch.setattr(following, "flow", counted)
     last, found = followed(before, after, (-3.0, -1.0))

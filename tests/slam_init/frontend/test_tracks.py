@@ -151,8 +151,8 @@ def test_a_flow_that_descriptors_contradict_gives_way_where_they_link_as_many(mo
     """Of two photographs flow follows two fifths of the tracks to wrong places. Fewer matches contradict nothing."""
     flow = following.flow
 
-    def wrong(before, after, pixels, *rest):
-        found = flow(before, after, pixels, *rest)
+    def wrong(before, after, pixels, *rest, **options):
+        found = flow(before, after, pixels, *rest, **options)
         kept = np.arange(len(pixels)) % 5 < 2
         return replace(found, kept=kept, pixels=pixels + np.array([9.0, 2.0]))
 
