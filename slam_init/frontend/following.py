@@ -95,12 +95,11 @@ def expected_as_before(
     """Where points are expected that move as in the step before, but for a shift that all have in common.
 
     A few points are sought in all octaves. They tell the shift, by which the camera turns more or less than before.
-    Where the brightness changes they are not found, and neither is the shift.
 
-    Shapes: ``before, after`` (H, W), ``pixels, moved`` (N, 2), returns (N, 2).
+    Shapes: ``before, after`` (H, W), ``pixels, moved`` (N, 2).
 
     * ``moved``: By how much each point moved in the step before; NaN where that is not known.
-    * Returns: NaN where no step is known; None where some of the few points are elsewhere.
+    * Returns: None where some of the few points are elsewhere.
     """
     known = np.flatnonzero(np.isfinite(moved).all(axis=1))
     if len(known) < _LEAST_SAMPLES:

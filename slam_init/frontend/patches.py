@@ -97,6 +97,12 @@ class Sought:
         near = self.found & (np.linalg.norm(self.pixels - places, axis=1) <= distance_px)
         return Sought(self.pixels, self.affine, np.where(near, self.residuals, np.inf))
 
+    def with_others(self, rows: Ints, others: Sought) -> Sought:
+        """The same with the alignments of some tracks, (M,), from elsewhere."""
+        pixels, affine, residuals = self.pixels.copy(), self.affine.copy(), self.residuals.copy()
+        pixels[rows], affine[rows], residuals[rows] = others.pixels, others.affine, others.residuals
+        return Sought(pixels, affine, residuals)
+
     def __getitem__(self, chosen: Bools) -> Sought:
         return Sought(self.pixels[chosen], self.affine[chosen], self.residuals[chosen])
 
@@ -162,14 +168,11 @@ class Patches:
         """
         sought = Sought.nowhere(len(pixels)) if sought is None else sought
         others = np.flatnonzero(~sought.found)
-        later = self.seek(image, track_ids[others], pixels[others])
-        all_ends, all_affine, all_residuals = sought.pixels.copy(), sought.affine.copy(), sought.residuals.copy()
-        all_ends[others], all_affine[others], all_residuals[others] = later.pixels, later.affine, later.residuals
-
+        sought = sought.with_others(others, self.seek(image, track_ids[others], pixels[others]))
         succeeded, moved = np.zeros(len(track_ids), bool), pixels.copy()
         drifts = np.zeros((len(track_ids), 2, 2))
         rows, slots = self._slots_of(track_ids)
-        ends, affine, residuals = all_ends[rows], all_affine[rows], all_residuals[rows]
+        ends, affine, residuals = sought.pixels[rows], sought.affine[rows], sought.residuals[rows]
         accepted = np.isfinite(residuals) & (np.linalg.norm(ends - pixels[rows], axis=1) <= _NEAR_PX)
         greys = np.where(accepted, residuals, 0.0) * self._brightness[slots, 1]
         accepted &= (residuals <= _LITTLE) | (greys <= _AS_FLOW * _ROOT_OVER_MEAN * remainders[rows])

@@ -1,7 +1,7 @@
 """Features and tracks: the image points of different frames that show the same point of the world.
 
-In video, points are followed by Lucas-Kanade flow from frame to frame, with a forward-backward check, and brought back
-to where they began by the patches around them (:mod:`~slam_init.frontend.patches`). If the flow loses more than half of
+In video, points are followed from frame to frame (:mod:`~slam_init.frontend.following`): by the patches around them
+where they began, and by Lucas-Kanade flow with a forward-backward check. If the flow loses more than half of
 the tracks in one step (photographs, a cut, a fast pan), SIFT descriptors link the frame to the last few frames, if they
 link more points than the flow, or as many and contradict it. The tracks that the flow kept go on beside the new ones
 where the descriptors confirm the flow (:func:`confirmed_by`): a map whose landmarks they show is not lost at such a
@@ -269,12 +269,21 @@ class Tracker:
         if self._last is None or self._last_gray is None:
             return np.zeros(0, np.int64), np.zeros((0, 2)), False
         followed = self._followed(gray, smooth)
-        found, kept = followed.flow, followed.flow.kept
+        found = followed.flow
         self._step_px = found.step_px
         self._exposure_s = self._exposure.update(found.trail, frame.timestamp_s - self._last.timestamp_s)
-        if kept.sum() >= self._config.flow_survival * len(self._last) and kept.any():
+        if found.kept.sum() >= self._config.flow_survival * len(self._last) and found.kept.any():
             return *self._aligned(smooth, found, followed.sought), False
-        sift = self._detect_sift(frame.index, gray, self._trackable)
+        return self._link_by_descriptors(frame.index, gray, smooth, followed)
+
+    def _link_by_descriptors(
+        self, index: int, gray: Image, smooth: Floats32, followed: Followed
+    ) -> tuple[Ints, Floats, bool]:
+        """The same where the flow has lost most tracks: by the flow in the end where descriptors link fewer."""
+        assert self._last is not None
+        assert self._last_gray is not None
+        found, kept = followed.flow, followed.flow.kept
+        sift = self._detect_sift(index, gray, self._trackable)
         if not self._sift_frames or self._sift_frames[-1].frame != self._last.frame:
             # The last frame was linked by flow, or not at all. Its keypoints are the first to match with.
             self._sift_frames.clear()
