@@ -230,3 +230,77 @@ def align_patches(
         if np.isfinite(remains) and np.isfinite(at.sum()):
             pixels[n], affine[n] = at[:2], at[2:6]
     return left
+
+
+@compiled
+def covariances_in_image(slots: Ints, inverses: Floats, affine: Floats, variances: Floats) -> Floats:
+    """Covariances of the places of patches and of their affine maps, row by row.
+
+    A step of an alignment is that of the patch before its map: a displacement ``u`` moves the place by ``A u``, and a
+    change ``D`` of the map moves it by ``A D``.
+
+    Shapes: ``slots`` (N,), ``inverses`` (S, 8, 8), ``affine`` (N, 4), ``variances`` (N,), returns (N, 6, 6).
+
+    * ``variances``: Of the grey levels.
+    """
+    covariances = np.empty((len(slots), 6, 6))
+    for n in range(len(slots)):
+        a, b, c, d = affine[n, 0], affine[n, 1], affine[n, 2], affine[n, 3]
+        turned = covariances[n]
+        turned[:] = variances[n] * inverses[slots[n], :6, :6]
+        for first in (0, 2, 3):  # the place, then the columns of the map
+            second = 1 if first == 0 else first + 2
+            for k in range(6):
+                x, y = turned[first, k], turned[second, k]
+                turned[first, k], turned[second, k] = a * x + b * y, c * x + d * y
+        for first in (0, 2, 3):
+            second = 1 if first == 0 else first + 2
+            for k in range(6):
+                x, y = turned[k, first], turned[k, second]
+                turned[k, first], turned[k, second] = a * x + b * y, c * x + d * y
+    return covariances
+
+
+@compiled
+def conditioned_on_maps(covariances: Floats, scatter: Floats, deviations: Floats) -> tuple[Floats, Floats]:
+    """Change places and affine maps by what the distribution of the maps tells.
+
+    Shapes: ``covariances`` (N, 6, 6), ``scatter`` (4,), ``deviations`` (N, 4), returns ``changes, places`` (N, 6),
+    (N, 2, 2).
+
+    * ``scatter``: Variances of the deviations of the maps from their mean.
+    * ``deviations``: Of the mean from each map; NaN for a patch that keeps its own map.
+    * ``changes``: Of the place and of the map; ``places``: covariances of the places.
+    """
+    changes, places = np.zeros((len(covariances), 6)), np.empty((len(covariances), 2, 2))
+    root, solved = np.empty((4, 4)), np.empty((4, 3))
+    for n in range(len(covariances)):
+        whole = covariances[n]
+        places[n] = whole[:2, :2]
+        if not np.isfinite(deviations[n].sum()):
+            continue
+        for i in range(4):  # Cholesky's root of the covariance of a map and its deviation
+            for j in range(i + 1):
+                left = whole[2 + i, 2 + j] + (scatter[i] if i == j else 0.0)
+                for k in range(j):
+                    left -= root[i, k] * root[j, k]
+                root[i, j] = np.sqrt(left) if i == j else left / root[j, j]
+        for i in range(4):
+            solved[i, 0], solved[i, 1], solved[i, 2] = deviations[n, i], whole[2 + i, 0], whole[2 + i, 1]
+        for q in range(3):
+            for i in range(4):
+                for k in range(i):
+                    solved[i, q] -= root[i, k] * solved[k, q]
+                solved[i, q] /= root[i, i]
+            for i in range(3, -1, -1):
+                for k in range(i + 1, 4):
+                    solved[i, q] -= root[k, i] * solved[k, q]
+                solved[i, q] /= root[i, i]
+        for p in range(6):
+            for i in range(4):
+                changes[n, p] += whole[p, 2 + i] * solved[i, 0]
+        for p in range(2):
+            for q in range(2):
+                for i in range(4):
+                    places[n, p, q] -= whole[p, 2 + i] * solved[i, 1 + q]
+    return changes, places

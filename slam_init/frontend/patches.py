@@ -166,6 +166,8 @@ class Patches:
         * ``remainders``: Mean absolute difference that flow leaves, grey levels.
         * ``sought``: Of these tracks: those that are found already end at their pixels, without flow.
         """
+        from slam_init.frontend.patch_kernel import covariances_in_image
+
         sought = Sought.nowhere(len(pixels)) if sought is None else sought
         others = np.flatnonzero(~sought.found)
         sought = sought.with_others(others, self.seek(image, track_ids[others], pixels[others]))
@@ -178,20 +180,18 @@ class Patches:
         accepted &= (residuals <= _LITTLE) | (greys <= _AS_FLOW * _ROOT_OVER_MEAN * remainders[rows])
         self._failures[slots] = np.where(accepted, 0, self._failures[slots] + 1)
         rows, slots, ends, affine = rows[accepted], slots[accepted], ends[accepted], affine[accepted]
-        by_patch = _turns_of(affine)
         noise = _SCALE * np.maximum(greys[accepted], _ROUNDING)
-        covariances = by_patch @ self._inverses[slots, :6, :6] @ np.swapaxes(by_patch, 1, 2)
-        covariances *= (noise**2 + MISFIT_PX**2 * self._anisotropy[slots])[:, None, None]
+        variances = noise**2 + MISFIT_PX**2 * self._anisotropy[slots]
+        covariances = covariances_in_image(slots, self._inverses, affine, variances)
+        places = covariances[:, :2, :2].copy()
         for frame in np.unique(self._cut[slots]):
             cut = np.flatnonzero(self._cut[slots] == frame)
             if len(cut) >= _LEAST_PATCHES:
-                ends[cut], affine[cut], covariances[cut, :2, :2] = self._together(
-                    ends[cut], affine[cut], covariances[cut]
-                )
+                ends[cut], affine[cut], places[cut] = self._together(ends[cut], affine[cut], covariances[cut])
         self._affine[slots] = affine
         succeeded[rows], moved[rows] = True, ends
         A = affine.reshape(-1, 2, 2)
-        drifts[rows] = A @ self._drifts[slots] @ np.swapaxes(A, 1, 2) + covariances[:, :2, :2]
+        drifts[rows] = A @ self._drifts[slots] @ np.swapaxes(A, 1, 2) + places
         return Aligned(succeeded, moved, drifts)
 
     def follow(self, image: Floats32, track_ids: Ints, pixels: Floats, drifts: Floats) -> None:
@@ -219,17 +219,15 @@ class Patches:
 
     def _together(self, ends: Floats, affine: Floats, covariances: Floats) -> tuple[Floats, Floats, Floats]:
         """Places, affine maps and covariances of the places, given the distribution of the maps."""
+        from slam_init.frontend.patch_kernel import conditioned_on_maps
+
         variances = np.diagonal(covariances, axis1=1, axis2=2)[:, 2:]
         # The unknowns are the displacements at the border of a patch.
         means, scatter = distribution_of_maps(ends, self._radius * affine, variances)
         deviations = means - self._radius * affine
         here = np.all(np.abs(deviations) <= _ELSEWHERE_SIGMAS * np.sqrt(variances + scatter), axis=1)
-        by_map, of_map = covariances[:, :2, 2:], covariances[:, 2:, 2:]
-        weights = np.where(here, 1.0, 0.0)[:, None, None] * np.linalg.inv(of_map + np.diag(scatter))
-        gain = by_map @ weights
-        ends = ends + np.einsum("nij,nj->ni", gain, deviations)
-        affine = affine + np.einsum("nij,nj->ni", of_map @ weights, deviations) / self._radius
-        return ends, affine, covariances[:, :2, :2] - gain @ np.swapaxes(by_map, 1, 2)
+        changes, places = conditioned_on_maps(covariances, scatter, np.where(here[:, None], deviations, np.nan))
+        return ends + changes[:, :2], affine + changes[:, 2:] / self._radius, places
 
     def _slots_of(self, track_ids: Ints) -> tuple[Ints, Ints]:
         """Which tracks have a patch, and their slots."""
@@ -252,20 +250,6 @@ class Patches:
 def _extended(values: NDArray[Number], more: int) -> NDArray[Number]:
     """The values of all slots (S, ...), with zeros for some new ones."""
     return np.concatenate([values, np.zeros((more, *values.shape[1:]), values.dtype)])
-
-
-def _turns_of(affine: Floats) -> Floats:
-    """Maps (N, 6, 6) of the errors in the frame of a patch to those of its place and its affine map in the image.
-
-    A step of an alignment is that of the patch before its map: a displacement ``u`` moves the place by ``A u``, and a
-    change ``D`` of the map moves it by ``A D``.
-    """
-    A = affine.reshape(-1, 2, 2)
-    turns = np.zeros((len(A), 6, 6))
-    turns[:, :2, :2] = A
-    for k in (0, 1):  # by columns of the map
-        turns[:, 2 + k :: 2, 2 + k :: 2] = A
-    return turns
 
 
 def distribution_of_maps(places: Floats, maps: Floats, variances: Floats) -> tuple[Floats, Floats]:

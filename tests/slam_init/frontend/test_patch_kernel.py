@@ -1,0 +1,44 @@
+"""The compiled loops of the patches against the same in numpy."""
+
+import numpy as np
+
+from slam_init.frontend.patch_kernel import conditioned_on_maps, covariances_in_image
+
+
+def spd(rng, count, size):
+    roots = rng.normal(size=(count, size, size))
+    return roots @ np.swapaxes(roots, 1, 2) + 0.1 * np.eye(size)
+
+
+def test_covariances_turn_with_the_maps_of_the_patches():
+    """Place and columns of the map are vectors of the patch."""
+    rng = np.random.default_rng(0)
+    inverses, slots = spd(rng, 12, 8), np.array([3, 0, 11, 7, 3])
+    affine, variances = rng.normal(size=(5, 4)), rng.uniform(0.5, 2, 5)
+    A = affine.reshape(5, 2, 2)
+    turns = np.zeros((5, 6, 6))
+    for rows in ([0, 1], [2, 4], [3, 5]):
+        turns[:, np.array(rows)[:, None], rows] = A
+    expected = turns @ inverses[slots, :6, :6] @ np.swapaxes(turns, 1, 2) * variances[:, None, None]
+    np.testing.assert_allclose(covariances_in_image(slots, inverses, affine, variances), expected, rtol=1e-10)
+
+
+def test_places_are_conditional_means_given_the_distribution_of_the_maps():
+    rng = np.random.default_rng(1)
+    covariances, scatter = spd(rng, 6, 6), rng.uniform(0, 1, 4)
+    deviations = rng.normal(size=(6, 4))
+    gain = covariances[:, :, 2:] @ np.linalg.inv(covariances[:, 2:, 2:] + np.diag(scatter))
+    changes, places = conditioned_on_maps(covariances, scatter, deviations)
+    np.testing.assert_allclose(changes, np.einsum("npi,ni->np", gain, deviations), rtol=1e-8, atol=1e-10)
+    left = covariances[:, :2, :2] - gain[:, :2] @ covariances[:, 2:, :2]
+    np.testing.assert_allclose(places, left, rtol=1e-8, atol=1e-10)
+
+
+def test_a_patch_that_keeps_its_own_map_is_not_changed():
+    rng = np.random.default_rng(2)
+    covariances, deviations = spd(rng, 2, 6), rng.normal(size=(2, 4))
+    deviations[1] = np.nan
+    changes, places = conditioned_on_maps(covariances, np.ones(4), deviations)
+    assert changes[0].any()
+    assert not changes[1].any()
+    np.testing.assert_array_equal(places[1], covariances[1, :2, :2])
