@@ -195,22 +195,14 @@ def gradient_products(image: Image, pixels: Floats, window_px: int) -> Floats:
 
     Shapes: ``image`` (H, W), ``pixels`` (N, 2), returns (N, 2, 2).
     """
-    import cv2
+    from slam_init.frontend.gradient_kernel import sums_of_products
 
     radius = window_px // (2 * _STEP_PX)
-    side = 2 * radius + 1
     last = (np.array(image.shape) - 1) // _STEP_PX
-    row, column = np.clip(np.round(pixels[:, ::-1] / _STEP_PX).astype(int), 0, last).T
-    patches = []
-    for gradient in cv2.spatialGradient(image):
-        sampled = np.ascontiguousarray(gradient[::_STEP_PX, ::_STEP_PX])
-        padded = cv2.copyMakeBorder(sampled, radius, radius, radius, radius, cv2.BORDER_REFLECT_101)
-        around = np.lib.stride_tricks.sliding_window_view(padded, (side, side))[row, column]
-        patches.append(around.reshape(len(pixels), side**2).astype(np.int64))
-    dx, dy = patches
-    # Sums of integers are exact. OpenCV's gradients are eight times the slope.
-    sums = (np.einsum("ni,ni->n", *pair) for pair in ((dx, dx), (dx, dy), (dy, dy)))
-    xx, xy, yy = ((one / 64 * (1 / side**2)).astype(np.float32).astype(float) for one in sums)
+    centres = np.clip(np.round(pixels[:, ::-1] / _STEP_PX).astype(int), 0, last)
+    sums = sums_of_products(image, centres, radius, _STEP_PX)
+    # Gradients are eight times the slope.
+    xx, xy, yy = (sums.T / 64 * (1 / (2 * radius + 1) ** 2)).astype(np.float32).astype(float)
     return np.stack([np.stack([xx + _ROUNDING, xy], axis=1), np.stack([xy, yy + _ROUNDING], axis=1)], axis=1)
 
 
