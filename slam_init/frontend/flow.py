@@ -200,7 +200,8 @@ def gradient_products(image: Image, pixels: Floats, window_px: int) -> Floats:
     radius = window_px // (2 * _STEP_PX)
     last = (np.array(image.shape) - 1) // _STEP_PX
     centres = np.clip(np.round(pixels[:, ::-1] / _STEP_PX).astype(int), 0, last)
-    sums = sums_of_products(image, centres, radius, _STEP_PX)
+    # The loop is compiled for arrays like most images: of one piece, and not read-only.
+    sums = sums_of_products(np.require(image, requirements=["C", "W"]), centres, radius, _STEP_PX)
     # Gradients are eight times the slope.
     xx, xy, yy = (sums.T / 64 * (1 / (2 * radius + 1) ** 2)).astype(np.float32).astype(float)
     return np.stack([np.stack([xx + _ROUNDING, xy], axis=1), np.stack([xy, yy + _ROUNDING], axis=1)], axis=1)

@@ -45,6 +45,9 @@ def test_the_gradients_of_the_patches_are_those_of_a_filter_over_the_whole_image
     column, row = np.clip(np.round(pixels / 2).astype(int), 0, np.array(dx.shape[::-1]) - 1).T
     expected = np.array([[xx + 0.1, xy], [xy, yy + 0.1]])[:, :, row, column].transpose(2, 0, 1)
     np.testing.assert_array_equal(gradient_products(gray, pixels, window_px), expected)
+    rows_apart = np.repeat(gray, 2, axis=0)[::2]
+    rows_apart.flags.writeable = False
+    np.testing.assert_array_equal(gradient_products(rows_apart, pixels, window_px), expected)
 
 
 def test_the_errors_of_a_step_have_the_order_of_the_stated_deviations():
