@@ -5,14 +5,15 @@ sheared and scaled as well, and the best displacement is not that of its centre.
 times the distance of its corners from the centre, which is some pixels. It grows with the change of the view and not
 with time, as parallax does. On rendered images it reaches .2 to .4 px (median) within twenty frames, ten times the
 noise. So the patch of the frame in which a track began is aligned with each frame by an affine map, a mean and a
-contrast, from where flow ends. The median error stays at .03 to .05 px (hand-held: .11, where that of flow is .8).
+contrast, from where the track is expected or flow ends (:mod:`~slam_init.frontend.following`). The median error stays
+at .03 to .05 px (hand-held: .11, where that of flow is .8).
 
 One patch determines its affine map less precisely than all patches of a frame together do. The maps of the patches that
 were cut in one frame are a linear function of the place, as those of a plane are, and a deviation, whose variance is
 that of their scatter. Given this distribution, a displacement is a conditional mean. A patch whose map is far from the
 mean lies on another surface, and keeps its own map.
 
-An alignment is accepted where it ends near the flow and leaves little. Else the track goes on by flow, and drifts.
+An alignment is accepted where it ends near its start and leaves little. Else the track goes on by flow, and drifts.
 Where alignments fail for some frames (the view has changed, or the track lies on a border of two surfaces), the patch
 is cut anew.
 """
@@ -70,7 +71,7 @@ def smoothed(image: Image) -> Floats32:
 
 @dataclass(frozen=True, eq=False)
 class Sought:
-    """Patches of tracks that were aligned with an image: before their alignment is accepted."""
+    """Alignments of the patches of some tracks with an image, before they are accepted."""
 
     #: (N, 2) Where the alignments end.
     pixels: Floats
