@@ -29,9 +29,8 @@ _NEAR_PX = 5.0
 #: The other points are sought near their places where this share of the few are found near theirs: some few are lost,
 #: or lie on a body that moves otherwise.
 _NEAR_SHARE = 0.8
-#: An alignment that begins this close to the place, px, ends there: corners of half a pixel have no slope that leads to
-#: them from farther away. On four videos it ends elsewhere in 0 to 3 % from up to half a pixel, and in 0 to 14 % from
-#: half a pixel to one.
+#: An alignment that begins this close to the place, px, mostly ends there: on four videos 0 to 3 % of the tracks end
+#: elsewhere from up to half a pixel, and 1 to 14 % from half a pixel to one.
 _CLOSE_PX = 0.5
 #: Patches are sought where this share of the few are that close to where they are expected. Where more are elsewhere,
 #: many alignments begin too far away, and most tracks need the flow besides.

@@ -279,7 +279,7 @@ class Tracker:
     def _link_by_descriptors(
         self, index: int, gray: Image, smooth: Floats32, followed: Followed
     ) -> tuple[Ints, Floats, bool]:
-        """The same where the flow has lost most tracks: by the flow in the end where descriptors link fewer."""
+        """Link a frame in which the flow has lost most tracks: by descriptors, or by the flow where they link fewer."""
         assert self._last is not None
         assert self._last_gray is not None
         found, kept = followed.flow, followed.flow.kept
