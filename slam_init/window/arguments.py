@@ -64,6 +64,47 @@ class Scene(NamedTuple):
     inverse_distances: Floats
 
 
+class Unknowns(NamedTuple):
+    """A state, whose arrays receive the steps of a fit; which tracks are on the plane stays as it is."""
+
+    scene: Scene
+    #: (5,) Logarithm of the true focal length over the stated one, k1, readout in seconds, and principal point.
+    lens: Floats
+
+    @staticmethod
+    def empty(views: int, on_plane: Bools) -> Unknowns:
+        """Place for a number of views and for the tracks on the plane or off it (T,)."""
+        R, t, field, count = (
+            np.zeros((views, 3, 3)),
+            np.zeros((views, 3)),
+            np.zeros((views, FIELD_TERMS)),
+            len(on_plane),
+        )
+        return Unknowns(Scene(R, t, field, np.zeros(3), on_plane, np.zeros((count, 3)), np.zeros(count)), np.zeros(5))
+
+
+class Known(NamedTuple):
+    """What is known before the tracks are seen."""
+
+    #: (31,) See :func:`slam_init.window.projection.camera_vector`.
+    camera: Floats
+    #: Readout that the pixels are corrected for.
+    corrected_s: float
+    #: Whether all points are at infinity.
+    at_infinity: bool
+    #: (G,) One over the variance of each common unknown.
+    weights: Floats
+    #: (5,) What is expected of the lens, in the order of :attr:`Unknowns.lens`.
+    lens: Floats
+    #: turned, turned_weights: (V, 3, 3), (V,) Measured rotations of the views from the first one, and one over their
+    #: variances, rad^-2; 0 where nothing was measured.
+    turned: Floats
+    turned_weights: Floats
+    #: down, down_weights: (V, 3), (V,) Measured directions of gravity in the views, and one over their variances.
+    down: Floats
+    down_weights: Floats
+
+
 class Layout(NamedTuple):
     """The order of the common unknowns."""
 
@@ -113,6 +154,29 @@ class Equations(NamedTuple):
             np.zeros((size, size)), np.zeros(size), np.zeros((tracks if with_shares else 0, size)),
             np.zeros((tracks, 3, 4 + size)), np.zeros((tracks, 3, size + 1)),
         )  # fmt: skip
+
+
+class Work(NamedTuple):
+    """Place for the solution of the equations."""
+
+    #: (G, G) The upper half is factorized.
+    factor: Floats
+    #: (G,)
+    step: Floats
+
+    @staticmethod
+    def empty(size: int) -> Work:
+        """Place for G common unknowns."""
+        return Work(np.zeros((size, size)), np.zeros(size))
+
+
+class Limits(NamedTuple):
+    """Where a fit ends, see :func:`slam_init.window.joint_fit.fit_window`."""
+
+    max_steps: int
+    tolerance: float
+    hopeless: float
+    give_up: float
 
 
 class Fitted(NamedTuple):

@@ -18,7 +18,8 @@ from functools import cached_property
 import numpy as np
 
 from slam_init.types.arrays import Bools, Floats
-from slam_init.window.equations import OFF_PLANE_COST, WindowEquations, explained_at_most
+from slam_init.window.equations import WindowEquations, explained_at_most
+from slam_init.window.optimizer import OFF_PLANE_COST
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
 
@@ -28,13 +29,6 @@ MAX_STEPS = 12
 #: frame, so that a slow rest is no loss. It ends where a step gains less than a tenth of a nat. A camera that only
 #: rotates is a poor model of most windows, whose fit would not end; it is fitted anew before a map is accepted.
 LIVING_STEPS, LIVING_STEPS_OF_ROTATION, LIVING_TOLERANCE = 8, 2, 0.2
-#: Levenberg-Marquardt: first damping, the factor of a rejected step, and how often a step is tried.
-_DAMPING, _RAISE, _TRIES = 1e-4, 10.0, 6
-#: Robust costs converge linearly. A step that gains at least this share of what the step before gained is tried again
-#: at up to this multiple of its length, which costs a fifth of new equations.
-_SLOW, _LONGEST = 0.3, 6.0
-#: All steps to come together gain at most this many times what the last one gained: a ratio of 0.95.
-_STEPS_TO_COME = 20.0
 #: How often the tracks may leave the plane or return to it before the fit ends.
 _PLANE_ROUNDS = 2
 #: Rays follow a step of the lens linearly. A distortion that moves by 0.1 leaves the rays of a wide image by several
@@ -233,38 +227,7 @@ def _optimized(
     equations: WindowEquations, state: WindowState, max_steps: int, tolerance: float, hopeless: float, give_up: float
 ) -> JointFit:
     """Levenberg-Marquardt from a state."""
-    cost = equations.build(state) if max_steps else equations.cost(state)
-    # The state that the costs of the tracks in the equations belong to.
-    weighed = state
-    damping, steps, fell, given_up = _DAMPING, 0, math.inf, False
-    while steps < max_steps:
-        if steps:
-            equations.build(state)
-        normal, gradient = equations.information(state), equations.gradient.copy()
-        diagonal = np.maximum(np.diag(normal), 1e-6)
-        for _ in range(_TRIES):
-            step = np.asarray(-np.linalg.solve(normal + damping * np.diag(diagonal), gradient), np.float64)
-            weighed = moved = equations.moved(state, step)
-            lower = equations.cost(moved)
-            if lower < cost:
-                break
-            damping *= _RAISE
-        else:
-            break
-        steps += 1
-        ratio, fell = (cost - lower) / fell, cost - lower
-        if _SLOW < ratio < 1:
-            # Where each step gains this share of the one before, the sum of all steps is so much longer (Aitken).
-            weighed = further = equations.moved(state, step, min(1 / (1 - ratio), _LONGEST))
-            lowest = equations.cost(further)
-            if lowest < lower:
-                moved, lower = further, lowest
-        state, cost, damping = moved, lower, max(damping / _RAISE, 1e-9)
-        given_up = cost - _STEPS_TO_COME * fell > hopeless or cost > give_up
-        if fell < tolerance or given_up:
-            break
-    if weighed is not state:
-        equations.cost(state)
+    state, cost, steps, given_up = equations.optimized(state, max_steps, tolerance, hopeless, give_up)
     return JointFit(
         equations.tracks,
         equations.priors,

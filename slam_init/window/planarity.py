@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from slam_init.types.arrays import Floats
-from slam_init.window.equations import OFF_PLANE_COST
 from slam_init.window.joint_fit import costs_off_plane, information_of_relief
 from slam_init.window.levels import (
     LARGEST_GAIN,
@@ -23,6 +22,7 @@ from slam_init.window.levels import (
     TOLD_SIGMAS,
 )
 from slam_init.window.motion import FittedMotion, fit_motion
+from slam_init.window.optimizer import OFF_PLANE_COST
 from slam_init.window.state import Priors
 from slam_init.window.tracks import WindowTracks
 

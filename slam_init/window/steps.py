@@ -6,7 +6,9 @@ import numpy as np
 
 from quest.robust.kernels.small_algebra import tangents, turn
 from slam_init.types.arrays import Bools, Floats
+from slam_init.window.arguments import Equations, Known, Layout, Scene, Unknowns
 from slam_init.window.compiler import compiled
+from slam_init.window.prior_equations import place_in_lens
 from slam_init.window.projection import project_point
 
 #: A change of the lens that moves the pixels of a ray to first order by less than a hundredth.
@@ -42,70 +44,87 @@ def _through_lens(
 
 
 @compiled
-def step_tracks(
-    back: Floats,
-    coupled: Floats,
+def move(
+    before: Unknowns,
+    step: Floats,
     length: float,
-    rays: Floats,
-    rho: Floats,
+    known: Known,
+    layout: Layout,
+    equations: Equations,
     free: Bools,
-    on_plane: Bools,
-    camera: Floats,
-    lens: Floats,
-    by_lens: Floats,
-) -> tuple[Floats, Floats]:
-    """How the rays and inverse distances of the tracks follow a step of the common unknowns.
+    after: Unknowns,
+) -> None:
+    """The state after a step of the common unknowns, which the tracks follow by the last equations.
+
+    Shapes: ``step`` (G,), ``free`` (T,).
+
+    * ``free``: The inverse distance of a track is an unknown where it is free and not on the plane.
+    """
+    _move_views(before.scene, step, length, layout, after.scene)
+    for q in range(3 if len(step) > layout.plane else 0):
+        after.scene.plane[q] = before.scene.plane[q] + length * step[layout.plane + q]
+    after.lens[:] = before.lens
+    for q in range(layout.lens):
+        after.lens[place_in_lens(layout, q)] += length * step[layout.focal + q]
+    move_tracks(before, step, length, known, layout, equations.back, free, after.scene)
+
+
+@compiled
+def move_tracks(
+    before: Unknowns,
+    step: Floats,
+    length: float,
+    known: Known,
+    layout: Layout,
+    back: Floats,
+    free: Bools,
+    after: Scene,
+) -> None:
+    """How the rays and inverse distances of the tracks follow a step of the common unknowns; see :func:`move`.
 
     A pixel of the anchor is measured, and its ray follows the lens. To first order it would leave its pixel by the
     square of the step: by several pixels where the distortion moves by a tenth. So the pixel moves to first order, and
     the ray is that of the pixel through the new lens.
 
-    Shapes: ``back`` (T, 3, 4 + G), ``coupled`` (T, 3), ``rays`` (T, 3), ``rho`` (T,), ``free, on_plane`` (T,),
-    ``camera`` (31,), ``lens, by_lens`` (2,), returns ``rays, rho`` (T, 3).
-
-    * ``coupled``: Product of the coupling and the step of the common unknowns: ``back[:, :, 4:] @ step``.
-    * ``free, on_plane``: The inverse distance of a track is an unknown where it is free and not on the plane.
-    * ``lens, by_lens``: Logarithm of the focal scale and k1, before the step, and their steps at length 1.
+    Shapes: ``step`` (G,), ``back`` (T, 3, 4 + G), ``free`` (T,).
     """
-    moved, lengths = np.empty_like(rays), np.empty_like(rho)
-    bends = length * max(abs(by_lens[0]), abs(by_lens[1])) > _LEAST_CHANGE
+    rays, rho, on_plane = before.scene.rays, before.scene.inverse_distances, before.scene.on_plane
+    stretched, bent = length * step[layout.focal], length * step[layout.focal + 1]
+    bends = max(abs(stretched), abs(bent)) > _LEAST_CHANGE
     for i in range(len(rays)):
-        own = back[i]
-        g0, g1, g2 = own[0, 0] + coupled[i, 0], own[1, 0] + coupled[i, 1], own[2, 0] + coupled[i, 2]
-        first = -length * (own[0, 1] * g0 + own[0, 2] * g1 + own[0, 3] * g2)
-        second = -length * (own[1, 1] * g0 + own[1, 2] * g1 + own[1, 3] * g2)
-        farther = -length * (own[2, 1] * g0 + own[2, 2] * g1 + own[2, 3] * g2)
+        g0, g1, g2 = back[i, 0, 0], back[i, 1, 0], back[i, 2, 0]
+        for q in range(len(step)):
+            g0, g1, g2 = (
+                g0 + back[i, 0, 4 + q] * step[q],
+                g1 + back[i, 1, 4 + q] * step[q],
+                g2 + back[i, 2, 4 + q] * step[q],
+            )
+        first = -length * (back[i, 0, 1] * g0 + back[i, 0, 2] * g1 + back[i, 0, 3] * g2)
+        second = -length * (back[i, 1, 1] * g0 + back[i, 1, 2] * g1 + back[i, 1, 3] * g2)
+        farther = -length * (back[i, 2, 1] * g0 + back[i, 2, 2] * g1 + back[i, 2, 3] * g2)
         x0, x1, x2, y0, y1, y2 = tangents(rays[i])
         r0 = rays[i, 0] + first * x0 + second * y0
         r1 = rays[i, 1] + first * x1 + second * y1
         r2 = rays[i, 2] + first * x2 + second * y2
         if bends:
-            r0, r1, r2 = _through_lens(camera, lens, length * by_lens[0], length * by_lens[1], rays[i], r0, r1, r2)
+            r0, r1, r2 = _through_lens(known.camera, before.lens, stretched, bent, rays[i], r0, r1, r2)
         norm = max(np.sqrt(r0 * r0 + r1 * r1 + r2 * r2), 1e-300)
-        moved[i, 0], moved[i, 1], moved[i, 2] = r0 / norm, r1 / norm, r2 / norm
-        lengths[i] = max(rho[i] + farther, 0.0) if free[i] and not on_plane[i] else max(rho[i], 0.0)
-    return moved, lengths
+        after.rays[i, 0], after.rays[i, 1], after.rays[i, 2] = r0 / norm, r1 / norm, r2 / norm
+        farther = farther if free[i] and not on_plane[i] else 0.0
+        after.inverse_distances[i] = max(rho[i] + farther, 0.0)
 
 
 @compiled
-def step_poses(
-    step: Floats, length: float, field_size: int, R: Floats, t: Floats, field: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """The poses and the error fields after a step of the common unknowns.
-
-    Shapes: ``step`` (G,), ``R, t`` (V, 3, 3), ``field`` (V, F), returns ``R, t, field`` (V, 3, 3).
-
-    * ``field_size``: Coefficients of the error field of a view that are unknowns; 0 for none.
-    """
-    turned, moved, bent = R.copy(), t.copy(), field.copy()
+def _move_views(before: Scene, step: Floats, length: float, layout: Layout, after: Scene) -> None:
+    """The poses and the error fields after a step of the common unknowns."""
+    after.R[:], after.t[:], after.field[:] = before.R, before.t, before.field
     place = 0
-    for k in range(len(R)):
+    for k in range(len(before.R)):
         if k > 0:
-            turn(turned[k], length * step[place], length * step[place + 1], length * step[place + 2])
+            turn(after.R[k], length * step[place], length * step[place + 1], length * step[place + 2])
             for q in range(3):
-                moved[k, q] += length * step[place + 3 + q]
+                after.t[k, q] += length * step[place + 3 + q]
             place += 6
-        for q in range(field_size):
-            bent[k, q] += length * step[place + q]
-        place += field_size
-    return turned, moved, bent
+        for q in range(layout.field):
+            after.field[k, q] += length * step[place + q]
+        place += layout.field

@@ -101,7 +101,8 @@ class WindowTracks:
 
     def __post_init__(self) -> None:
         # The loops are compiled for each layout of an array: some seconds, where a choice of tracks transposes one.
-        for name in ("pixels", "seen", "rays", "anchor", "sigma_px", "whitening", "places", "sweep_px_s"):
+        turned = ("turned", "turned_weights", "down", "down_weights")
+        for name in ("pixels", "seen", "rays", "anchor", "sigma_px", "whitening", "places", "sweep_px_s", *turned):
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name)))
 
     @staticmethod

@@ -18,9 +18,9 @@ from slam_init.initializer import Initializer
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.pose import Pose
-from slam_init.window.arguments import FIELD_TERMS, Fitted, Layout, Sums
+from slam_init.window.arguments import FIELD_TERMS, Fitted, Layout, Lens, Sums
 from slam_init.window.arguments import Equations as Arrays
-from slam_init.window.equations import lens_of, observed_by, scene_of
+from slam_init.window.equations import observed_by, unknowns_of
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
 from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
 from slam_init.window.kernels import accumulate
@@ -233,8 +233,11 @@ def equations(
         array[:] = np.nan  # all that is read must have been written
     if free is not None:
         fitted.free[:] = free
-    lens = lens_of(tracks, state, camera_vector(tracks.camera))
-    cost = accumulate(observed_by(tracks, gate), lens, scene_of(state), layout, arrays, fitted, sums, True, False)
+    lens = Lens(
+        camera_vector(tracks.camera), state.log_scale, state.k1, state.readout_s - tracks.readout_s, state.principal_px
+    )
+    scene = unknowns_of(state).scene
+    cost = accumulate(observed_by(tracks, gate), lens, scene, layout, arrays, fitted, sums, True, False)
     eliminate(arrays.normal, arrays.gradient, arrays.halves)
     squares = np.sum(fitted.residuals**2, axis=2)
     return Equations(cost, fitted.costs, squares, *arrays[:4])

@@ -8,9 +8,10 @@ from make_map import CAMERAS
 from make_window import cost_at, equations, make_window, moved
 from window_reference import reference_equations
 
+from slam_init.window.arguments import Known, Layout, Unknowns
 from slam_init.window.equations import tangent_bases
 from slam_init.window.projection import camera_vector, project_point
-from slam_init.window.steps import step_tracks
+from slam_init.window.steps import move_tracks
 from slam_init.window.track_equations import eliminate
 from slam_init.window.tracks import Readout
 
@@ -221,10 +222,29 @@ def test_the_images_do_not_tell_the_scale(kind):
     assert cost_at(tracks, larger, GATE) == pytest.approx(cost_at(tracks, state, GATE), rel=1e-9)
 
 
+#: Focal length and k1 among the unknowns of :func:`tracks_after`.
+LENS = slice(12, 14)
+
+
+def tracks_after(rays, rho, free, on_plane, back, step, length=1.0, *, camera="radtan", lens=(0.0, 0.0)):
+    """The rays and the inverse distances of tracks after a step of three views, a lens and a plane."""
+    layout = Layout.of(3, field=False, readout=False, principal=False)
+    assert (layout.focal, layout.plane + 3) == (LENS.start, len(step))
+    before = Unknowns.empty(3, on_plane)
+    before.scene.rays[:], before.scene.inverse_distances[:], before.lens[:2] = rays, rho, lens
+    none = np.zeros(3)
+    turned = (np.zeros((3, 3, 3)), none, np.zeros((3, 3)), none)
+    known = Known(camera_vector(CAMERAS[camera]), 0.0, False, np.zeros(len(step)), np.zeros(5), *turned)
+    after = Unknowns.empty(3, on_plane).scene
+    move_tracks(before, step, length, known, layout, back, free, after)
+    return after.rays, after.inverse_distances
+
+
 def test_tracks_follow_a_step_as_the_readable_formula_says():
     rng = np.random.default_rng(3)
     count, size, length = 40, 17, 1.7
     back, step = rng.normal(size=(count, 3, 4 + size)), 0.1 * rng.normal(size=size)
+    step[LENS] = 0
     rays = rng.normal(size=(count, 3))
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     rho, free = np.abs(rng.normal(size=count)) * rng.integers(0, 2, count), rng.random(count) < 0.7
@@ -234,10 +254,7 @@ def test_tracks_follow_a_step_as_the_readable_formula_says():
     expected = rays + first * local[:, :1] + second * local[:, 1:2]
     expected /= np.linalg.norm(expected, axis=1, keepdims=True)
     on_plane = rng.random(count) < 0.3
-    camera = camera_vector(CAMERAS["radtan"])
-    moved, lengths = step_tracks(
-        back, back[:, :, 4:] @ step, length, rays, rho, free, on_plane, camera, np.zeros(2), np.zeros(2)
-    )
+    moved, lengths = tracks_after(rays, rho, free, on_plane, back, step, length)
     np.testing.assert_allclose(moved, expected, atol=1e-12)
     np.testing.assert_allclose(lengths, np.maximum(rho + np.where(free & ~on_plane, local[:, 2], 0.0), 0.0), atol=1e-12)
 
@@ -248,8 +265,10 @@ def test_the_pixel_of_a_ray_follows_a_large_step_of_the_lens_to_first_order(mode
     camera, lens, by_lens = camera_vector(CAMERAS[model]), np.array([0.02, -0.01]), np.array(by_lens)
     rays = np.array([[0.0, 0.0, 1.0], [0.1, -0.05, 1.0], [0.4, 0.3, 1.0], [-0.3, 0.2, 1.0]])
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    none, still, no = np.zeros((4, 3, 4)), np.zeros((4, 3)), np.zeros(4, bool)
-    moved, _ = step_tracks(none, still, 1.0, rays, np.zeros(4), no, no, camera, lens, by_lens)
+    step = np.zeros(17)
+    step[LENS] = by_lens
+    no = np.zeros(4, bool)
+    moved, _ = tracks_after(rays, np.zeros(4), no, no, np.zeros((4, 3, 21)), step, camera=model, lens=lens)
     for before, after in zip(rays, moved, strict=True):
         _, x, y, *_, x_k1, y_k1 = project_point(camera, np.exp(lens[0]), lens[1], *before)
         expected = (
@@ -261,9 +280,7 @@ def test_the_pixel_of_a_ray_follows_a_large_step_of_the_lens_to_first_order(mode
 
 
 def test_a_ray_that_the_lens_does_not_see_takes_its_step():
-    camera, behind = camera_vector(CAMERAS["radtan"]), np.array([[0.0, 0.6, -0.8]])
-    back, no = np.zeros((1, 3, 4)), np.zeros(1, bool)
-    moved, _ = step_tracks(
-        back, np.zeros((1, 3)), 1.0, behind, np.zeros(1), no, no, camera, np.zeros(2), np.array([0.1, 0.1])
-    )
+    behind, no, step = np.array([[0.0, 0.6, -0.8]]), np.zeros(1, bool), np.zeros(17)
+    step[LENS] = 0.1
+    moved, _ = tracks_after(behind, np.zeros(1), no, no, np.zeros((1, 3, 21)), step)
     np.testing.assert_allclose(moved, behind)

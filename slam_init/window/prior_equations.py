@@ -1,0 +1,87 @@
+"""The compiled equations of what is known before the tracks are seen: the lens, error fields, rotations, gravity."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from quest.robust.kernels.compiler import inlined
+from slam_init.types.arrays import Floats
+from slam_init.window.arguments import Equations, Known, Layout, Unknowns
+from slam_init.window.compiler import compiled
+from slam_init.window.vectors import Vector, cross, dot, to_view, vector_of
+
+#: Degrees of freedom of Student's distribution of measured gravity: an accelerometer that is not at rest, or a mount
+#: that is not known, is off by many deviations.
+#: Class: assumption.
+_GRAVITY_TAIL = 3.0
+
+
+@compiled
+def add_priors(known: Known, unknowns: Unknowns, layout: Layout, equations: Equations, fill: bool) -> float:
+    """Cost of the distance of a state from what is expected; with ``fill`` it joins the equations."""
+    cost, field = 0.0, unknowns.scene.field
+    for q in range(layout.lens):
+        place = place_in_lens(layout, q)
+        pull = unknowns.lens[place] - known.lens[place]
+        cost += _pulled(layout.focal + q, pull, known, equations, fill)
+    for k in range(len(field)):
+        first = layout.block * k if k else 0
+        for q in range(layout.field):
+            cost += _pulled(first + q, field[k, q], known, equations, fill)
+    return cost + add_measured_rotations(known, unknowns, layout, equations, fill)
+
+
+@compiled
+def add_measured_rotations(known: Known, unknowns: Unknowns, layout: Layout, equations: Equations, fill: bool) -> float:
+    """The part of rotations and directions of gravity that were measured; see :func:`add_priors`."""
+    cost, R, normal, gradient = 0.0, unknowns.scene.R, equations.normal, equations.gradient
+    for k in range(1, len(R)):
+        at = layout.field + layout.block * (k - 1)
+        if known.turned_weights[k] > 0.0:
+            pull = turn_between(R, known.turned, k)
+            cost += _pulled(at, pull[0], known, equations, fill)
+            cost += _pulled(at + 1, pull[1], known, equations, fill)
+            cost += _pulled(at + 2, pull[2], known, equations, fill)
+        if known.down_weights[k] > 0.0:
+            # A view that is turned about gravity sees it as before: two of three angles are measured. A measurement may
+            # be wrong, so that its weight falls with the angle that it is off by.
+            seen = to_view(R, k, vector_of(known.down, 0))
+            off = cross(vector_of(known.down, k), seen)
+            square = known.down_weights[k] * dot(off, off)
+            cost += (_GRAVITY_TAIL + 2.0) * np.log1p(square / _GRAVITY_TAIL)
+            weight = known.down_weights[k] * (_GRAVITY_TAIL + 2.0) / (_GRAVITY_TAIL + square)
+            for p in range(3 if fill else 0):
+                gradient[at + p] += weight * off[p]
+                normal[at + p, at + p] += weight
+                for q in range(3):
+                    normal[at + p, at + q] -= weight * seen[p] * seen[q]
+    return cost
+
+
+@inlined
+def place_in_lens(layout: Layout, q: int) -> int:
+    """The place in :attr:`Unknowns.lens` of unknown q of the lens."""
+    return q if q < 2 or layout.readout else q + 1
+
+
+@inlined
+def _pulled(column: int, pull: float, known: Known, equations: Equations, fill: bool) -> float:
+    """The cost of an unknown that is off by ``pull`` from what is expected of it."""
+    weight = known.weights[column]
+    if fill:
+        equations.gradient[column] += weight * pull
+        equations.normal[column, column] += weight
+    return weight * pull * pull
+
+
+@inlined
+def turn_between(R: Floats, turned: Floats, k: int) -> Vector:
+    """The rotation vector from a measured rotation to that of view k: the logarithm of ``R_k turned_k^T``."""
+    x = to_view(R, k, (turned[k, 0, 0], turned[k, 0, 1], turned[k, 0, 2]))
+    y = to_view(R, k, (turned[k, 1, 0], turned[k, 1, 1], turned[k, 1, 2]))
+    z = to_view(R, k, (turned[k, 2, 0], turned[k, 2, 1], turned[k, 2, 2]))
+    axis = (0.5 * (y[2] - z[1]), 0.5 * (z[0] - x[2]), 0.5 * (x[1] - y[0]))
+    sine = np.sqrt(dot(axis, axis))
+    angle = np.arctan2(sine, 0.5 * (x[0] + y[1] + z[2] - 1.0))
+    factor = angle / sine if sine > 1e-12 else 1.0
+    return factor * axis[0], factor * axis[1], factor * axis[2]
