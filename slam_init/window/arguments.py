@@ -114,6 +114,8 @@ class Layout(NamedTuple):
     readout: int
     principal: int
 
+    #: Unknowns of a pose: rotation vector and translation, or the rotation alone.
+    pose: int
     #: Unknowns of a view: pose, then field. View 0 has a field and no pose.
     block: int
     #: Place of the focal length, and number of unknowns of the lens.
@@ -123,12 +125,12 @@ class Layout(NamedTuple):
     plane: int
 
     @staticmethod
-    def of(views: int, *, field: bool, readout: bool, principal: bool) -> Layout:
-        """The order for a number of views and for what is unknown."""
-        field_size = FIELD_TERMS * field
-        block = 6 + field_size
+    def of(views: int, *, field: bool, readout: bool, principal: bool, rotation_only: bool = False) -> Layout:
+        """The order for a number of views and for what is unknown; points at infinity tell no translation."""
+        field_size, pose = FIELD_TERMS * field, 3 if rotation_only else 6
+        block = pose + field_size
         focal, lens = block * (views - 1) + field_size, 2 + readout + 2 * principal
-        return Layout(field_size, int(readout), 2 * principal, block, focal, lens, focal + lens)
+        return Layout(field_size, int(readout), 2 * principal, pose, block, focal, lens, focal + lens)
 
 
 class Equations(NamedTuple):

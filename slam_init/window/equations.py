@@ -77,7 +77,7 @@ class WindowEquations:
         views, count = tracks.seen.shape
         self._layout = layout = Layout.of(
             views, field=priors.field_sigma_px > 0, readout=priors.readout_sigma_s > 0,
-            principal=priors.principal_sigma_px > 0,
+            principal=priors.principal_sigma_px > 0, rotation_only=rotation_only,
         )  # fmt: skip
         self.focal = layout.focal
         self._observed = observed_by(tracks, priors.gate_sigmas)
@@ -114,7 +114,8 @@ class WindowEquations:
 
         * Returns: The last state, its cost, the number of steps, and whether the fit was given up.
         """
-        states = self._place(state), self._place(state), self._place(state)
+        size = len(state.R), state.on_plane
+        states = self._place(state), Unknowns.empty(*size), Unknowns.empty(*size)
         limits = Limits(max_steps, float(tolerance), float(hopeless), float(give_up))
         at, cost, steps, given_up = optimize(
             self._observed, self._known, self._layout, self.held_view, limits, states, self._equations, self._fitted,
@@ -202,7 +203,7 @@ class WindowEquations:
         return np.arange(first, first + self._layout.principal)
 
     def _field_columns(self, view: int) -> Ints:
-        first = self._layout.field + self._layout.block * (view - 1) + 6 if view else 0
+        first = self._layout.field + self._layout.block * (view - 1) + self._layout.pose if view else 0
         return np.arange(first, first + self._layout.field)
 
 

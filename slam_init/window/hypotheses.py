@@ -165,13 +165,9 @@ class WindowHypotheses:
         * Returns ``log_scale``: Logarithm of the focal length over that of the lens in use; 0 where no track tells it.
         * Returns ``sigma``: Its standard deviation; infinite where the tracks do not tell it.
         """
-        views = len(self.tracks.frames)
-        focal = 6 * (views - 1)
-        after = range(focal, len(self.rotation_only.information))
-        unknowns = [*(6 * k + axis for k in range(views - 1) for axis in range(3)), *after]
+        information, focal = self.rotation_only.information, 3 * (len(self.tracks.frames) - 1)
         # Nothing is known of a view whose observations are all outliers.
-        information = self.rotation_only.information[np.ix_(unknowns, unknowns)] + 1e-9 * np.eye(len(unknowns))
-        known = 1 / float(np.linalg.inv(information)[-len(after), -len(after)])
+        known = 1 / float(np.linalg.inv(information + 1e-9 * np.eye(len(information)))[focal, focal])
         priors = self.rotation_priors
         by_tracks = known - 1 / priors.focal_sigma**2
         if by_tracks <= 1e-6 * known:

@@ -277,8 +277,8 @@ def _reassigned(equations: WindowEquations, state: WindowState) -> WindowState:
 def _measured_again(equations: WindowEquations, fit: JointFit, *, rotation_only: bool) -> WindowState | None:
     """The state of a fit with the rays as measured by its lens, for tracks that cost less so; None if none does."""
     state, before = fit.state, fit.track_costs
-    measured = _measured(equations.tracks, state)
-    inverse = np.zeros(len(before)) if rotation_only else measured.inverse_distances
+    measured = _measured(equations.tracks, state, at_infinity=rotation_only)
+    inverse = measured.inverse_distances
     equations.cost(replace(state, rays=measured.rays, inverse_distances=inverse))
     better = equations.costs < before
     if not better.any():
@@ -287,11 +287,11 @@ def _measured_again(equations: WindowEquations, fit: JointFit, *, rotation_only:
     return replace(state, rays=rays, inverse_distances=np.where(better, inverse, state.inverse_distances))
 
 
-def _measured(tracks: WindowTracks, state: WindowState) -> WindowState:
+def _measured(tracks: WindowTracks, state: WindowState, *, at_infinity: bool = False) -> WindowState:
     """The same poses and camera, with the rays as measured and a distance for each."""
     return start_at(
         tracks, state.R, state.t, log_scale=state.log_scale, k1=state.k1, readout_s=state.readout_s,
-        principal_px=state.principal_px,
+        principal_px=state.principal_px, at_infinity=at_infinity,
     )  # fmt: skip
 
 

@@ -131,11 +131,11 @@ def evaluate(
 
 @compiled
 def hold_length(normal: Floats, t: Floats, view: int, layout: Layout) -> None:
-    """Hold the length of the baseline of a view, if it is not the first one: images do not tell the scale.
+    """Hold the length of the baseline of a view, where there are baselines: images do not tell the scale.
 
     Shapes: ``normal`` (G, G), ``t`` (V, 3).
     """
-    if view == 0:
+    if view == 0 or layout.pose == 3:
         return
     at, along = layout.field + layout.block * (view - 1) + 3, t[view]
     stiffness = max(1.0, normal[at, at] + normal[at + 1, at + 1] + normal[at + 2, at + 2])

@@ -70,6 +70,8 @@ def add_pose(track: Track, row: Row, pairs: PairSums, sums: TrackSums) -> None:
     out[a, k, 3] += x[2]
     out[a, k, 4] += y[2]
     out[a, k, 5] += z[2]
+    if r == 0.0:  # a point at infinity tells no translation
+        return
     out[a, k, 6] += r * n0[0]
     out[a, k, 7] += r * n1[0]
     out[a, k, 8] += r * n2[0]
@@ -162,7 +164,7 @@ def _add_view(
 ) -> None:
     """Add the products of the pose of view k with itself, with the lens, and with the plane."""
     at, lens, Q, half = layout.field + layout.block * (k - 1), pairs.lens, turned.Q, turned.half
-    for p in range(6):
+    for p in range(layout.pose):
         of = 3 * (p // 3)
         for q in range(layout.lens):
             z = Q[p, of] * lens[a, k, q, of] + Q[p, of + 1] * lens[a, k, q, of + 1]
@@ -182,8 +184,8 @@ def _add_anchor(
     """Add the products of the pose of anchor a with that of view k, with itself, with the lens, and with the plane."""
     at_a, at_k = layout.field + layout.block * (a - 1), layout.field + layout.block * (k - 1)
     plane = pairs.plane
-    for p in range(6):
-        for q in range(6):
+    for p in range(layout.pose):
+        for q in range(layout.pose):
             normal[at_k + p, at_a + q] -= turned.half[p, q]
             normal[at_a + p, at_a + q] += turned.own[p, q]
         for q in range(layout.lens):

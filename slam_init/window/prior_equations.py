@@ -25,9 +25,8 @@ def add_priors(known: Known, unknowns: Unknowns, layout: Layout, equations: Equa
         pull = unknowns.lens[place] - known.lens[place]
         cost += _pulled(layout.focal + q, pull, known, equations, fill)
     for k in range(len(field)):
-        first = layout.block * k if k else 0
         for q in range(layout.field):
-            cost += _pulled(first + q, field[k, q], known, equations, fill)
+            cost += _pulled(layout.block * k + q, field[k, q], known, equations, fill)
     return cost + add_measured_rotations(known, unknowns, layout, equations, fill)
 
 
@@ -71,7 +70,7 @@ def _pulled(column: int, pull: float, known: Known, equations: Equations, fill: 
     if fill:
         equations.gradient[column] += weight * pull
         equations.normal[column, column] += weight
-    return weight * pull * pull
+    return float(weight * pull * pull)
 
 
 @inlined

@@ -75,7 +75,7 @@ def add_field(
     """
     i, n, k, a, half = track.i, row.n, row.k, track.anchor, FIELD_TERMS // 2
     focal, normal, records, places, by = layout.focal, equations.normal, observed.records, observed.places, sums.by
-    first = FIELD_TERMS + layout.block * (k - 1) + 6 if k > 0 else 0
+    first = FIELD_TERMS + layout.block * (k - 1) + layout.pose if k > 0 else 0
     at_a = FIELD_TERMS + layout.block * (a - 1)
     (x0, x1, x2), (y0, y1, y2) = row.l0, row.l1
     for p in range(FIELD_TERMS):
@@ -96,12 +96,12 @@ def add_field(
         depth = g0 * row.s0 + g1 * row.s1
         turned = by_pose(joint(row.c, row.d, g0, g1), track.v, track.rho)
         if a > 0:
-            for q in range(6):
+            for q in range(layout.pose):
                 by_anchor = -turned[q] + (depth * by[6 + q] if track.flat else 0.0)
                 normal[first + p, at_a + q] += by_anchor
         for q in range(3 if track.flat else 0):
             normal[layout.plane + q, first + p] += depth * by[q]
-        for q in range(6 if k > 0 else 0):
+        for q in range(layout.pose if k > 0 else 0):
             of, at = 3 * (q // 3), 3 * (q % 3)
             by_view = turn[a, k, at] * turned[of] + turn[a, k, at + 1] * turned[of + 1]
-            normal[first + p, first - 6 + q] += by_view + turn[a, k, at + 2] * turned[of + 2]
+            normal[first + p, first - layout.pose + q] += by_view + turn[a, k, at + 2] * turned[of + 2]

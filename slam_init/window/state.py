@@ -89,15 +89,17 @@ def start_at(
 
     Shapes: ``R, t`` (V, 3, 3), ``plane`` (3,), ``principal_px`` (2,).
     """
-    anchor = np.maximum(tracks.anchor, 0)
+    anchor, count = tracks.anchor, len(tracks.anchor)
     principal_px = np.zeros(2) if principal_px is None else principal_px
-    bearings = tracks.bearings(log_scale, readout_s, k1, principal_px)
-    rays = bearings[anchor, np.arange(len(anchor))]
-    rays = np.where(np.isfinite(rays), rays, tracks.rays)
-    inverse = np.zeros(len(rays))
-    if not at_infinity:
-        inverse = triangulated(R, t, bearings, tracks.seen, tracks.anchor, rays)
-    fields, on_plane = np.zeros((len(R), FIELD_TERMS)), np.full(len(anchor), plane is not None)
+    if at_infinity:
+        rays, inverse = tracks.anchor_rays(log_scale, readout_s, k1, principal_px), np.zeros(count)
+        rays = np.where(np.isfinite(rays), rays, tracks.rays)
+    else:
+        bearings = tracks.bearings(log_scale, readout_s, k1, principal_px)
+        rays = bearings[np.maximum(anchor, 0), np.arange(count)]
+        rays = np.where(np.isfinite(rays), rays, tracks.rays)
+        inverse = triangulated(R, t, bearings, tracks.seen, anchor, rays)
+    fields, on_plane = np.zeros((len(R), FIELD_TERMS)), np.full(count, plane is not None)
     return WindowState(
         R.copy(), t.copy(), rays, inverse, log_scale, fields, plane, on_plane, readout_s, k1, principal_px
     )

@@ -122,9 +122,9 @@ def _move_views(before: Scene, step: Floats, length: float, layout: Layout, afte
     for k in range(len(before.R)):
         if k > 0:
             turn(after.R[k], length * step[place], length * step[place + 1], length * step[place + 2])
-            for q in range(3):
+            for q in range(layout.pose - 3):
                 after.t[k, q] += length * step[place + 3 + q]
-            place += 6
+            place += layout.pose
         for q in range(layout.field):
             after.field[k, q] += length * step[place + q]
         place += layout.field

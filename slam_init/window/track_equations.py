@@ -109,6 +109,8 @@ def couple_view(track: Track, row: Row, z: Vector, layout: Layout, equations: Eq
     _couple(at, first[0], second[0], track.i, row, equations.back, sums.share)
     _couple(at + 1, first[1], second[1], track.i, row, equations.back, sums.share)
     _couple(at + 2, first[2], second[2], track.i, row, equations.back, sums.share)
+    if layout.pose == 3:
+        return
     _couple(at + 3, first[3], second[3], track.i, row, equations.back, sums.share)
     _couple(at + 4, first[4], second[4], track.i, row, equations.back, sums.share)
     _couple(at + 5, first[5], second[5], track.i, row, equations.back, sums.share)
@@ -139,11 +141,11 @@ def couple_anchor(track: Track, layout: Layout, equations: Equations, sums: Trac
     """
     at, flat, by = layout.field + layout.block * (track.anchor - 1), track.flat, sums.by
     turned = by_pose((sums.pulls[0], sums.pulls[1], sums.pulls[2]), track.v, track.rho)
-    for q in range(6):
+    for q in range(layout.pose):
         sums.share[at + q] = -turned[q] + (sums.depth[0] * by[6 + q] if flat else 0.0)
     for p in range(3):
         turned = by_pose(vector_of(sums.coupled, p), track.v, track.rho)
-        for q in range(6):
+        for q in range(layout.pose):
             equations.back[track.i, p, 4 + at + q] = -turned[q] + (sums.by_depth[p] * by[6 + q] if flat else 0.0)
 
 

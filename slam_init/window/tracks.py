@@ -179,12 +179,36 @@ class WindowTracks:
         * ``k1``: Added to the first coefficient of the radial distortion of ``camera``.
         * Returns: Unit rays in the cameras; any rays where a view does not see a track.
         """
+        return self._rays_of(self.pixels, self.sweep_px_s, self.seen, log_scale, readout_s, k1, principal_px)
+
+    def anchor_rays(
+        self, log_scale: float, readout_s: float, k1: float, principal_px: Floats | tuple[float, float] = (0.0, 0.0)
+    ) -> Floats:
+        """The measured rays in the anchor views, see :meth:`bearings`.
+
+        Shapes: ``principal_px`` (2,), returns (T, 3).
+        """
+        at = (np.maximum(self.anchor, 0)[None], np.arange(len(self.anchor))[None])
+        seen = self.seen[at]
+        rays = self._rays_of(self.pixels[at], self.sweep_px_s[at], seen, log_scale, readout_s, k1, principal_px)
+        return np.asarray(rays[0])
+
+    def _rays_of(
+        self,
+        pixels: Floats,
+        sweep_px_s: Floats,
+        seen: Bools,
+        log_scale: float,
+        readout_s: float,
+        k1: float,
+        principal_px: Floats | tuple[float, float],
+    ) -> Floats:
         centre = np.array([self.camera.cx, self.camera.cy])
-        moved = self.pixels - np.asarray(principal_px)
+        moved = pixels - np.asarray(principal_px)
         if readout_s != self.readout_s:
-            moved -= (readout_s - self.readout_s) * self.sweep_px_s
-        pixels = centre + (moved - centre) / np.exp(log_scale) if log_scale else moved
-        return measured_rays(self.camera.bent(k1), pixels, self.seen)
+            moved -= (readout_s - self.readout_s) * sweep_px_s
+        moved = centre + (moved - centre) / np.exp(log_scale) if log_scale else moved
+        return measured_rays(self.camera.bent(k1), moved, seen)
 
     def with_noise(self, noise_px: float) -> WindowTracks:
         """The same tracks with another noise."""
