@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from quest.robust.kernels.compiler import compiler_of, inlined
+from quest.robust.kernels.small_algebra import median_in_place, solve_in_place
 from slam_init.types.arrays import Bools, Floats, Floats32, Ints
 
 compiled = compiler_of(Path(__file__).parent)
@@ -22,6 +23,12 @@ _LEAST_NOISE = 1.0
 _ROUNDING_PX = 1e-6
 #: The next pixel of a line, as an unsigned number.
 _NEXT = np.uint64(1)
+#: Rounds of the robust fit of the means of maps, and the deviations from which on a patch has less weight.
+_ROUNDS, _FAR_SIGMAS = 3, 2.0
+#: Tracks on a line do not determine the means across it: their slopes have this share of the information as a prior.
+_RIDGE = 1e-6
+#: Median of the squares of Gaussian numbers.
+_MEDIAN_SQUARE = 0.455
 #: Steps of an alignment, and the squared displacement (px^2) from which on they end: a hundredth of a pixel.
 _STEPS, _CONVERGED = 6, 1e-4
 
@@ -304,3 +311,44 @@ def conditioned_on_maps(covariances: Floats, scatter: Floats, deviations: Floats
                 for i in range(4):
                     places[n, p, q] -= whole[p, 2 + i] * solved[i, 1 + q]
     return changes, places
+
+
+@compiled
+def distribution_of_maps(places: Floats, maps: Floats, variances: Floats) -> tuple[Floats, Floats]:
+    """The means of the affine maps of patches, a linear function of the place, and the variances of their deviations.
+
+    Robust least squares: a map that is far from the mean weighs less, by Huber.
+
+    Shapes: ``places`` (N, 2), ``maps, variances`` (N, 4), returns ``means, scatter`` (N, 4), (4,).
+
+    * ``variances``: Of the errors of the maps.
+    """
+    count = len(places)
+    basis, means, scatter = np.ones((count, 3)), np.empty((count, 4)), np.zeros(4)
+    for p in range(2):
+        spread = max(places[:, p].std(), 1.0)
+        basis[:, 1 + p] = (places[:, p] - places[:, p].mean()) / spread
+    weights, squares, normal, line = np.empty(count), np.empty(count), np.empty((3, 3)), np.empty(3)
+    for q in range(4):
+        errors = median_in_place(variances[:, q].copy())
+        weights[:] = 1.0 / variances[:, q]
+        for _ in range(_ROUNDS):
+            normal[:], line[:] = 0.0, 0.0
+            for i in range(count):
+                for p in range(3):
+                    weighted = weights[i] * basis[i, p]
+                    line[p] += weighted * maps[i, q]
+                    for r in range(3):
+                        normal[p, r] += weighted * basis[i, r]
+            for p in range(1, 3):
+                normal[p, p] += _RIDGE * normal[0, 0]
+            solve_in_place(normal, line)
+            for i in range(count):
+                means[i, q] = basis[i, 0] * line[0] + basis[i, 1] * line[1] + basis[i, 2] * line[2]
+                squares[i] = (maps[i, q] - means[i, q]) ** 2
+            scatter[q] = max(median_in_place(squares.copy()) / _MEDIAN_SQUARE - errors, 0.0)
+            for i in range(count):
+                variance = variances[i, q] + scatter[q]
+                sigmas = np.sqrt(squares[i] / variance)
+                weights[i] = min(_FAR_SIGMAS / max(sigmas, _FAR_SIGMAS), 1.0) / variance
+    return means, scatter

@@ -38,8 +38,8 @@ _NEAR_PX = 1.0
 #: It leaves this share of the contrast of the patch at most, or this multiple of what the flow leaves between two
 #: frames: dim patches have as much noise as contrast.
 _LITTLE, _AS_FLOW = 0.35, 1.5
-#: Root of the mean square of Gaussian numbers over their mean absolute value, and the median of their squares.
-_ROOT_OVER_MEAN, _MEDIAN_SQUARE = 1.25, 0.455
+#: Root of the mean square of Gaussian numbers over their mean absolute value.
+_ROOT_OVER_MEAN = 1.25
 #: A patch is cut anew when this number of alignments in a row have failed.
 _FAILURES = 3
 #: What rounding leaves between two images, grey levels: the root of two twelfths.
@@ -48,11 +48,8 @@ _ROUNDING = 0.4
 _SCALE = 1.6
 #: Fewer patches of a frame than this determine no distribution of their maps, whose means have twelve unknowns.
 _LEAST_PATCHES = 24
-#: Rounds of the robust fit of the means, the deviations from which on a patch has less weight, and those from which on
-#: it lies on another surface.
-_ROUNDS, _FAR_SIGMAS, _ELSEWHERE_SIGMAS = 3, 2.0, 3.0
-#: Tracks on a line do not determine the means across it: their slopes have this share of the information as a prior.
-_RIDGE = 1e-6
+#: A patch whose map deviates by more from the mean lies on another surface.
+_ELSEWHERE_SIGMAS = 3.0
 #: Deviation of the Gaussian that images are smoothed by before they are aligned, px. Between the pixels of a sharp
 #: corner the slopes are those of the interpolation: without the Gaussian, alignments of a sharp checkerboard are off by
 #: .085 px, with it by .065. On noisy images a larger one costs more than it gains.
@@ -220,9 +217,9 @@ class Patches:
 
     def _together(self, ends: Floats, affine: Floats, covariances: Floats) -> tuple[Floats, Floats, Floats]:
         """Places, affine maps and covariances of the places, given the distribution of the maps."""
-        from slam_init.frontend.patch_kernel import conditioned_on_maps
+        from slam_init.frontend.patch_kernel import conditioned_on_maps, distribution_of_maps
 
-        variances = np.diagonal(covariances, axis1=1, axis2=2)[:, 2:]
+        variances = np.ascontiguousarray(np.diagonal(covariances, axis1=1, axis2=2)[:, 2:])
         # The unknowns are the displacements at the border of a patch.
         means, scatter = distribution_of_maps(ends, self._radius * affine, variances)
         deviations = means - self._radius * affine
@@ -251,25 +248,3 @@ class Patches:
 def _extended(values: NDArray[Number], more: int) -> NDArray[Number]:
     """The values of all slots (S, ...), with zeros for some new ones."""
     return np.concatenate([values, np.zeros((more, *values.shape[1:]), values.dtype)])
-
-
-def distribution_of_maps(places: Floats, maps: Floats, variances: Floats) -> tuple[Floats, Floats]:
-    """The means of the affine maps of patches, a linear function of the place, and the variances of their deviations.
-
-    Shapes: ``places`` (N, 2), ``maps, variances`` (N, 4), returns ``means, scatter`` (N, 4), (4,).
-
-    * ``variances``: Of the errors of the maps.
-    """
-    spread = np.maximum(places.std(axis=0), 1.0)
-    basis = np.column_stack([np.ones(len(places)), (places - places.mean(axis=0)) / spread])
-    weights, means, scatter = 1 / variances, maps, np.zeros(4)
-    for _ in range(_ROUNDS):
-        normal = np.einsum("ni,nq,nj->qij", basis, weights, basis)
-        normal += _RIDGE * normal[:, :1, :1] * np.diag([0.0, 1.0, 1.0])
-        solved = np.linalg.solve(normal, np.einsum("ni,nq->qi", basis, weights * maps)[..., None])
-        means = basis @ solved[..., 0].T
-        squares = (maps - means) ** 2
-        scatter = np.maximum(np.median(squares, axis=0) / _MEDIAN_SQUARE - np.median(variances, axis=0), 0.0)
-        sigmas = np.sqrt(squares / (variances + scatter))
-        weights = np.minimum(_FAR_SIGMAS / np.maximum(sigmas, _FAR_SIGMAS), 1.0) / (variances + scatter)
-    return means, scatter

@@ -1,8 +1,9 @@
 """The compiled loops of the patches against the same in numpy."""
 
 import numpy as np
+import pytest
 
-from slam_init.frontend.patch_kernel import conditioned_on_maps, covariances_in_image
+from slam_init.frontend.patch_kernel import conditioned_on_maps, covariances_in_image, distribution_of_maps
 
 
 def spd(rng, count, size):
@@ -42,3 +43,32 @@ def test_a_patch_that_keeps_its_own_map_is_not_changed():
     assert changes[0].any()
     assert not changes[1].any()
     np.testing.assert_array_equal(places[1], covariances[1, :2, :2])
+
+
+def readable_distribution_of_maps(places, maps, variances):
+    spread = np.maximum(places.std(axis=0), 1.0)
+    basis = np.column_stack([np.ones(len(places)), (places - places.mean(axis=0)) / spread])
+    weights, means, scatter = 1 / variances, maps, np.zeros(4)
+    for _ in range(3):
+        normal = np.einsum("ni,nq,nj->qij", basis, weights, basis)
+        normal += 1e-6 * normal[:, :1, :1] * np.diag([0.0, 1.0, 1.0])
+        solved = np.linalg.solve(normal, np.einsum("ni,nq->qi", basis, weights * maps)[..., None])
+        means = basis @ solved[..., 0].T
+        squares = (maps - means) ** 2
+        scatter = np.maximum(np.median(squares, axis=0) / 0.455 - np.median(variances, axis=0), 0.0)
+        sigmas = np.sqrt(squares / (variances + scatter))
+        weights = np.minimum(2 / np.maximum(sigmas, 2), 1.0) / (variances + scatter)
+    return means, scatter
+
+
+@pytest.mark.parametrize("count", [24, 31, 400])
+@pytest.mark.parametrize("width", [0.0, 600.0])
+def test_the_distribution_of_maps_is_that_of_the_readable_fit(count, width):
+    """Also where all places have one x, so that nothing tells the slopes along it."""
+    rng = np.random.default_rng(count)
+    places, variances = rng.uniform(0, (width, 400), (count, 2)), rng.uniform(0.01, 0.2, (count, 4))
+    maps = 0.2 + 1e-3 * places @ rng.normal(size=(2, 4)) + np.sqrt(variances) * rng.standard_t(3, (count, 4))
+    means, scatter = distribution_of_maps(places, maps, variances)
+    expected_means, expected_scatter = readable_distribution_of_maps(places, maps, variances)
+    np.testing.assert_allclose(means, expected_means, atol=1e-10)
+    np.testing.assert_allclose(scatter, expected_scatter, atol=1e-10)

@@ -7,7 +7,8 @@ from make_scene import texture
 from scipy import ndimage, optimize
 
 from slam_init.config import TrackingConfig
-from slam_init.frontend.patches import Patches, distribution_of_maps, smoothed
+from slam_init.frontend.patch_kernel import distribution_of_maps
+from slam_init.frontend.patches import Patches, smoothed
 from slam_init.frontend.tracks import Tracker, common_tracks
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
