@@ -24,7 +24,7 @@ from slam_init.window.left_out import wrong_by_a_half
 from slam_init.window.levels import ON_BODIES, SAME_DIRECTION_DEG, SAME_ROTATION_DEG, UNDECIDED
 from slam_init.window.motion import fit_motion
 from slam_init.window.other_motion import bearings_of_best
-from slam_init.window.risk import WindowRisk, risk_of
+from slam_init.window.risk import WindowRisk, directions_and_rival, risk_of, with_rotation_of
 from slam_init.window.rival import rival_term
 from slam_init.window.rotation_term import with_errors_in_noise, zooming_probability
 from slam_init.window.second_look import look_again
@@ -46,7 +46,7 @@ def after_last_look(
         if hypotheses.rotation_lives:  # a start near its last fit may have kept it in a wrong mode
             anew = with_rotation_anew(hypotheses)
             if anew is not hypotheses:
-                hypotheses, risk = anew, risk_of(anew)
+                hypotheses, risk = anew, with_rotation_of(anew, risk)
                 if risk.total > max_risk:
                     return hypotheses, risk
         risk = _against_bodies(hypotheses, risk)
@@ -80,14 +80,16 @@ def _with_free_depths(
     planes, deg = _on_planes(hypotheses, free), risk.directions.sigma_deg
     by_points, _ = rival_term(planes, expand(best), deg, most=UNDECIDED, free=free)
     known = [one for one in free.motions[1:] if planes.fit_near(one)]
-    of_free = risk_of(replace(free, motions=tuple(one for one in free.motions if one not in known)))
+    of_free, of_rival = directions_and_rival(
+        replace(free, motions=tuple(one for one in free.motions if one not in known))
+    )
     rotation_deg, direction_deg = best.difference_deg(again)
-    near = rotation_deg <= GATE_SIGMAS * of_free.directions.rotation_sigma_deg + SAME_ROTATION_DEG
-    if not near or direction_deg > GATE_SIGMAS * of_free.directions.sigma_deg + SAME_DIRECTION_DEG:
+    near = rotation_deg <= GATE_SIGMAS * of_free.rotation_sigma_deg + SAME_ROTATION_DEG
+    if not near or direction_deg > GATE_SIGMAS * of_free.sigma_deg + SAME_DIRECTION_DEG:
         return free, risk_of(free)
-    rival, direction = min(1.0, max(risk.rival, by_points) + of_free.rival), risk.direction
+    rival, direction = min(1.0, max(risk.rival, by_points) + of_rival), risk.direction
     # The plane of shifted frames is another one in each view, so that it tells nothing about the direction.
-    direction = max(direction, risk.directions.frames_are_shifted * of_free.direction)
+    direction = max(direction, risk.directions.frames_are_shifted * of_free.of_pair)
     return hypotheses, replace(risk, rival=rival, direction=direction)
 
 

@@ -59,20 +59,23 @@ def optimize(
     * Returns: Which state is the answer, its cost, the number of steps, and whether the fit was given up. ``fitted`` is
       that of the answer.
     """
-    at, tried, spare, fill = 0, 1, 2, limits.max_steps > 0
-    cost = evaluate(observed, known, layout, states[at], equations, fitted, sums, fill, fill)
+    at, tried, spare = 0, 1, 2
+    # Variables: for each of the constants True and False numba would compile the loops once more.
+    builds = limits.max_steps > 0
+    only_cost = not builds
+    cost = evaluate(observed, known, layout, states[at], equations, fitted, sums, builds, builds)
     # The state that the costs of the tracks belong to.
     weighed, damping, steps, fell, given_up = at, _DAMPING, 0, np.inf, False
     while steps < limits.max_steps:
         if steps:
-            evaluate(observed, known, layout, states[at], equations, fitted, sums, True, True)
+            evaluate(observed, known, layout, states[at], equations, fitted, sums, builds, builds)
         hold_length(equations.normal, states[at].scene.t, held_view, layout)
         lower = np.inf
         for _ in range(_TRIES):
             if solve_damped(equations, damping, work):
                 move(states[at], work.step, 1.0, known, layout, equations, fitted.free, states[tried])
                 weighed = tried
-                lower = evaluate(observed, known, layout, states[tried], equations, fitted, sums, False, False)
+                lower = evaluate(observed, known, layout, states[tried], equations, fitted, sums, only_cost, only_cost)
                 if lower < cost:
                     break
             damping *= _RAISE
@@ -85,7 +88,7 @@ def optimize(
             longer = min(1.0 / (1.0 - ratio), _LONGEST)
             move(states[at], work.step, longer, known, layout, equations, fitted.free, states[spare])
             weighed = spare
-            lowest = evaluate(observed, known, layout, states[spare], equations, fitted, sums, False, False)
+            lowest = evaluate(observed, known, layout, states[spare], equations, fitted, sums, only_cost, only_cost)
             if lowest < lower:
                 tried, spare, lower = spare, tried, lowest
         at, tried = tried, at
@@ -94,7 +97,7 @@ def optimize(
         if fell < limits.tolerance or given_up:
             break
     if weighed != at:
-        evaluate(observed, known, layout, states[at], equations, fitted, sums, False, False)
+        evaluate(observed, known, layout, states[at], equations, fitted, sums, only_cost, only_cost)
     return at, cost, steps, given_up
 
 

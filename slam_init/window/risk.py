@@ -130,6 +130,26 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
     )
 
 
+def with_rotation_of(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk:
+    """The risk of the best hypothesis with another fit of the camera that only rotates; the other terms stay."""
+    found = _rotation_risk(hypotheses, expand(hypotheses.motions[0]), risk.direction)
+    return replace(
+        risk,
+        rotation=found.probability,
+        camera=risk.directions.camera if found.camera is None else found.camera,
+        rotation_log_likelihood=found.gain,
+        lasting_in_noise=found.lasting_in_noise,
+    )
+
+
+def directions_and_rival(hypotheses: WindowHypotheses) -> tuple[DirectionTerm, float]:
+    """The terms of the direction and of the nearest rival alone."""
+    expanded = expand(hypotheses.motions[0])
+    directions = direction_term(hypotheses, expanded)
+    most = UNDECIDED if directions.of_pair <= UNDECIDED else -1.0
+    return directions, rival_term(hypotheses, expanded, directions.sigma_deg, most=most)[0]
+
+
 def _is_open(rotation: float, direction: float) -> bool:
     """Whether a window has no map without the terms of rivals and bodies, so that it is not worth their fits."""
     return max(rotation, direction) > UNDECIDED

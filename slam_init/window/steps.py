@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from quest.robust.kernels.small_algebra import tangents, turn
+from quest.robust.kernels.small_algebra import copy_pose, tangents, turn
 from slam_init.types.arrays import Bools, Floats
 from slam_init.window.arguments import Equations, Known, Layout, Scene, Unknowns
 from slam_init.window.compiler import compiled
@@ -63,7 +63,8 @@ def move(
     _move_views(before.scene, step, length, layout, after.scene)
     for q in range(3 if len(step) > layout.plane else 0):
         after.scene.plane[q] = before.scene.plane[q] + length * step[layout.plane + q]
-    after.lens[:] = before.lens
+    for q in range(len(before.lens)):
+        after.lens[q] = before.lens[q]
     for q in range(layout.lens):
         after.lens[place_in_lens(layout, q)] += length * step[layout.focal + q]
     move_tracks(before, step, length, known, layout, equations.back, free, after.scene)
@@ -117,9 +118,11 @@ def move_tracks(
 @compiled
 def _move_views(before: Scene, step: Floats, length: float, layout: Layout, after: Scene) -> None:
     """The poses and the error fields after a step of the common unknowns."""
-    after.R[:], after.t[:], after.field[:] = before.R, before.t, before.field
     place = 0
     for k in range(len(before.R)):
+        copy_pose(before.R[k], before.t[k], after.R[k], after.t[k])
+        for q in range(before.field.shape[1]):
+            after.field[k, q] = before.field[k, q]
         if k > 0:
             turn(after.R[k], length * step[place], length * step[place + 1], length * step[place + 2])
             for q in range(layout.pose - 3):

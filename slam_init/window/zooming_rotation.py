@@ -178,11 +178,15 @@ def zoomed(tracks: WindowTracks, zooms: Floats, shifts: Floats | None = None) ->
 
     Shapes: ``zooms`` (V,), ``shifts`` (V, 2).
     """
-    centre, factors = _centre(tracks.camera), 1 + zooms
-    moved = tracks.pixels if shifts is None else tracks.pixels - shifts[:, None]
-    pixels = centre + (moved - centre) / factors[:, None, None]
+    factors, shifts = 1 + zooms, np.zeros((len(zooms), 2)) if shifts is None else shifts
+    pixels = _undone(tracks.pixels, _centre(tracks.camera), zooms[:, None], shifts[:, None])
     places = tracks.places * factors[:, None, None]
     return replace(tracks, pixels=pixels, sigma_px=tracks.sigma_px / factors[:, None], places=places)
+
+
+def _undone(pixels: Floats, centre: Floats, zooms: Floats, shifts: Floats) -> Floats:
+    """Pixels (..., 2) with their zooms (...) and shifts (..., 2) undone."""
+    return np.asarray(centre + (pixels - shifts - centre) / (1 + zooms)[..., None])
 
 
 def _centre(camera: Camera) -> Floats:
@@ -198,13 +202,13 @@ def _located(
     * ``rays``: (T, 3) In the anchor views; by default as measured, with those of the views located before.
     """
     camera = tracks.camera.refocused(state.log_scale, state.k1)
-    R, zooms, shifts, columns = state.R.copy(), zooms.copy(), shifts.copy(), np.arange(len(tracks.anchor))
-    anchor, lens = np.maximum(tracks.anchor, 0), camera_vector(camera)
+    R, zooms, shifts, anchor = state.R.copy(), zooms.copy(), shifts.copy(), np.maximum(tracks.anchor, 0)
+    at_anchor, lens = tracks.pixels[anchor, np.arange(len(anchor))], camera_vector(camera)
     for k in range(1, len(R)):
         used = tracks.seen[k] & (tracks.anchor >= 0) & (tracks.anchor < k)
         measured = tracks.pixels[k] - state.principal_px
         if rays is None:
-            of_anchor = zoomed(tracks, zooms, shifts).pixels[anchor, columns] - state.principal_px
+            of_anchor = _undone(at_anchor, _centre(tracks.camera), zooms[anchor], shifts[anchor]) - state.principal_px
             from_anchor = measured_rays(camera, of_anchor[None], used[None])[0]
         else:
             from_anchor = rays
