@@ -238,8 +238,8 @@ def _matches(known: Mapping[int, Pose], window: JudgedWindow) -> AuditedMatches:
     points = np.where(((depths > 0) & (others > 0))[:, None], depths[:, None] * pair.rays1, np.nan)
     # The best motion has a lens of its own.
     state = best.fit.state
-    lens = window.lens.moved(state.log_scale, state.k1).camera
-    fitted = [lens.bearings(pixels - state.principal_px) for pixels in (pair.pixels1, pair.pixels2)]
+    lens = window.lens.moved(state.lens.log_scale, state.lens.k1).camera
+    fitted = [lens.bearings(pixels - state.lens.principal_px) for pixels in (pair.pixels1, pair.pixels2)]
     frames = [frame for frame in best.frames if frame in known]
     motion = best.motion.cam_from_world
     length = max(float(np.linalg.norm(motion[second].t)), 1e-300)

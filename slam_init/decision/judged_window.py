@@ -83,7 +83,7 @@ class JudgedWindow:
     def lens_of_best(self) -> LensInUse:
         """The lens that was fitted with the best motion; a calibration stays."""
         state = self.best.fit.state
-        return self.lens.moved(state.log_scale, state.k1) if self.lens.is_unknown else self.lens
+        return self.lens.moved(state.lens.log_scale, state.lens.k1) if self.lens.is_unknown else self.lens
 
     def certain_frames(self, most: float) -> tuple[int, ...]:
         """Reference, current, and the views whose own directions are at most as risky: the keyframes of the map."""

@@ -171,14 +171,14 @@ class WindowMaps:
             table = replace(table, pixels=np.array([lens.camera.project(bearings) for bearings in table.bearings]))
         poses, state = motion.motion.cam_from_world, motion.fit.state
         if lens.is_unknown:
-            camera = lens.moved(state.log_scale, state.k1).camera
+            camera = lens.moved(state.lens.log_scale, state.lens.k1).camera
             table = replace(table, bearings=np.array([camera.bearings(pixels) for pixels in table.pixels]))
             return map_of_poses(camera, self._config, table, poses, threshold_rad, prior), table
         options = self._config.map
         # A focal length that is certain to be off would bend the map. An estimate within its own standard deviation is
         # no reason to leave a calibration: errors that neighbouring tracks share pull it by a tenth on a board.
         sigma = self._window.risk.camera.focal.sigma
-        if abs(state.log_scale) > max(CALIBRATED_SIGMA, GATE_SIGMAS * sigma):
+        if abs(state.lens.log_scale) > max(CALIBRATED_SIGMA, GATE_SIGMAS * sigma):
             options = replace(options, refine_focal=True, focal_sigma=CALIBRATED_SIGMA)
-        config, factor = replace(self._config, map=options), math.exp(state.log_scale)
+        config, factor = replace(self._config, map=options), math.exp(state.lens.log_scale)
         return map_of_poses(lens.camera, config, table, poses, threshold_rad, prior, factor), table

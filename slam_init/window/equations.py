@@ -6,6 +6,7 @@ import numpy as np
 
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.window.arguments import Equations, Fitted, Known, Layout, Limits, Observed, Scene, Sums, Unknowns, Work
+from slam_init.window.lens_offset import LensOffset
 from slam_init.window.optimizer import evaluate, hold_length, optimize
 from slam_init.window.prior_equations import add_measured_rotations
 from slam_init.window.projection import camera_vector
@@ -33,7 +34,7 @@ def observed_by(tracks: WindowTracks, gate_sigmas: float) -> Observed:
 def unknowns_of(state: WindowState) -> Unknowns:
     """A state for the compiled loops, which read its arrays."""
     plane = _NO_PLANE if state.plane is None else state.plane
-    lens = np.array([state.log_scale, state.k1, state.readout_s, *state.principal_px])
+    lens = np.array([*state.lens[:3], *state.lens.principal_px])
     rays, distances = state.rays, state.inverse_distances
     return Unknowns(Scene(state.R, state.t, state.field, plane, state.on_plane, rays, distances), lens)
 
@@ -215,13 +216,10 @@ def _state_of(unknowns: Unknowns, before: WindowState) -> WindowState:
         t=scene.t,
         rays=scene.rays,
         inverse_distances=scene.inverse_distances,
-        log_scale=float(lens[0]),
+        lens=LensOffset(float(lens[0]), float(lens[1]), float(lens[2]), (float(lens[3]), float(lens[4]))),
         field=scene.field,
         plane=None if before.plane is None else scene.plane,
         on_plane=scene.on_plane,
-        readout_s=float(lens[2]),
-        k1=float(lens[1]),
-        principal_px=lens[3:],
     )
 
 

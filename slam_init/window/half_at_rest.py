@@ -10,18 +10,17 @@ that a second start is one of the compact halves of the view.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from slam_init.types.arrays import Floats, Ints
 from slam_init.window.hypotheses import CERTAIN_SIGMAS, WindowHypotheses
 from slam_init.window.joint_fit import JointFit
+from slam_init.window.lens_offset import LensOffset
 from slam_init.window.levels import CHANCE_GAIN
 from slam_init.window.neighbours import far_halves
 from slam_init.window.other_motion import explained_tracks
 from slam_init.window.rotation_by_tracks import costs_of_rotation, rotation_of
-from slam_init.window.state import WindowState
 from slam_init.window.tails import at_any_look
 from slam_init.window.uncertainty import places_of
 
@@ -48,25 +47,23 @@ def bodies_probability(hypotheses: WindowHypotheses, share: float, *, anew: bool
     if anew:
         # How far a gain is beyond what is certain does not matter.
         certain = best.fit.dispersion * (by_chance + CERTAIN_SIGMAS * sigma)
-        lens, chosen = hypotheses.rotation_only.state, _smallest(gains, count)
+        lens, chosen = hypotheses.rotation_only.state.lens, _smallest(gains, count)
         least = min(least, _least_gain(hypotheses, explained, costs, chosen, lens, certain))
         chosen, lens = _compact_start(hypotheses, explained, costs, count)
         least = min(least, _least_gain(hypotheses, explained, costs, chosen, lens, certain))
     return at_any_look(((price + least) / best.fit.dispersion - by_chance) / sigma)
 
 
-def _compact_start(
-    hypotheses: WindowHypotheses, explained: Ints, costs: Floats, count: int
-) -> tuple[Ints, WindowState]:
+def _compact_start(hypotheses: WindowHypotheses, explained: Ints, costs: Floats, count: int) -> tuple[Ints, LensOffset]:
     """The half that a camera explains best which only rotates as one of the compact halves says, and its lens."""
-    lens = replace(hypotheses.rotation_only.state, log_scale=0.0, k1=0.0, principal_px=np.zeros(2))
+    lens = LensOffset(readout_s=hypotheses.rotation_only.state.lens.readout_s)
     gains = list[tuple[float, JointFit]]()
     for half in far_halves(places_of(hypotheses.motions[0].fit)[explained]):
         hopeless = float(costs[half].sum()) + min((gain for gain, _ in gains), default=math.inf)
         fit = rotation_of(hypotheses, explained[half], lens, max_steps=_START_STEPS, hopeless=hopeless)
         gains.append((float((fit.track_costs - costs[half]).sum()), fit))
     lowest = min(gains, key=lambda one: one[0])[1]
-    return _smallest(costs_of_rotation(hypotheses, explained, lowest) - costs, count), lowest.state
+    return _smallest(costs_of_rotation(hypotheses, explained, lowest) - costs, count), lowest.state.lens
 
 
 def _smallest(gains: Floats, count: int) -> Ints:
@@ -74,7 +71,7 @@ def _smallest(gains: Floats, count: int) -> Ints:
 
 
 def _least_gain(
-    hypotheses: WindowHypotheses, explained: Ints, costs: Floats, chosen: Ints, lens: WindowState, certain: float
+    hypotheses: WindowHypotheses, explained: Ints, costs: Floats, chosen: Ints, lens: LensOffset, certain: float
 ) -> float:
     """The gain over a camera that only rotates of the half that it explains best, from some half on.
 
@@ -87,5 +84,5 @@ def _least_gain(
         again = _smallest(costs_of_rotation(hypotheses, explained, fit) - costs, len(chosen))
         if np.array_equal(again, chosen):
             break
-        chosen, lens = again, fit.state
+        chosen, lens = again, fit.state.lens
     return least

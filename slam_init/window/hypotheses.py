@@ -28,6 +28,7 @@ from slam_init.types.pose import Pose
 from slam_init.window.depth_evidence import GivenDepths
 from slam_init.window.equations import explained_at_most
 from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
+from slam_init.window.lens_offset import LensOffset
 from slam_init.window.levels import LARGEST_VOTE, UNDECIDED, WRONG_FOCAL, WRONG_FOCAL_COST
 from slam_init.window.locating import MIN_RESECTED, align_views, locate_views
 from slam_init.window.motion import FittedMotion, Motion, OtherMotion, fit_motion, noise_factor_at
@@ -173,7 +174,7 @@ class WindowHypotheses:
         if by_tracks <= 1e-6 * known:
             return 0.0, math.inf
         sigma = max(self.rotation_only.noise_factor, 1.0) / math.sqrt(by_tracks)
-        pulled = known * self.rotation_only.state.log_scale - priors.log_scale_mean / priors.focal_sigma**2
+        pulled = known * self.rotation_only.state.lens.log_scale - priors.log_scale_mean / priors.focal_sigma**2
         return pulled / by_tracks, sigma
 
 
@@ -204,7 +205,7 @@ def motions_of_pair(
         if pose.kind != "general" and one.inliers.sum() >= MIN_RESECTED:
             plane = plane_of_motion(one.R, one.t, rays1[one.inliers], rays2[one.inliers])
         poses = {frames[0]: Pose.identity(), frames[1]: Pose(one.R, one.t)}
-        motions.append(Motion(poses, plane, readout_s=readout_s))
+        motions.append(Motion(poses, plane, LensOffset(readout_s=readout_s)))
     return motions
 
 
@@ -220,8 +221,8 @@ def fit_hypotheses(
     * ``living``: Where the last fits of the camera that only rotates ended (:attr:`WindowHypotheses.rotations`); by
       default it is fitted anew.
     """
-    first = motions[0] if motions else Motion({}, readout_s=tracks.readout_s)
-    bearings = tracks.bearings(0.0, first.readout_s, first.k1)
+    first = motions[0] if motions else Motion({}, lens=LensOffset(readout_s=tracks.readout_s))
+    bearings = tracks.bearings(_with_stated_focal(first.lens))
     bearings[~tracks.seen] = np.nan
     rotations = align_views(bearings, motions, tracks.frames[:2])
     poses: list[Motion] = []
@@ -252,7 +253,7 @@ def fit_hypotheses(
 def with_rotation_anew(hypotheses: WindowHypotheses) -> WindowHypotheses:
     """The same hypotheses with the camera that only rotates fitted from afar, where that costs less."""
     tracks, best = hypotheses.tracks, hypotheses.motions[0]
-    bearings = tracks.bearings(0.0, best.fit.state.readout_s, best.fit.state.k1)
+    bearings = tracks.bearings(_with_stated_focal(best.fit.state.lens))
     bearings[~tracks.seen] = np.nan
     rotations = align_views(bearings, [best.motion], tracks.frames[:2])
     anew = _fit_rotation(tracks, rotations, hypotheses.priors, best)
@@ -352,7 +353,8 @@ def _fit_rotation(
 def _far_start(tracks: WindowTracks, rotations: Floats, priors: Priors) -> WindowState:
     """Where the fit of a camera that only rotates starts if nothing is known of it."""
     few = tracks.of_tracks(evenly_spaced(len(tracks.track_ids), _START_TRACKS))
-    start = start_at(few, rotations, _no_motion(len(rotations)), readout_s=tracks.readout_s, at_infinity=True)
+    lens = LensOffset(readout_s=tracks.readout_s)
+    start = start_at(few, rotations, _no_motion(len(rotations)), lens=lens, at_infinity=True)
     # A wrong focal length moves the tracks by many times their noise, so the fit starts with a noise that allows it.
     factor = start_noise_factor(few, start, priors, rotation_only=True)
     for wider in (factor, math.sqrt(factor)) if factor > _FAR_FACTOR else ():
@@ -364,18 +366,18 @@ def _far_start(tracks: WindowTracks, rotations: Floats, priors: Priors) -> Windo
 def _fit_turning(tracks: WindowTracks, start: WindowState | Motion, priors: Priors, hopeless: float) -> JointFit:
     """Fit a camera that only rotates, from the poses and the lens of a state, or from where an earlier fit ended."""
     if isinstance(start, WindowState):
-        first = start_at(
-            tracks, start.R, start.t, log_scale=start.log_scale, k1=start.k1, readout_s=start.readout_s,
-            at_infinity=True,
-        )  # fmt: skip
+        lens = start.lens._replace(principal_px=(0.0, 0.0))
+        first = start_at(tracks, start.R, start.t, lens=lens, at_infinity=True)
         return fit_window(tracks, first, priors, rotation_only=True, hopeless=hopeless)
     R = np.array([start.cam_from_world[frame].R for frame in tracks.frames])
-    first = start_at(
-        tracks, R, _no_motion(len(R)), log_scale=start.log_scale, k1=start.k1, readout_s=start.readout_s,
-        principal_px=start.principal_px, at_infinity=True,
-    )  # fmt: skip
+    first = start_at(tracks, R, _no_motion(len(R)), lens=start.lens, at_infinity=True)
     known = None if start.points is None else start.points.start(tracks, first)
     return fit_window(tracks, first, priors, known=known, rotation_only=True, hopeless=hopeless)
+
+
+def _with_stated_focal(lens: LensOffset) -> LensOffset:
+    """The distortion and the readout of a lens."""
+    return LensOffset(k1=lens.k1, readout_s=lens.readout_s)
 
 
 def _no_motion(views: int) -> Floats:
@@ -408,7 +410,9 @@ def _hopeless_rotation(tracks: WindowTracks, rotations: Floats, priors: Priors, 
     explained[list(best.rows)] = best.fit.state.on_plane if best.fit.state.plane is not None else True
     outliers = tracks.seen & ~explained
     freedom = 3 * len(best.rows) + int((tracks.anchor >= 0).sum())
-    by_chance = freedom + 2 * (gain_of_shared_errors(tracks) + gain_of_turning_errors(tracks, best.fit.state.readout_s))
+    by_chance = freedom + 2 * (
+        gain_of_shared_errors(tracks) + gain_of_turning_errors(tracks, best.fit.state.lens.readout_s)
+    )
     by_chance *= best.fit.dispersion * gain_of_lasting_errors(tracks, rotations)
     # The tail of chi-square by Wilson and Hilferty.
     certain = (1 + CERTAIN_SIGMAS * math.sqrt(2 / (9 * freedom))) ** 3 / EXPLAINED_BY_FIELDS

@@ -19,6 +19,7 @@ import numpy as np
 
 from slam_init.types.arrays import Bools, Floats
 from slam_init.window.equations import WindowEquations, explained_at_most
+from slam_init.window.lens_offset import LensOffset
 from slam_init.window.optimizer import OFF_PLANE_COST
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
@@ -156,11 +157,11 @@ def fit_window(
     fit = _optimized(equations, start, max_steps, tolerance, hopeless, give_up)
     if fit.given_up or (lives and rotation_only):
         return fit
-    lens = start
+    lens = start.lens
     for _ in range(0 if lives else _LENS_ROUNDS):
-        if max(abs(fit.state.k1 - lens.k1), abs(fit.state.log_scale - lens.log_scale)) < _LENS_TOLERANCE:
+        if _moved(fit.state.lens, lens) < _LENS_TOLERANCE:
             break
-        lens, again = fit.state, _measured_again(equations, fit, rotation_only=rotation_only)
+        lens, again = fit.state.lens, _measured_again(equations, fit, rotation_only=rotation_only)
         if again is None:
             break
         fit = _optimized(equations, again, max_steps, tolerance, hopeless, give_up)
@@ -289,10 +290,12 @@ def _measured_again(equations: WindowEquations, fit: JointFit, *, rotation_only:
 
 def _measured(tracks: WindowTracks, state: WindowState, *, at_infinity: bool = False) -> WindowState:
     """The same poses and camera, with the rays as measured and a distance for each."""
-    return start_at(
-        tracks, state.R, state.t, log_scale=state.log_scale, k1=state.k1, readout_s=state.readout_s,
-        principal_px=state.principal_px, at_infinity=at_infinity,
-    )  # fmt: skip
+    return start_at(tracks, state.R, state.t, lens=state.lens, at_infinity=at_infinity)
+
+
+def _moved(lens: LensOffset, before: LensOffset) -> float:
+    """How far the focal length, as a logarithm, or the distortion has moved."""
+    return max(abs(lens.k1 - before.k1), abs(lens.log_scale - before.log_scale))
 
 
 def _costs_off_plane(equations: WindowEquations, state: WindowState, measured: WindowState) -> Floats:

@@ -83,7 +83,7 @@ class LiveHypotheses:
             return
         log_scale, k1 = new.log_scale - old.log_scale, new.k1 - old.k1
         self._motions, rotations = (
-            [replace(motion, log_scale=motion.log_scale - log_scale, k1=motion.k1 - k1) for motion in ones]
+            [replace(one, lens=one.lens.from_moved(log_scale, k1)) for one in ones]
             for ones in (self._motions, self._rotations)
         )
         self._rotations = tuple(rotations)

@@ -96,7 +96,7 @@ def _resected(tracks: WindowTracks, motion: Motion, bearings: Floats, rotations:
         points = motion.points.of_tracks(tracks.track_ids)
         usable = np.asarray(np.isfinite(points).all(axis=1))
         # Its points are seen through its lens.
-        bearings = tracks.bearings(motion.log_scale, motion.readout_s, motion.k1, motion.principal_px)
+        bearings = tracks.bearings(motion.lens)
         bearings[~tracks.seen] = np.nan
     for row in range(len(bearings)):
         visible = usable & np.isfinite(bearings[row, :, 0])

@@ -14,6 +14,7 @@ from slam_init.types.arrays import Floats, Ints
 from slam_init.types.pose import Pose
 from slam_init.window.carried import CarriedPoints
 from slam_init.window.joint_fit import MAX_STEPS, JointFit, fit_window, start_noise_factor
+from slam_init.window.lens_offset import IN_USE, LensOffset
 from slam_init.window.levels import (
     NEAR_DIRECTION_DEG,
     NEAR_ROTATION_DEG,
@@ -33,14 +34,7 @@ class Motion:
     cam_from_world: dict[int, Pose]
     #: (3,) ``plane . X = 1`` in the world, where most points lie on one plane.
     plane: Floats | None = None
-    #: Logarithm of the fitted focal length over that of the lens in use.
-    log_scale: float = 0.0
-    #: Readout of the image.
-    readout_s: float = 0.0
-    #: Added to the first coefficient of the radial distortion.
-    k1: float = 0.0
-    #: (2,) Added to the principal point.
-    principal_px: Floats = dataclasses.field(default_factory=lambda: np.zeros(2))
+    lens: LensOffset = IN_USE
     #: Where the last fit of the motion ended; None before its first fit.
     points: CarriedPoints | None = None
     #: Whether the motion has not been carried from one window to the next.
@@ -92,9 +86,7 @@ class FittedMotion:
         R = 0.5 * state.R @ (3 * np.eye(3) - np.swapaxes(state.R, 1, 2) @ state.R)
         poses = {frame: Pose(R[k], state.t[k]) for k, frame in enumerate(self.frames)}
         points = CarriedPoints.of(self.tracks, state, self.fit.explains)
-        return Motion(
-            poses, state.plane, state.log_scale, state.readout_s, state.k1, state.principal_px, points, self.is_new
-        )
+        return Motion(poses, state.plane, state.lens, points, self.is_new)
 
     def same_as(self, other: FittedMotion) -> bool:
         """Whether two fits ended in the same optimum."""
@@ -161,10 +153,7 @@ def noise_factor_at(tracks: WindowTracks, motion: Motion, priors: Priors) -> flo
 
 
 def _start(part: WindowTracks, R: Floats, t: Floats, motion: Motion, plane: Floats | None = None) -> WindowState:
-    return start_at(
-        part, R, t, plane, log_scale=motion.log_scale, k1=motion.k1, readout_s=motion.readout_s,
-        principal_px=motion.principal_px,
-    )  # fmt: skip
+    return start_at(part, R, t, plane, lens=motion.lens)
 
 
 def _part_of(tracks: WindowTracks, motion: Motion) -> tuple[WindowTracks, Floats, Floats, tuple[int, ...]]:

@@ -30,6 +30,7 @@ from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.pose import Pose
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import JointFit, costs_off_plane
+from slam_init.window.lens_offset import LensOffset
 from slam_init.window.levels import (
     FLOOR,
     LARGEST_VOTE,
@@ -175,8 +176,7 @@ def _rotation(search: _Search) -> OtherMotion:
 
 def _rotation_by(hypotheses: WindowHypotheses, some: Ints) -> JointFit:
     """The camera that only rotates, by some of the tracks and the stated lens."""
-    lens = replace(hypotheses.rotation_only.state, log_scale=0.0, k1=0.0, principal_px=np.zeros(2))
-    return rotation_of(hypotheses, some, lens)
+    return rotation_of(hypotheses, some, LensOffset(readout_s=hypotheses.rotation_only.state.lens.readout_s))
 
 
 def _staying(hypotheses: WindowHypotheses) -> OtherMotion:
@@ -307,7 +307,7 @@ def _odds(tracks: float, of_other: float, of_best: float) -> float:
 def bearings_of_best(hypotheses: WindowHypotheses) -> Floats:
     """The measured rays (V, T, 3) by the lens of the best motion; NaN where a view does not see a track."""
     state, tracks = hypotheses.motions[0].fit.state, hypotheses.tracks
-    bearings = tracks.bearings(state.log_scale, state.readout_s, state.k1)
+    bearings = tracks.bearings(state.lens._replace(principal_px=(0.0, 0.0)))
     bearings[~tracks.seen] = np.nan
     return bearings
 

@@ -55,7 +55,7 @@ def rotation_probability(
     lasting = 1.0 if lasting_in_noise else gain_of_lasting_errors(tracks, state.R)
     dispersion = lasting * hypotheses.motions[0].fit.dispersion
     # Shared errors make the distribution a noncentral one, which is that of Patnaik nearly: a scaled chi-square.
-    shared = gain_of_shared_errors(tracks) + gain_of_turning_errors(tracks, state.readout_s)
+    shared = gain_of_shared_errors(tracks) + gain_of_turning_errors(tracks, state.lens.readout_s)
     scale = (freedom + 2 * shared) / (freedom + shared)
     freedom = (freedom + shared) / scale
 

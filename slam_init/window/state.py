@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +10,7 @@ from quest.noise import GATE_SIGMAS
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 from slam_init.window.arguments import FIELD_TERMS
+from slam_init.window.lens_offset import IN_USE, LensOffset
 from slam_init.window.measured_rays import triangulated
 from slam_init.window.tracks import WindowTracks
 
@@ -42,8 +42,8 @@ class Priors:
 
     def lens_pulls(self, state: WindowState) -> tuple[float, float]:
         """How far the lens is from what is expected, in standard deviations."""
-        focal = (state.log_scale - self.log_scale_mean) / self.focal_sigma
-        return focal, (state.k1 - self.k1_mean) / self.k1_sigma
+        focal = (state.lens.log_scale - self.log_scale_mean) / self.focal_sigma
+        return focal, (state.lens.k1 - self.k1_mean) / self.k1_sigma
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,20 +57,13 @@ class WindowState:
     rays: Floats
     #: (T,) Along the rays, not negative; not used on the plane.
     inverse_distances: Floats
-    #: Logarithm of the fitted focal length over that of the lens in use.
-    log_scale: float
+    lens: LensOffset
     #: (V, 12) Coefficients of the error fields.
     field: Floats
     #: (3,) ``plane . X = 1`` in the world; None without one.
     plane: Floats | None
     #: (T,) Tracks whose point lies on the plane.
     on_plane: Bools
-    #: Readout of the image.
-    readout_s: float = 0.0
-    #: Added to the first coefficient of the radial distortion of the lens in use.
-    k1: float = 0.0
-    #: (2,) Added to the principal point of the lens in use.
-    principal_px: Floats = dataclasses.field(default_factory=lambda: np.zeros(2))
 
 
 def start_at(
@@ -79,27 +72,21 @@ def start_at(
     t: Floats,
     plane: Floats | None = None,
     *,
-    log_scale: float = 0.0,
-    k1: float = 0.0,
-    readout_s: float = 0.0,
-    principal_px: Floats | None = None,
+    lens: LensOffset = IN_USE,
     at_infinity: bool = False,
 ) -> WindowState:
     """A state at given poses: measured rays, and inverse distances by linear least squares.
 
-    Shapes: ``R, t`` (V, 3, 3), ``plane`` (3,), ``principal_px`` (2,).
+    Shapes: ``R, t`` (V, 3, 3), ``plane`` (3,).
     """
     anchor, count = tracks.anchor, len(tracks.anchor)
-    principal_px = np.zeros(2) if principal_px is None else principal_px
     if at_infinity:
-        rays, inverse = tracks.anchor_rays(log_scale, readout_s, k1, principal_px), np.zeros(count)
+        rays, inverse = tracks.anchor_rays(lens), np.zeros(count)
         rays = np.where(np.isfinite(rays), rays, tracks.rays)
     else:
-        bearings = tracks.bearings(log_scale, readout_s, k1, principal_px)
+        bearings = tracks.bearings(lens)
         rays = bearings[np.maximum(anchor, 0), np.arange(count)]
         rays = np.where(np.isfinite(rays), rays, tracks.rays)
         inverse = triangulated(R, t, bearings, tracks.seen, anchor, rays)
     fields, on_plane = np.zeros((len(R), FIELD_TERMS)), np.full(count, plane is not None)
-    return WindowState(
-        R.copy(), t.copy(), rays, inverse, log_scale, fields, plane, on_plane, readout_s, k1, principal_px
-    )
+    return WindowState(R.copy(), t.copy(), rays, inverse, lens, fields, plane, on_plane)

@@ -15,6 +15,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.image_polynomials import orthonormal_polynomials
 from slam_init.types.inertial import Gravity
+from slam_init.window.lens_offset import LensOffset
 from slam_init.window.measured_rays import measured_rays
 
 #: A decision needs a well-spread subset of the tracks, not all of them: the standard deviation of the direction falls
@@ -169,46 +170,31 @@ class WindowTracks:
         beyond = self.seen & (np.arange(len(self.seen))[:, None] > self.anchor)
         return float(np.median(self.sigma_px[beyond])) if beyond.any() else self.noise_px
 
-    def bearings(
-        self, log_scale: float, readout_s: float, k1: float, principal_px: Floats | tuple[float, float] = (0.0, 0.0)
-    ) -> Floats:
+    def bearings(self, lens: LensOffset) -> Floats:
         """The measured rays.
 
-        Shapes: ``principal_px`` (2,), returns (V, T, 3).
+        Shapes: returns (V, T, 3).
 
-        * ``k1``: Added to the first coefficient of the radial distortion of ``camera``.
+        * ``lens``: Beside ``camera``.
         * Returns: Unit rays in the cameras; any rays where a view does not see a track.
         """
-        return self._rays_of(self.pixels, self.sweep_px_s, self.seen, log_scale, readout_s, k1, principal_px)
+        return self._rays_of(self.pixels, self.sweep_px_s, self.seen, lens)
 
-    def anchor_rays(
-        self, log_scale: float, readout_s: float, k1: float, principal_px: Floats | tuple[float, float] = (0.0, 0.0)
-    ) -> Floats:
+    def anchor_rays(self, lens: LensOffset) -> Floats:
         """The measured rays in the anchor views, see :meth:`bearings`.
 
-        Shapes: ``principal_px`` (2,), returns (T, 3).
+        Shapes: returns (T, 3).
         """
         at = (np.maximum(self.anchor, 0)[None], np.arange(len(self.anchor))[None])
-        seen = self.seen[at]
-        rays = self._rays_of(self.pixels[at], self.sweep_px_s[at], seen, log_scale, readout_s, k1, principal_px)
-        return np.asarray(rays[0])
+        return np.asarray(self._rays_of(self.pixels[at], self.sweep_px_s[at], self.seen[at], lens)[0])
 
-    def _rays_of(
-        self,
-        pixels: Floats,
-        sweep_px_s: Floats,
-        seen: Bools,
-        log_scale: float,
-        readout_s: float,
-        k1: float,
-        principal_px: Floats | tuple[float, float],
-    ) -> Floats:
+    def _rays_of(self, pixels: Floats, sweep_px_s: Floats, seen: Bools, lens: LensOffset) -> Floats:
         centre = np.array([self.camera.cx, self.camera.cy])
-        moved = pixels - np.asarray(principal_px)
-        if readout_s != self.readout_s:
-            moved -= (readout_s - self.readout_s) * sweep_px_s
-        moved = centre + (moved - centre) / np.exp(log_scale) if log_scale else moved
-        return measured_rays(self.camera.bent(k1), moved, seen)
+        moved = pixels - np.array(lens.principal_px)
+        if lens.readout_s != self.readout_s:
+            moved -= (lens.readout_s - self.readout_s) * sweep_px_s
+        moved = centre + (moved - centre) / np.exp(lens.log_scale) if lens.log_scale else moved
+        return measured_rays(self.camera.bent(lens.k1), moved, seen)
 
     def with_noise(self, noise_px: float) -> WindowTracks:
         """The same tracks with another noise."""

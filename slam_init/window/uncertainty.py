@@ -237,12 +237,12 @@ def camera_estimate(expanded: ExpandedFit, optimism: float = 1.0) -> CameraEstim
     J = np.zeros((1, len(marginal.shift)))
     J[0, linearization.k1_column - 1] = 1.0
     sigma = max(_sigma_of(linearization.k1_column - 1, marginal), float(_scattered_sigmas(expanded, J)))
-    focal = FocalEstimate(fit.state.log_scale, optimism * sigma)
-    distortion = DistortionEstimate(fit.state.k1, _sigma_of(linearization.k1_column, marginal))
+    focal = FocalEstimate(fit.state.lens.log_scale, optimism * sigma)
+    distortion = DistortionEstimate(fit.state.lens.k1, _sigma_of(linearization.k1_column, marginal))
     if linearization.readout_column is None:
         return CameraEstimate(focal, distortion, None)
     sigma_s = TURNING_FACTOR * _sigma_of(linearization.readout_column, marginal)
-    return CameraEstimate(focal, distortion, ReadoutEstimate(fit.state.readout_s, sigma_s))
+    return CameraEstimate(focal, distortion, ReadoutEstimate(fit.state.lens.readout_s, sigma_s))
 
 
 def _sigma_of(column: int, marginal: FieldMarginal) -> float:
@@ -322,10 +322,10 @@ def moved_by_lens(expanded: ExpandedFit, *, held: bool) -> MovedByLens:
     offsets: list[float] = []
     if held:
         columns += [lin.k1_column - 1, lin.k1_column]
-        offsets += [state.log_scale - priors.log_scale_mean, state.k1 - priors.k1_mean]
+        offsets += [state.lens.log_scale - priors.log_scale_mean, state.lens.k1 - priors.k1_mean]
     if lin.principal_columns is not None:
         columns += [lin.principal_columns.start, lin.principal_columns.start + 1]
-        offsets += state.principal_px.tolist()
+        offsets += state.lens.principal_px
     if not columns:
         return MovedByLens(0.0, np.zeros(len(state.R) - 1))
     moved = covariance[:, columns] @ np.linalg.solve(covariance[np.ix_(columns, columns)], np.array(offsets))

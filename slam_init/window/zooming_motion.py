@@ -149,10 +149,7 @@ def _optimum(tracks: WindowTracks, fit: JointFit, zooms: Floats, dispersion: flo
 
 def _fitted(tracks: WindowTracks, state: WindowState, priors: Priors) -> JointFit:
     """The fit from the motion and the lens of a state, with the rays as measured."""
-    start = start_at(
-        tracks, state.R, state.t, state.plane, log_scale=state.log_scale, k1=state.k1, readout_s=state.readout_s,
-        principal_px=state.principal_px,
-    )  # fmt: skip
+    start = start_at(tracks, state.R, state.t, state.plane, lens=state.lens)
     return fit_window(tracks, start, priors, max_steps=_STEPS)
 
 

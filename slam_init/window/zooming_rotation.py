@@ -20,6 +20,7 @@ from slam_init.types.arrays import Floats, evenly_spaced
 from slam_init.types.camera import Camera
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import fit_window
+from slam_init.window.lens_offset import LensOffset
 from slam_init.window.levels import LARGEST_ZOOM, SHIFTS, ZOOM_LEAVES, ZOOMED_COST, ZOOMS
 from slam_init.window.measured_rays import measured_rays
 from slam_init.window.projection import camera_vector
@@ -108,14 +109,14 @@ def with_zooms(hypotheses: WindowHypotheses) -> ZoomingRotation:
     # A readout would take the place of zooms, so it is that of the best motion.
     priors = replace(hypotheses.priors, readout_sigma_s=0.0)
     t = np.outer(np.arange(len(rotating.state.R)), [1e-9, 0.0, 0.0])
-    readout_s = hypotheses.motions[0].fit.state.readout_s
-    state = start_at(tracks, rotating.state.R, t, readout_s=readout_s, at_infinity=True)
+    lens = LensOffset(readout_s=hypotheses.motions[0].fit.state.lens.readout_s)
+    state = start_at(tracks, rotating.state.R, t, lens=lens, at_infinity=True)
     lowest = _alternated(hypotheses, state, priors)
     if lowest.cost > hypotheses.motions[0].fit.cost and lowest.explains_much(hypotheses):
         # The reference may be zoomed as well, as its distance from the stated focal length.
         free = replace(priors, focal_sigma=max(priors.focal_sigma, _REFERENCE_ZOOM))
         for log_scale in (_REFERENCE_ZOOM, -_REFERENCE_ZOOM):
-            other = _alternated(hypotheses, replace(state, log_scale=log_scale), free)
+            other = _alternated(hypotheses, replace(state, lens=lens._replace(log_scale=log_scale)), free)
             if other.cost < lowest.cost:
                 lowest = other
     # Shifts come last: beside a zoom that is not known yet, bodies would lead them away. But without shifts, zooms and
@@ -167,10 +168,7 @@ def _alternated(
 
 def _again(tracks: WindowTracks, state: WindowState) -> WindowState:
     """The rotations and the lens of a state, with the rays as measured."""
-    return start_at(
-        tracks, state.R, state.t, log_scale=state.log_scale, k1=state.k1, readout_s=state.readout_s,
-        principal_px=state.principal_px, at_infinity=True,
-    )  # fmt: skip
+    return start_at(tracks, state.R, state.t, lens=state.lens, at_infinity=True)
 
 
 def zoomed(tracks: WindowTracks, zooms: Floats, shifts: Floats | None = None) -> WindowTracks:
@@ -201,14 +199,16 @@ def _located(
     * ``shift_px``: Standard deviation of the shifts.
     * ``rays``: (T, 3) In the anchor views; by default as measured, with those of the views located before.
     """
-    camera = tracks.camera.refocused(state.log_scale, state.k1)
+    camera = tracks.camera.refocused(state.lens.log_scale, state.lens.k1)
     R, zooms, shifts, anchor = state.R.copy(), zooms.copy(), shifts.copy(), np.maximum(tracks.anchor, 0)
     at_anchor, lens = tracks.pixels[anchor, np.arange(len(anchor))], camera_vector(camera)
     for k in range(1, len(R)):
         used = tracks.seen[k] & (tracks.anchor >= 0) & (tracks.anchor < k)
-        measured = tracks.pixels[k] - state.principal_px
+        measured = tracks.pixels[k] - np.array(state.lens.principal_px)
         if rays is None:
-            of_anchor = _undone(at_anchor, _centre(tracks.camera), zooms[anchor], shifts[anchor]) - state.principal_px
+            of_anchor = _undone(at_anchor, _centre(tracks.camera), zooms[anchor], shifts[anchor]) - np.array(
+                state.lens.principal_px
+            )
             from_anchor = measured_rays(camera, of_anchor[None], used[None])[0]
         else:
             from_anchor = rays

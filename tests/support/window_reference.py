@@ -64,7 +64,7 @@ def reference_equations(
             Q = state.R[k] @ R_a.T
             v = d - rho * t_a
             x = Q @ v
-            seen, *numbers = project_point(camera, np.exp(state.log_scale), state.k1, *(x + rho * state.t[k]))
+            seen, *numbers = project_point(camera, np.exp(state.lens.log_scale), state.lens.k1, *(x + rho * state.t[k]))
             if not seen or (on_plane and rho <= 0):
                 total += gate**2
                 continue
@@ -86,8 +86,8 @@ def reference_equations(
             if with_principal:
                 J[:, focal + lens - 2 : focal + lens] = np.eye(2)
             J /= tracks.sigma_px[k, i]
-            e = pixel + (state.readout_s - tracks.readout_s) * tracks.sweep_px_s[k, i] - tracks.pixels[k, i]
-            e = (e + state.principal_px) / tracks.sigma_px[k, i]
+            e = pixel + (state.lens.readout_s - tracks.readout_s) * tracks.sweep_px_s[k, i] - tracks.pixels[k, i]
+            e = (e + state.lens.principal_px) / tracks.sigma_px[k, i]
             if with_field:
                 first = fields + block * (k - 1) + 6 if k else 0
                 place = np.kron(np.eye(2), tracks.places[k, i])

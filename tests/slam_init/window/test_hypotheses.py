@@ -146,7 +146,7 @@ def in_another_world(motion: Motion, scale=1.0) -> Motion:
     if plane is not None:
         turned_plane = world_from_new.R.T @ plane / scale
         plane = turned_plane / (1 - plane / scale @ world_from_new.t)
-    return Motion({frame: pose @ world_from_new for frame, pose in scaled.items()}, plane, motion.log_scale)
+    return Motion({frame: pose @ world_from_new for frame, pose in scaled.items()}, plane, motion.lens)
 
 
 def test_each_proposal_of_a_pair_is_a_motion_with_a_plane_where_the_matches_lie_on_one():
@@ -375,7 +375,7 @@ def test_a_camera_that_turns_about_several_axes_may_have_another_principal_point
     found = fit_hypotheses(gather_tracks(source.camera, views, 0.5), motions, PRIORS)
     true, stated = source.sequence.true_camera, source.camera
     error_px = np.array([true.cx - stated.cx, true.cy - stated.cy])
-    assert np.linalg.norm(found.rotation_only.state.principal_px - error_px) < 0.3 * np.linalg.norm(error_px)
+    assert np.linalg.norm(found.rotation_only.state.lens.principal_px - error_px) < 0.3 * np.linalg.norm(error_px)
     # Without translation, the best motion gains no more than by chance.
     gain, freedom = found.gain_over_rotation
     assert 2 * gain < 1.5 * freedom

@@ -21,6 +21,7 @@ from sequences_synth.points import make_points
 from slam_init.bundle.focal import camera_with_focal_factor
 from slam_init.window.equations import WindowEquations
 from slam_init.window.joint_fit import costs_off_plane, fit_window, information_of_relief, start_noise_factor
+from slam_init.window.lens_offset import LensOffset
 from slam_init.window.optimizer import OFF_PLANE_COST
 from slam_init.window.state import Priors, start_at
 from slam_init.window.tracks import WindowTracks, gather_tracks
@@ -43,7 +44,7 @@ def test_exact_tracks_give_the_truth(camera, views, kind):
         assert fit.cost < 1e-6
         assert window.rotation_error(fit.state) < 1e-6
         assert window.direction_error(fit.state) < 1e-5
-        assert abs(fit.state.log_scale) < 1e-6
+        assert abs(fit.state.lens.log_scale) < 1e-6
 
 
 @pytest.mark.parametrize("views", [3, 8])
@@ -294,16 +295,16 @@ def test_the_noise_of_a_start_covers_its_error_within_a_factor_of_thirty():
 def test_a_start_at_a_focal_scale_has_the_points_of_the_camera_with_that_focal_length():
     true = camera_of(make_points("room", 2))
     window = make_window("room", 2, 4, stated=camera_with_focal_factor(true, 1.1))
-    state = start_at(window.tracks, window.R, window.t, log_scale=-np.log(1.1))
+    state = start_at(window.tracks, window.R, window.t, lens=LensOffset(-np.log(1.1)))
     used = window.tracks.anchor >= 0
-    assert state.log_scale == -np.log(1.1)
+    assert state.lens.log_scale == -np.log(1.1)
     np.testing.assert_allclose(state.inverse_distances[used], window.true_state().inverse_distances[used], rtol=1e-6)
     np.testing.assert_allclose(state.rays[used], window.true_state().rays[used], atol=1e-9)
     assert fit_window(window.tracks, state, Priors(focal_sigma=1e6), max_steps=0).cost < 1e-6
 
 
 def cost_of_camera(fit):
-    return (fit.state.log_scale / PRIORS.focal_sigma) ** 2 + (fit.state.k1 / PRIORS.k1_sigma) ** 2
+    return (fit.state.lens.log_scale / PRIORS.focal_sigma) ** 2 + (fit.state.lens.k1 / PRIORS.k1_sigma) ** 2
 
 
 @pytest.mark.parametrize("kind", SCENES)
@@ -340,7 +341,7 @@ def test_a_rotation_only_camera_tells_its_focal_length():
     t = np.outer(np.arange(6), [1e-9, 0, 0])
     start = start_at(window.tracks, window.R, t, at_infinity=True)
     fit = fit_window(window.tracks, start, Priors(focal_sigma=0.1), rotation_only=True)
-    assert np.exp(fit.state.log_scale) == pytest.approx(1 / 1.05, abs=0.01)
+    assert np.exp(fit.state.lens.log_scale) == pytest.approx(1 / 1.05, abs=0.01)
 
 
 # -- noisy data -----------------------------------------------------------------------------------
@@ -369,7 +370,7 @@ def test_a_wrong_focal_length_is_found_where_the_camera_turns_and_translates():
             "room", seed, 6, 120, noise_px=0.3, baseline=0.5, turning=0.15, stated=camera_with_focal_factor(true, 1.02)
         )
         fit = fit_near_truth(window, Priors(focal_sigma=0.03), seed=seed)
-        errors.append(fit.state.log_scale + np.log(1.02))
+        errors.append(fit.state.lens.log_scale + np.log(1.02))
         sigmas.append(focal_sigma(fit))
     z = np.array(errors) / sigmas
     assert max(sigmas) < 0.005  # the prior alone has 0.03
@@ -433,5 +434,5 @@ def test_no_track_stays_behind_where_the_distortion_moves_by_many_pixels(k1):
     coarse = tracks.with_noise(start_noise_factor(tracks, start, priors, rotation_only=True) * 0.1)
     start = fit_window(coarse, start, priors, rotation_only=True).state
     fit = fit_window(tracks, start, priors, rotation_only=True)
-    assert fit.state.k1 == pytest.approx(k1, abs=0.01)
+    assert fit.state.lens.k1 == pytest.approx(k1, abs=0.01)
     assert fit.explained > 0.99 * (tracks.anchor >= 0).sum()

@@ -10,6 +10,7 @@ from window_reference import reference_equations
 
 from slam_init.window.arguments import Known, Layout, Unknowns
 from slam_init.window.equations import tangent_bases
+from slam_init.window.lens_offset import LensOffset
 from slam_init.window.projection import camera_vector, project_point
 from slam_init.window.steps import move_tracks
 from slam_init.window.track_equations import eliminate
@@ -44,7 +45,7 @@ def world(kind, seed=1, views=3, camera=None, drift_px=0.0):
     # Of the tracks of a plane, a fifth leaves it.
     on_plane = state.on_plane & (np.arange(len(state.on_plane)) % 5 > 0)
     field = 0.2 * rng.normal(size=state.field.shape)
-    return tracks, replace(state, t=t, log_scale=2e-3, k1=0.02, field=field, on_plane=on_plane, readout_s=0.003)
+    return tracks, replace(state, t=t, lens=LensOffset(2e-3, 0.02, 0.003), field=field, on_plane=on_plane)
 
 
 def free_of(state, **changes):
@@ -58,9 +59,9 @@ def test_the_cost_of_a_track_is_the_robust_sum_over_its_observations(with_field,
     tracks, state = world("free", drift_px=drift_px)
     found = equations(tracks, state, GATE, with_field=with_field)
     camera = replace(
-        tracks.camera.bent(state.k1),
-        fx=tracks.camera.fx * np.exp(state.log_scale),
-        fy=tracks.camera.fy * np.exp(state.log_scale),
+        tracks.camera.bent(state.lens.k1),
+        fx=tracks.camera.fx * np.exp(state.lens.log_scale),
+        fy=tracks.camera.fy * np.exp(state.lens.log_scale),
     )
     gate2 = GATE**2
     for i, a in enumerate(tracks.anchor):
@@ -68,7 +69,7 @@ def test_the_cost_of_a_track_is_the_robust_sum_over_its_observations(with_field,
         point = state.R[a].T @ (state.rays[i] / state.inverse_distances[i] - state.t[a]) if a >= 0 else None
         for k in np.flatnonzero(tracks.seen[:, i]) if a >= 0 else ():
             x = tracks.pixels[k, i]
-            swept = tracks.sweep_px_s[k, i] * (state.readout_s - tracks.readout_s)
+            swept = tracks.sweep_px_s[k, i] * (state.lens.readout_s - tracks.readout_s)
             e = (camera.project((state.R[k] @ point + state.t[k])[None])[0] + swept - x) / tracks.sigma_px[k, i]
             if with_field:
                 u, v = 2 * x / (camera.width - 1, camera.height - 1) - 1

@@ -30,8 +30,8 @@ def test_the_gradient_of_the_expansion_is_the_sum_of_the_shares_and_vanishes_at_
     fit = fit_near_truth(window, kind=kind, seed=2)
     found = linearize_with_fields(fit)
     total, focal = found.shares.sum(axis=0), np.flatnonzero(~found.is_field)[6 * 3]
-    total[focal] += fit.state.log_scale / PRIORS.focal_sigma**2
-    total[np.flatnonzero(~found.is_field)[6 * 3 + 1]] += fit.state.k1 / PRIORS.k1_sigma**2
+    total[focal] += fit.state.lens.log_scale / PRIORS.focal_sigma**2
+    total[np.flatnonzero(~found.is_field)[6 * 3 + 1]] += fit.state.lens.k1 / PRIORS.k1_sigma**2
     np.testing.assert_allclose(found.gradient, total, atol=1e-7)
     scale = np.sqrt(np.diag(found.information))
     assert np.abs(found.gradient / scale)[~found.is_field].max() < 1e-3
@@ -45,7 +45,7 @@ def test_the_gradient_of_the_expansion_is_the_sum_of_the_shares_with_tracks_at_i
     assert (fit.state.inverse_distances[window.tracks.anchor >= 0] == 0).any()
     found = linearize_with_fields(fit)
     focal = np.flatnonzero(~found.is_field)[6 * 4]
-    expected = found.shares[:, focal].sum() + fit.state.log_scale / PRIORS.focal_sigma**2
+    expected = found.shares[:, focal].sum() + fit.state.lens.log_scale / PRIORS.focal_sigma**2
     assert found.gradient[focal] == pytest.approx(expected, rel=1e-6)
 
 

@@ -5,6 +5,7 @@ import pytest
 from make_map import CAMERAS
 from make_window import make_window
 
+from slam_init.window.lens_offset import IN_USE
 from slam_init.window.measured_rays import measured_rays, triangulated
 
 
@@ -21,7 +22,7 @@ def test_the_rays_are_those_of_the_camera_and_missing_where_it_has_none(model, k
 def test_the_distances_are_those_of_linear_least_squares():
     window = make_window("room", 2, 4, 60, noise_px=1.0, baseline=0.2, turning=0.1)
     tracks, R, t = window.tracks, window.R, window.t
-    bearings = tracks.bearings(0.0, 0.0, 0.0)
+    bearings = tracks.bearings(IN_USE)
     bearings[2, 5] = np.nan
     anchor = np.maximum(tracks.anchor, 0)
     rays = bearings[anchor, np.arange(len(anchor))]
