@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from quest.robust.kernels.small_algebra import median_in_place
-from quest.robust.rotation import refine_rotation
 from slam_init.mapping.resection import resect
 from slam_init.mapping.triangulation import triangulate
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.pose import Pose
+from slam_init.window.alignment import align_with_first
 from slam_init.window.motion import Motion
 from slam_init.window.tracks import WindowTracks
 
@@ -23,9 +22,6 @@ MIN_RESECTED = 12
 #: Outlier threshold of a further view before the joint fit, in standard deviations of the noise.
 #: Class: level.
 _RESECTION_SIGMAS = 4.0
-#: Scales of the robust kernel that aligns two views by a rotation. The first one reaches 25 degrees, the angle between
-#: two photos of a panorama; the last one is a few pixels.
-_ALIGNMENT_SCALES_RAD = (0.4, 0.1, 0.03, 0.01)
 
 
 def align_views(bearings: Floats, motions: Sequence[Motion], pair: tuple[int, ...]) -> Floats:
@@ -36,24 +32,11 @@ def align_views(bearings: Floats, motions: Sequence[Motion], pair: tuple[int, ..
     * ``motions``: The rotation of the first one is a start for the second view.
     """
     R = np.tile(np.eye(3), (len(bearings), 1, 1))
-    proposed = [np.eye(3)]
     for motion in motions[:1]:
         known = motion.cam_from_world
         if pair[0] in known and pair[1] in known:
-            proposed.append(known[pair[1]].R @ known[pair[0]].R.T)
-    for k in range(1, len(bearings)):
-        both = np.isfinite(bearings[0, :, 0]) & np.isfinite(bearings[k, :, 0])
-        if both.sum() >= 3:
-            m, n = bearings[0, both], bearings[k, both]
-            starts = proposed if k == 1 else [np.eye(3), R[1]]
-            aligned = [_aligned(start, m, n) for start in starts]
-            R[k] = min(aligned, key=lambda found: median_in_place(np.linalg.norm(n - m @ found.T, axis=1)))
-    return R
-
-
-def _aligned(R: Floats, m: Floats, n: Floats) -> Floats:
-    for scale_rad in _ALIGNMENT_SCALES_RAD:
-        R = refine_rotation(R, m, n, scale_rad, iterations=4)
+            R[1:] = known[pair[1]].R @ known[pair[0]].R.T
+    align_with_first(bearings, R)
     return R
 
 
