@@ -366,11 +366,11 @@ def _far_start(tracks: WindowTracks, rotations: Floats, priors: Priors) -> Windo
 def _fit_turning(tracks: WindowTracks, start: WindowState | Motion, priors: Priors, hopeless: float) -> JointFit:
     """Fit a camera that only rotates, from the poses and the lens of a state, or from where an earlier fit ended."""
     if isinstance(start, WindowState):
-        first = start_at(tracks, start.R, start.t, lens=start.lens, at_infinity=True)
-        return fit_window(tracks, first, priors, rotation_only=True, hopeless=hopeless)
-    R = np.array([start.cam_from_world[frame].R for frame in tracks.frames])
+        R, points = start.R, None
+    else:
+        R, points = np.array([start.cam_from_world[frame].R for frame in tracks.frames]), start.points
     first = start_at(tracks, R, _no_motion(len(R)), lens=start.lens, at_infinity=True)
-    known = None if start.points is None else start.points.start(tracks, first)
+    known = None if points is None else points.start(tracks, first)
     return fit_window(tracks, first, priors, known=known, rotation_only=True, hopeless=hopeless)
 
 

@@ -1,7 +1,7 @@
 """The compiled optimizer of the joint fit: Levenberg and Marquardt's steps, from the equations to the last state.
 
-A fit takes a dozen steps of some tens of microseconds each. One call makes them all, without arrays of its own.
-``tests/support/optimizer_reference.py`` is the same in numpy, step by step.
+A step takes some tenths of a millisecond, and half as long again if Python calls its parts. So one call makes all steps
+of a fit, without arrays of its own. ``tests/support/optimizer_reference.py`` is the same in numpy, step by step.
 """
 
 from __future__ import annotations
