@@ -108,16 +108,13 @@ class WindowEquations:
         """
         return self._evaluate(state, fill=True, hold=hold)
 
-    def optimized(
-        self, state: WindowState, max_steps: int, tolerance: float, hopeless: float, give_up: float
-    ) -> tuple[WindowState, float, int, bool]:
+    def optimized(self, state: WindowState, limits: Limits) -> tuple[WindowState, float, int, bool]:
         """Levenberg-Marquardt from a state; see :func:`slam_init.window.optimizer.optimize`.
 
         * Returns: The last state, its cost, the number of steps, and whether the fit was given up.
         """
         size = len(state.R), state.on_plane
         states = self._place(state), Unknowns.empty(*size), Unknowns.empty(*size)
-        limits = Limits(max_steps, float(tolerance), float(hopeless), float(give_up))
         at, cost, steps, given_up = optimize(
             self._observed, self._known, self._layout, self.held_view, limits, states, self._equations, self._fitted,
             self._sums, Work.empty(len(self.gradient)),

@@ -18,6 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from slam_init.types.arrays import Bools, Floats
+from slam_init.window.arguments import Limits
 from slam_init.window.equations import WindowEquations, explained_at_most
 from slam_init.window.lens_offset import LensOffset
 from slam_init.window.optimizer import OFF_PLANE_COST
@@ -154,7 +155,8 @@ def fit_window(
     if lives:
         max_steps = LIVING_STEPS_OF_ROTATION if rotation_only else LIVING_STEPS
         tolerance = max(tolerance, LIVING_TOLERANCE)
-    fit = _optimized(equations, start, max_steps, tolerance, hopeless, give_up)
+    limits = Limits(max_steps, float(tolerance), float(hopeless), float(give_up))
+    fit = _optimized(equations, start, limits)
     if fit.given_up or (lives and rotation_only):
         return fit
     lens = start.lens
@@ -164,12 +166,12 @@ def fit_window(
         lens, again = fit.state.lens, _measured_again(equations, fit, rotation_only=rotation_only)
         if again is None:
             break
-        fit = _optimized(equations, again, max_steps, tolerance, hopeless, give_up)
+        fit = _optimized(equations, again, limits)
     for _ in range(0 if start.plane is None else _PLANE_ROUNDS):
         reassigned = _reassigned(equations, fit.state)
         if (reassigned.on_plane == fit.state.on_plane).all():
             break
-        fit = _optimized(equations, reassigned, max_steps, tolerance, hopeless, give_up)
+        fit = _optimized(equations, reassigned, limits)
     return fit
 
 
@@ -224,11 +226,9 @@ def information_of_relief(fit: JointFit) -> Floats:
     return np.asarray(np.where(on_plane, inverse**2 / variance, 0.0))
 
 
-def _optimized(
-    equations: WindowEquations, state: WindowState, max_steps: int, tolerance: float, hopeless: float, give_up: float
-) -> JointFit:
+def _optimized(equations: WindowEquations, state: WindowState, limits: Limits) -> JointFit:
     """Levenberg-Marquardt from a state."""
-    state, cost, steps, given_up = equations.optimized(state, max_steps, tolerance, hopeless, give_up)
+    state, cost, steps, given_up = equations.optimized(state, limits)
     return JointFit(
         equations.tracks,
         equations.priors,

@@ -8,7 +8,7 @@ from make_window import PRIORS, make_window
 from optimizer_reference import reference_optimum
 
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.window.arguments import Equations, Work
+from slam_init.window.arguments import Equations, Limits, Work
 from slam_init.window.equations import WindowEquations
 from slam_init.window.optimizer import solve_damped
 from slam_init.window.prior_equations import turn_between
@@ -39,7 +39,7 @@ def test_it_takes_the_steps_of_the_readable_optimizer(kind, views, max_steps):
     # The camera moves: to one that only rotates, most tracks would be outliers.
     priors = replace(PRIORS, gate_sigmas=1e3) if kind == "rotation" else PRIORS
     equations = WindowEquations(tracks, start, priors, kind == "rotation")
-    state, cost, steps, _ = equations.optimized(start, max_steps, 1e-3, np.inf, np.inf)
+    state, cost, steps, _ = equations.optimized(start, Limits(max_steps, 1e-3, np.inf, np.inf))
     expected, expected_cost, expected_steps = reference_optimum(equations, start, max_steps, 1e-3)
     assert steps == expected_steps
     assert steps > 1 or max_steps < 2
@@ -53,7 +53,7 @@ def test_it_takes_the_steps_of_the_readable_optimizer(kind, views, max_steps):
 def test_it_takes_them_with_all_that_can_be_unknown_or_measured(kind):
     tracks, start = window_and_start(kind, 4, measured=True)
     equations = WindowEquations(tracks, start, ALL)
-    state, cost, steps, _ = equations.optimized(start, 20, 1e-3, np.inf, np.inf)
+    state, cost, steps, _ = equations.optimized(start, Limits(20, 1e-3, np.inf, np.inf))
     expected, expected_cost, expected_steps = reference_optimum(equations, start, 20, 1e-3)
     assert (steps, cost) == (expected_steps, pytest.approx(expected_cost, rel=1e-6))
     assert equations.cost(state) == pytest.approx(cost, rel=1e-12)
@@ -66,7 +66,7 @@ def test_it_takes_them_with_all_that_can_be_unknown_or_measured(kind):
 def test_the_start_of_a_fit_stays_as_it_is():
     tracks, start = window_and_start("free", 4)
     before = replace(start, R=start.R.copy(), t=start.t.copy(), rays=start.rays.copy())
-    WindowEquations(tracks, start, PRIORS).optimized(start, 5, 1e-3, np.inf, np.inf)
+    WindowEquations(tracks, start, PRIORS).optimized(start, Limits(5, 1e-3, np.inf, np.inf))
     for name in ("R", "t", "rays"):
         np.testing.assert_array_equal(getattr(start, name), getattr(before, name))
 
