@@ -366,10 +366,10 @@ def _far_start(tracks: WindowTracks, rotations: Floats, priors: Priors) -> Windo
 def _fit_turning(tracks: WindowTracks, start: WindowState | Motion, priors: Priors, hopeless: float) -> JointFit:
     """Fit a camera that only rotates, from the poses and the lens of a state, or from where an earlier fit ended."""
     if isinstance(start, WindowState):
-        R, points = start.R, None
+        R, points, lens = start.R, None, start.lens.centred()
     else:
-        R, points = np.array([start.cam_from_world[frame].R for frame in tracks.frames]), start.points
-    first = start_at(tracks, R, _no_motion(len(R)), lens=start.lens, at_infinity=True)
+        R, points, lens = np.array([start.cam_from_world[frame].R for frame in tracks.frames]), start.points, start.lens
+    first = start_at(tracks, R, _no_motion(len(R)), lens=lens, at_infinity=True)
     known = None if points is None else points.start(tracks, first)
     return fit_window(tracks, first, priors, known=known, rotation_only=True, hopeless=hopeless)
 

@@ -17,6 +17,10 @@ class LensOffset(NamedTuple):
     #: Added to the principal point.
     principal_px: tuple[float, float] = (0.0, 0.0)
 
+    def centred(self) -> LensOffset:
+        """The same lens with the stated principal point, of which one window tells little."""
+        return self._replace(principal_px=(0.0, 0.0))
+
     def from_moved(self, log_scale: float, k1: float) -> LensOffset:
         """The same lens, as it differs from a lens in use that has moved by so much."""
         return self._replace(log_scale=self.log_scale - log_scale, k1=self.k1 - k1)

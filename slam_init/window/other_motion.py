@@ -307,7 +307,7 @@ def _odds(tracks: float, of_other: float, of_best: float) -> float:
 def bearings_of_best(hypotheses: WindowHypotheses) -> Floats:
     """The measured rays (V, T, 3) by the lens of the best motion; NaN where a view does not see a track."""
     state, tracks = hypotheses.motions[0].fit.state, hypotheses.tracks
-    bearings = tracks.bearings(state.lens)
+    bearings = tracks.bearings(state.lens.centred())
     bearings[~tracks.seen] = np.nan
     return bearings
 
