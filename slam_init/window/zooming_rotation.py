@@ -202,13 +202,12 @@ def _located(
     camera = tracks.camera.refocused(state.lens.log_scale, state.lens.k1)
     R, zooms, shifts, anchor = state.R.copy(), zooms.copy(), shifts.copy(), np.maximum(tracks.anchor, 0)
     at_anchor, lens = tracks.pixels[anchor, np.arange(len(anchor))], camera_vector(camera)
+    off_px = np.array(state.lens.principal_px)
     for k in range(1, len(R)):
         used = tracks.seen[k] & (tracks.anchor >= 0) & (tracks.anchor < k)
-        measured = tracks.pixels[k] - np.array(state.lens.principal_px)
+        measured = tracks.pixels[k] - off_px
         if rays is None:
-            of_anchor = _undone(at_anchor, _centre(tracks.camera), zooms[anchor], shifts[anchor]) - np.array(
-                state.lens.principal_px
-            )
+            of_anchor = _undone(at_anchor, _centre(tracks.camera), zooms[anchor], shifts[anchor]) - off_px
             from_anchor = measured_rays(camera, of_anchor[None], used[None])[0]
         else:
             from_anchor = rays
