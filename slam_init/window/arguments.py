@@ -74,13 +74,11 @@ class Unknowns(NamedTuple):
     @staticmethod
     def empty(views: int, on_plane: Bools) -> Unknowns:
         """Place for a number of views and for the tracks on the plane or off it (T,)."""
-        R, t, field, count = (
-            np.zeros((views, 3, 3)),
-            np.zeros((views, 3)),
-            np.zeros((views, FIELD_TERMS)),
-            len(on_plane),
-        )
-        return Unknowns(Scene(R, t, field, np.zeros(3), on_plane, np.zeros((count, 3)), np.zeros(count)), np.zeros(5))
+        scene = Scene(
+            np.zeros((views, 3, 3)), np.zeros((views, 3)), np.zeros((views, FIELD_TERMS)), np.zeros(3), on_plane,
+            np.zeros((len(on_plane), 3)), np.zeros(len(on_plane)),
+        )  # fmt: skip
+        return Unknowns(scene, np.zeros(5))
 
 
 class Known(NamedTuple):
