@@ -8,7 +8,7 @@ from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.window.arguments import Equations, Fitted, Known, Layout, Limits, Observed, Scene, Sums, Unknowns, Work
 from slam_init.window.lens_offset import LensOffset
 from slam_init.window.optimizer import evaluate, hold_length, optimize
-from slam_init.window.prior_equations import add_measured_rotations
+from slam_init.window.prior_equations import add_priors
 from slam_init.window.projection import camera_vector
 from slam_init.window.state import Priors, WindowState
 from slam_init.window.steps import move
@@ -130,13 +130,13 @@ class WindowEquations:
             return np.zeros(len(state.rays), bool)
         return np.asarray(~state.on_plane & (state.inverse_distances == 0) & (self.back[:, 2, 0] > 0))
 
-    def turned_gradient(self, state: WindowState) -> Floats:
-        """The part of the gradient that measured rotations and gravity make.
+    def prior_gradient(self, state: WindowState) -> Floats:
+        """The part of the gradient that does not come from the tracks: of the lens, the fields and the rotations.
 
         Shapes: returns (G,).
         """
         place = self._equations._replace(gradient=np.zeros_like(self.gradient), normal=np.zeros_like(self.normal))
-        add_measured_rotations(self._known, unknowns_of(state), self._layout, place, True)
+        add_priors(self._known, unknowns_of(state), self._layout, place, True)
         return place.gradient
 
     def columns_of_fields(self) -> Bools:

@@ -52,16 +52,7 @@ def linearize_with_fields(fit: JointFit) -> Linearization:
     back, shares, held = equations.back, equations.shares.copy(), equations.stopped(state)
     # The equations are linear in the gradients of the tracks.
     shares[held] += np.einsum("tpg,tp->tg", back[held, :, 4:], back[held, :, 3] * back[held, 2, :1])
-    gradient = shares.sum(axis=0)
-    gradient += equations.turned_gradient(state)
-    by_focal, by_k1 = priors.lens_pulls(state)
-    gradient[equations.focal] += by_focal / priors.focal_sigma
-    gradient[equations.focal + 1] += by_k1 / priors.k1_sigma
-    if priors.readout_sigma_s > 0:
-        gradient[equations.focal + 2] += state.lens.readout_s / priors.readout_sigma_s**2
-    if priors.principal_sigma_px > 0:
-        first = equations.focal + 2 + int(priors.readout_sigma_s > 0)
-        gradient[first : first + 2] += np.array(state.lens.principal_px) / priors.principal_sigma_px**2
+    gradient = shares.sum(axis=0) + equations.prior_gradient(state)
     variance = back[:, 2, 3].copy()
     coupling = -np.einsum("tq,tqg->tg", back[:, 2, 1:4], back[:, :, 4:])
     if state.plane is not None:

@@ -35,7 +35,7 @@ def align_views(bearings: Floats, motions: Sequence[Motion], pair: tuple[int, ..
     for motion in motions[:1]:
         known = motion.cam_from_world
         if pair[0] in known and pair[1] in known:
-            R[1:] = known[pair[1]].R @ known[pair[0]].R.T
+            R[1] = known[pair[1]].R @ known[pair[0]].R.T
     align_with_first(bearings, R)
     return R
 

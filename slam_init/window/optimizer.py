@@ -1,7 +1,7 @@
 """The compiled optimizer of the joint fit: Levenberg and Marquardt's steps, from the equations to the last state.
 
-A step takes some tenths of a millisecond, and half as long again if Python calls its parts. So one call makes all steps
-of a fit, without arrays of its own. ``tests/support/optimizer_reference.py`` is the same in numpy, step by step.
+A step takes some tenths of a millisecond, and nearly twice as long if Python calls its parts. So one call makes all
+steps of a fit, without arrays of its own. ``tests/support/optimizer_reference.py`` is the same in numpy, step by step.
 """
 
 from __future__ import annotations
@@ -159,7 +159,7 @@ def solve_damped(equations: Equations, damping: float, work: Work) -> bool:
         step[p] = -equations.gradient[p]
         for q in range(p, size):
             factor[p, q] = normal[p, q]
-        factor[p, p] += damping * max(normal[p, p], 1e-6)
+        factor[p, p] += damping * max(normal[p, p], 1e-6)  # an unknown that nothing tells takes no step
     for p in range(size):
         pivot = factor[p, p]
         if not pivot > 0.0:

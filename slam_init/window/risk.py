@@ -146,7 +146,7 @@ def directions_and_rival(hypotheses: WindowHypotheses) -> tuple[DirectionTerm, f
     """The terms of the direction and of the nearest rival alone."""
     expanded = expand(hypotheses.motions[0])
     directions = direction_term(hypotheses, expanded)
-    most = UNDECIDED if directions.of_pair <= UNDECIDED else -1.0
+    most = -1.0 if _is_open(0.0, directions.of_pair) else UNDECIDED
     return directions, rival_term(hypotheses, expanded, directions.sigma_deg, most=most)[0]
 
 

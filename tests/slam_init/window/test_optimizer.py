@@ -90,7 +90,7 @@ def test_the_gradient_of_what_was_measured_is_the_slope_of_its_cost(measured, an
         return costs[0] - costs[1]
 
     at, step = angle * np.array([0.6, 0.0, 0.8]), 1e-5
-    gradient = WindowEquations(tracks, start, PRIORS).turned_gradient(turned(rotation_from_vector(at)))
+    gradient = WindowEquations(tracks, start, PRIORS).prior_gradient(turned(rotation_from_vector(at)))
     np.testing.assert_allclose(gradient[:6], 0, atol=1e-9)
     for axis in np.eye(3):
         ahead, behind = (cost(rotation_from_vector(s * step * axis) @ rotation_from_vector(at)) for s in (1, -1))
