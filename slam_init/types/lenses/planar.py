@@ -77,27 +77,14 @@ class RadialTangentialLens:
         """
         if not any(self.coefficients):
             return distorted
-        k1, k2, p1, p2, k3 = (*self.coefficients, 0.0)[:5]
-        xy = distorted
-        with np.errstate(all="ignore"):  # points without a ray may overflow; they end as NaN
-            for _ in range(_NEWTON_STEPS):
-                x, y = np.ascontiguousarray(xy.T)
-                left_x, left_y = (self.distort(xy) - distorted).T
-                r2 = x * x + y * y
-                radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-                slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))  # d radial / d r2, times 2
-                jxx = radial + x * x * slope + 2 * p1 * y + 6 * p2 * x
-                jxy = x * y * slope + 2 * p1 * x + 2 * p2 * y
-                jyy = radial + y * y * slope + 6 * p1 * y + 2 * p2 * x
-                determinant = jxx * jyy - jxy * jxy
-                step_x = (jyy * left_x - jxy * left_y) / determinant
-                step_y = (jxx * left_y - jxy * left_x) / determinant
-                xy = np.column_stack([x - step_x, y - step_y])
-                if (np.abs(step_x) < 1e-13).all() and (np.abs(step_y) < 1e-13).all():
-                    break
-            solved = np.abs(self.distort(xy) - distorted).max(axis=1, initial=0.0) < _SOLVED
-            # A root beyond the turning radius is another ray, which the lens polynomial maps to the same pixel.
-            return np.where((solved & self.sees(xy))[:, None], xy, np.nan)
+        from slam_init.types.lenses.planar_kernel import undistorted
+
+        coefficients = np.zeros(5)
+        coefficients[: len(self.coefficients)] = self.coefficients
+        xy = undistorted(np.require(distorted, np.float64, ["C", "W"]), coefficients, _SOLVED)
+        # A root beyond the turning radius is another ray, which the lens polynomial maps to the same pixel.
+        with np.errstate(all="ignore"):  # points without a ray are NaN
+            return np.where(self.sees(xy)[:, None], xy, np.nan)
 
 
 @dataclass(frozen=True)
