@@ -130,8 +130,11 @@ def flow(
     products = gradient_products(after, moved[kept], config.window_px)
     remainders[~kept] = 0.0
     squares = (_SCALE * remainders[kept]) ** 2 + MISFIT_PX**2 * anisotropy(products)
-    covariances[kept] = squares[:, None, None] * np.linalg.inv(products)
-    step_px = float(np.median(np.linalg.det(covariances[kept]))) ** 0.25 if kept.any() else 0.0
+    xx, xy, yy = products[:, 0, 0], products[:, 0, 1], products[:, 1, 1]
+    determinants = xx * yy - xy**2
+    inverses = np.stack([np.stack([yy, -xy], axis=1), np.stack([-xy, xx], axis=1)], axis=1)
+    covariances[kept] = (squares / determinants)[:, None, None] * inverses
+    step_px = float(np.median(squares**2 / determinants)) ** 0.25 if kept.any() else 0.0
     return Flow(kept, moved, covariances, remainders, _trail(products, (moved - pixels)[kept]), step_px)
 
 

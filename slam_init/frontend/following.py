@@ -18,7 +18,7 @@ import numpy as np
 from slam_init.config import TrackingConfig
 from slam_init.frontend.flow import Flow, flow
 from slam_init.frontend.patches import Patches, Sought
-from slam_init.types.arrays import Floats, Floats32, Image, evenly_spaced
+from slam_init.types.arrays import Floats, Image, evenly_spaced
 from slam_init.types.frame import Observations
 
 #: Points that tell whether all move as before: a twentieth of all. Fewer than half of them tell no share.
@@ -61,7 +61,7 @@ class Followed:
 def follow(
     before: Image,
     after: Image,
-    smooth: Floats32,
+    smooth: Image,
     last: Observations,
     moved: Floats,
     patches: Patches,

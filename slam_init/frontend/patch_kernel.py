@@ -8,21 +8,23 @@ import numpy as np
 
 from quest.robust.kernels.compiler import compiler_of, inlined
 from quest.robust.kernels.small_algebra import median_in_place, solve_in_place
-from slam_init.types.arrays import Bools, Floats, Floats32, Ints
+from slam_init.frontend.patch_size import SIDE_PX, UNKNOWNS, WIDE
+from slam_init.types.arrays import Bools, Floats, Floats32, Ints, Ints32, Pairs
 
 compiled = compiler_of(Path(__file__).parent)
 
-#: Unknowns of an alignment: the displacement, the affine map (row by row, as displacements at the border of the patch),
-#: and the mean and the contrast of the image.
-UNKNOWNS = 8
+#: Pixels from the centre of a patch to its border.
+_RADIUS = SIDE_PX // 2
+#: Of the displacement and the map: whether the slope is the one down, and whether it is times the place across or down.
+_SLOPE, _ACROSS, _DOWN = (0, 1, 0, 0, 1, 1), (0, 0, 1, 0, 1, 0), (0, 0, 0, 1, 0, 1)
 #: Prior standard deviation of a step, px: along an edge a patch determines no displacement.
 _STEP_PX = 0.5
 #: Noise of a pixel in grey levels at least: rounding. A patch with less contrast is flat.
 _LEAST_NOISE = 1.0
-#: Rounding of a place that is the sum of some steps, px.
-_ROUNDING_PX = 1e-6
-#: The next pixel of a line, as an unsigned number.
-_NEXT = np.uint64(1)
+#: Rounding of a place in single precision, px: a hundred times as much as 64 px from the corner that it counts from.
+_ROUNDING_PX = 1e-3
+#: The grey level of a pixel within a pair.
+_GREY, _GREY_BITS = np.int32(255), np.int32(8)
 #: Rounds of the robust fit of the means of maps, and the deviations from which on a patch has less weight.
 _ROUNDS, _FAR_SIGMAS = 3, 2.0
 #: Tracks on a line do not determine the means across it: their slopes have this share of the information as a prior.
@@ -34,87 +36,188 @@ _STEPS, _CONVERGED = 6, 1e-4
 
 
 @inlined
+def grey(value: int) -> np.float32:
+    """A grey level in single precision: from 32 bits, as a processor converts eight at once."""
+    return np.float32(np.int32(value))
+
+
+@inlined
 def sample_line(
-    greys: Floats32, width: int, x: float, y: float, by_x: float, by_y: float, corners: Ints,
-    parts: Floats | Floats32, line: Floats | Floats32,
+    pairs: Pairs, width: int, corner: int, place: tuple[float, float], step: tuple[float, float], last: int,
+    corners: Ints32, uppers: Ints32, across: Floats32, down: Floats32, line: Floats32,
 ) -> None:  # fmt: skip
-    """Sample an image between its pixels, along a line from a place on.
+    """Sample an image between its pixels, at places along a line; the last of them again to the end of the room.
 
-    Shapes: ``greys`` (H W,), ``corners`` (K,), ``parts`` (2, K), ``line`` (K,).
+    Shapes: ``pairs`` (H W - 1,), the room and ``line`` (WIDE,).
 
-    * ``corners, parts``: Room for the pixel to the upper left of each place, and for the place's distances from it.
+    * ``pairs``: Each pixel with the one to its right (:func:`slam_init.frontend.patches.pairs_of`).
+    * ``corner``: The pixel that ``place`` counts from, to the upper left of all places.
+    * ``corners, uppers, across, down``: Room for the pixels to the upper left of the places, for what they show, and
+      for the distances of the places from them.
     """
-    # Two loops: the first one has no reads that depend on what it computes, so the processor does some places at once.
-    for i in range(len(line)):
-        at_x, at_y = x + by_x * i, y + by_y * i
+    # The first loop and the last one read nothing at an index that they compute, so a processor does eight places at
+    # once. Single precision is enough near the corner.
+    w, first = np.int32(width), np.int32(corner)
+    x, y, by_x, by_y = np.float32(place[0]), np.float32(place[1]), np.float32(step[0]), np.float32(step[1])
+    for i in range(WIDE):
+        steps = np.float32(min(i, last))
+        at_x, at_y = x + by_x * steps, y + by_y * steps
         column, row = np.int32(at_x), np.int32(at_y)
-        parts[0, i], parts[1, i] = at_x - column, at_y - row
-        corners[i] = row * width + column
-    for i in range(len(line)):
+        across[i], down[i] = at_x - np.float32(column), at_y - np.float32(row)
+        corners[i] = first + row * w + column
+    for i in range(WIDE):
         # An unsigned index needs no test whether it counts from the end.
-        above, below = np.uint64(corners[i]), np.uint64(corners[i] + width)
-        upper = greys[above] + parts[0, i] * (greys[above + _NEXT] - greys[above])
-        lower = greys[below] + parts[0, i] * (greys[below + _NEXT] - greys[below])
-        line[i] = upper + parts[1, i] * (lower - upper)
+        above, below = np.uint32(corners[i]), np.uint32(corners[i] + w)
+        uppers[i], corners[i] = np.int32(pairs[above]), np.int32(pairs[below])
+    for i in range(WIDE):
+        left, right = grey(uppers[i] & _GREY), grey(uppers[i] >> _GREY_BITS)
+        upper = left + across[i] * (right - left)
+        left, right = grey(corners[i] & _GREY), grey(corners[i] >> _GREY_BITS)
+        lower = left + across[i] * (right - left)
+        line[i] = upper + down[i] * (lower - upper)
 
 
 @compiled
 def cut_patches(
-    image: Floats32, pixels: Floats, slots: Ints, radius: int, patches: Floats32, inverses: Floats, brightness: Floats
-) -> Bools:
+    pairs: Pairs, size: Ints, pixels: Floats, slots: Ints, patches: Floats32, inverses: Floats, brightness: Floats,
+) -> Bools:  # fmt: skip
     """Cut patches out of an image, with their slopes and the inverses of their normal equations.
 
-    Shapes: ``image`` (H, W), ``pixels`` (N, 2), ``slots`` (N,), ``patches`` (S, 3, K), ``inverses`` (S, 8, 8),
-    ``brightness`` (S, 2), returns (N,).
+    Shapes: ``pairs`` (H W - 1,), ``size`` (2,), ``pixels`` (N, 2), ``slots`` (N,), ``patches``
+    (S, 3, SIDE_PX, WIDE), ``inverses`` (S, 8, 8), ``brightness`` (S, 2), returns (N,).
 
-    * ``patches``: The grey levels less the mean, over the contrast, and the two slopes, row by row.
+    * ``size``: Height and width of the image.
+    * ``patches``: The grey levels less the mean, over the contrast, and the two slopes; zero beyond the side.
     * ``brightness``: Mean and contrast (standard deviation) of a patch.
     * Returns: Whether each patch was cut: it lies in the image and is not flat.
     """
-    height, width = image.shape
-    side, reach = 2 * radius + 1, radius + 2.0
-    cut, greys = np.zeros(len(pixels), np.bool_), image.reshape(-1)
-    around, J = np.empty((side + 2, side + 2)), np.empty(UNKNOWNS)
-    normal, corners, parts = np.empty((UNKNOWNS, UNKNOWNS)), np.empty(side + 2, np.int64), np.empty((2, side + 2))
+    height, width = size[0], size[1]
+    reach, cut = _RADIUS + 2.0, np.zeros(len(pixels), np.bool_)
+    corners, uppers = np.empty(WIDE, np.int32), np.empty(WIDE, np.int32)
+    across, down = np.empty(WIDE, np.float32), np.empty(WIDE, np.float32)
+    around, columns = np.empty((SIDE_PX + 2, WIDE), np.float32), np.empty((17, WIDE))
     for n in range(len(pixels)):
         x, y, slot = pixels[n, 0], pixels[n, 1], slots[n]
         if not (x >= reach and y >= reach and x < width - 1 - reach and y < height - 1 - reach):
             continue
-        for j in range(side + 2):
-            sample_line(greys, width, x - radius - 1, y + (j - radius - 1), 1.0, 0.0, corners, parts, around[j])
-        inner = around[1:-1, 1:-1]
-        mean, contrast = inner.mean(), inner.std()
+        column, row = int(x) - _RADIUS - 1, int(y) - _RADIUS - 1
+        x, y = x - _RADIUS - 1 - column, y - _RADIUS - 1 - row
+        for j in range(SIDE_PX + 2):
+            corner = (row + j) * width + column
+            sample_line(pairs, width, corner, (x, y), (1.0, 0.0), SIDE_PX + 1, corners, uppers, across, down, around[j])
+        mean, contrast = brightness_of(around)
         if contrast < _LEAST_NOISE:
             continue
         cut[n] = True
         brightness[slot, 0], brightness[slot, 1] = mean, contrast
-        normal[:] = 0.0
-        for k in range(side * side):
-            j, i = k // side, k % side
-            J[0] = 0.5 * (around[j + 1, i + 2] - around[j + 1, i])
-            J[1] = 0.5 * (around[j + 2, i + 1] - around[j, i + 1])
-            across, down = (i - radius) / radius, (j - radius) / radius
-            J[2], J[3], J[4], J[5] = J[0] * across, J[0] * down, J[1] * across, J[1] * down
-            J[6], J[7] = 1.0, (inner[j, i] - mean) / contrast
-            patches[slot, 0, k], patches[slot, 1, k], patches[slot, 2, k] = J[7], J[0], J[1]
-            for p in range(UNKNOWNS):
-                for q in range(p, UNKNOWNS):
-                    normal[p, q] += J[p] * J[q]
-        for p in range(UNKNOWNS):
-            normal[p, p] += (_LEAST_NOISE / _STEP_PX) ** 2 if p < 6 else 0.0
-            for q in range(p):
-                normal[p, q] = normal[q, p]
-        inverses[slot] = np.linalg.inv(normal)
+        columns[:] = 0.0
+        for j in range(SIDE_PX):
+            sums_of_line(around, j, mean, contrast, patches[slot], columns)
+        invert_sums(columns, inverses[slot])
     return cut
 
 
 @inlined
-def is_inside(at: Floats, radius: int, width: int, height: int) -> bool:
-    """Whether all pixels of a patch lie in an image.
+def brightness_of(around: Floats32) -> tuple[float, float]:
+    """Mean and standard deviation of the grey levels within the border of a patch."""
+    total, square = 0.0, 0.0
+    for j in range(1, SIDE_PX + 1):
+        for i in range(1, SIDE_PX + 1):
+            total += around[j, i]
+            square += around[j, i] * around[j, i]
+    mean = total / SIDE_PX**2
+    return mean, np.sqrt(max(square / SIDE_PX**2 - mean * mean, 0.0))
+
+
+@inlined
+def sums_of_line(around: Floats32, j: int, mean: float, contrast: float, patch: Floats32, columns: Floats) -> None:
+    """Take a line of a patch from the grey levels around it, and add it to the sums over each column.
+
+    Shapes: ``patch`` (3, SIDE_PX, WIDE), ``columns`` (17, WIDE).
+
+    * ``columns``: Of the products of the slopes (xx, xy, yy), times 1, the place down the column, and its square; of
+      the slopes and of their products with the grey level, times 1 and the place.
+    """
+    down = (j - _RADIUS) / _RADIUS
+    for i in range(SIDE_PX):
+        x = 0.5 * (around[j + 1, i + 2] - around[j + 1, i])
+        y = 0.5 * (around[j + 2, i + 1] - around[j, i + 1])
+        grey_level = (around[j + 1, i + 1] - mean) / contrast
+        patch[0, j, i], patch[1, j, i], patch[2, j, i] = grey_level, x, y
+        xx, xy, yy, xg, yg = x * x, x * y, y * y, x * grey_level, y * grey_level
+        columns[0, i] += xx
+        columns[1, i] += xx * down
+        columns[2, i] += xx * down * down
+        columns[3, i] += xy
+        columns[4, i] += xy * down
+        columns[5, i] += xy * down * down
+        columns[6, i] += yy
+        columns[7, i] += yy * down
+        columns[8, i] += yy * down * down
+        columns[9, i] += x
+        columns[10, i] += x * down
+        columns[11, i] += y
+        columns[12, i] += y * down
+        columns[13, i] += xg
+        columns[14, i] += xg * down
+        columns[15, i] += yg
+        columns[16, i] += yg * down
+
+
+@inlined
+def sum_across(column: Floats, power: int) -> float:
+    """The sum over the columns of a patch, times a power (0 to 2) of the place across."""
+    total = 0.0
+    for i in range(SIDE_PX):
+        across = (i - _RADIUS) / _RADIUS
+        total += column[i] * (1.0 if power == 0 else across if power == 1 else across * across)
+    return total
+
+
+@inlined
+def invert_sums(columns: Floats, inverse: Floats) -> None:
+    """The inverse (8, 8) of normal equations, from the sums over each column of a patch, by Gauss-Jordan.
+
+    They are positive definite with the priors of the steps, so that no pivot is sought.
+    """
+    for p in range(6):
+        for q in range(p, 6):
+            products = columns[3 * (_SLOPE[p] + _SLOPE[q]) + _DOWN[p] + _DOWN[q]]
+            inverse[p, q] = inverse[q, p] = sum_across(products, _ACROSS[p] + _ACROSS[q])
+        inverse[p, p] += (_LEAST_NOISE / _STEP_PX) ** 2
+        for q in range(6, UNKNOWNS):
+            slopes = columns[9 + 4 * (q - 6) + 2 * _SLOPE[p] + _DOWN[p]]
+            inverse[p, q] = inverse[q, p] = sum_across(slopes, _ACROSS[p])
+    # The grey levels have the mean 0 and the mean square 1.
+    inverse[6, 6], inverse[7, 7], inverse[6, 7], inverse[7, 6] = SIDE_PX**2, SIDE_PX**2, 0.0, 0.0
+    for k in range(UNKNOWNS):
+        pivot = 1.0 / inverse[k, k]
+        inverse[k, k] = 1.0
+        for q in range(UNKNOWNS):
+            inverse[k, q] *= pivot
+        for p in range(UNKNOWNS):
+            if p != k:
+                factor, inverse[p, k] = inverse[p, k], 0.0
+                for q in range(UNKNOWNS):
+                    inverse[p, q] -= factor * inverse[k, q]
+
+
+@inlined
+def reach_of(at: Floats) -> tuple[float, float]:
+    """How far the pixels of a patch lie from its place, px.
 
     Shapes: ``at`` (8,): place, affine map, mean and contrast.
     """
-    reach_x, reach_y = radius * (abs(at[2]) + abs(at[3])), radius * (abs(at[4]) + abs(at[5]))
+    return _RADIUS * (abs(at[2]) + abs(at[3])), _RADIUS * (abs(at[4]) + abs(at[5]))
+
+
+@inlined
+def is_inside(at: Floats, width: int, height: int) -> bool:
+    """Whether all pixels of a patch lie in an image.
+
+    Shapes: ``at`` (8,).
+    """
+    reach_x, reach_y = reach_of(at)
     inside_x = reach_x + _ROUNDING_PX <= at[0] < width - 1 - reach_x - _ROUNDING_PX
     inside_y = reach_y + _ROUNDING_PX <= at[1] < height - 1 - reach_y - _ROUNDING_PX
     return bool(inside_x and inside_y)
@@ -122,44 +225,44 @@ def is_inside(at: Floats, radius: int, width: int, height: int) -> bool:
 
 @inlined
 def products_with_errors(
-    greys: Floats32, width: int, at: Floats, patch: Floats32, corners: Ints, parts: Floats32, line: Floats32,
-    columns: Floats32, sums: Floats,
+    pairs: Pairs, width: int, at: Floats, patch: Floats32, corners: Ints32, uppers: Ints32, across: Floats32,
+    down: Floats32, line: Floats32, columns: Floats32, sums: Floats,
 ) -> float:  # fmt: skip
     """Sums over a patch of its errors times their derivatives by the unknowns.
 
-    Shapes: ``at, sums`` (8,), ``patch`` (3, K), ``columns`` (7, side); see :func:`sample_line`.
+    Shapes: ``at, sums`` (8,), ``patch`` (3, SIDE_PX, WIDE), ``columns`` (7, WIDE); see :func:`sample_line`.
 
     * ``columns``: Room for the sums over each column of the patch. A processor adds some columns at once, in the same
       order on all processors.
     * Returns: The sum of the squares of the errors.
     """
-    x, y, a, b, c, d = at[0], at[1], at[2], at[3], at[4], at[5]
+    reach_x, reach_y = reach_of(at)
+    column, row = int(at[0] - reach_x), int(at[1] - reach_y)
+    corner, x, y = row * width + column, at[0] - column, at[1] - row
     mean, contrast = np.float32(at[6]), np.float32(at[7])
-    radius = len(line) // 2
     columns[:] = np.float32(0.0)
-    for j in range(len(line)):
-        down, row = float(j - radius) / radius, j * len(line)
-        at_x, at_y = x + radius * (b * down - a), y + radius * (d * down - c)
-        sample_line(greys, width, at_x, at_y, a, c, corners, parts, line)
-        below = np.float32(down)
-        for i in range(len(line)):
-            error = line[i] - mean - contrast * patch[0, row + i]
-            error_x, error_y = patch[1, row + i] * error, patch[2, row + i] * error
+    for j in range(SIDE_PX):
+        below = np.float32((j - _RADIUS) / _RADIUS)
+        place = x + at[3] * (j - _RADIUS) - at[2] * _RADIUS, y + at[5] * (j - _RADIUS) - at[4] * _RADIUS
+        sample_line(pairs, width, corner, place, (at[2], at[4]), SIDE_PX - 1, corners, uppers, across, down, line)
+        for i in range(WIDE):
+            error = line[i] - mean - contrast * patch[0, j, i]
+            error_x, error_y = patch[1, j, i] * error, patch[2, j, i] * error
             columns[0, i] += error_x
             columns[1, i] += error_y
             columns[2, i] += error_x * below
             columns[3, i] += error_y * below
             columns[4, i] += error
-            columns[5, i] += error * patch[0, row + i]
+            columns[5, i] += error * patch[0, j, i]
             columns[6, i] += error * error
     sums[:], square = 0.0, 0.0
-    for i in range(len(line)):
-        across = float(i - radius) / radius
+    for i in range(SIDE_PX):
+        right = (i - _RADIUS) / _RADIUS
         sums[0] += columns[0, i]
         sums[1] += columns[1, i]
-        sums[2] += columns[0, i] * across
+        sums[2] += columns[0, i] * right
         sums[3] += columns[2, i]
-        sums[4] += columns[1, i] * across
+        sums[4] += columns[1, i] * right
         sums[5] += columns[3, i]
         sums[6] += columns[4, i]
         sums[7] += columns[5, i]
@@ -168,13 +271,13 @@ def products_with_errors(
 
 
 @inlined
-def follow_inverse(at: Floats, step: Floats, radius: int) -> None:
+def follow_inverse(at: Floats, step: Floats) -> None:
     """Let the map of a patch be followed by the inverse of a step, in place.
 
     Shapes: ``at, step`` (8,).
     """
     a, b, c, d = at[2], at[3], at[4], at[5]
-    e, f, g, h = 1.0 + step[2] / radius, step[3] / radius, step[4] / radius, 1.0 + step[5] / radius
+    e, f, g, h = 1.0 + step[2] / _RADIUS, step[3] / _RADIUS, step[4] / _RADIUS, 1.0 + step[5] / _RADIUS
     inverse = 1.0 / (e * h - f * g)
     e, f, g, h = h * inverse, -f * inverse, -g * inverse, e * inverse
     u, v = -(e * step[0] + f * step[1]), -(g * step[0] + h * step[1])
@@ -184,9 +287,9 @@ def follow_inverse(at: Floats, step: Floats, radius: int) -> None:
 
 @compiled
 def align_patches(
-    image: Floats32,
+    pairs: Pairs,
+    size: Ints,
     slots: Ints,
-    radius: int,
     patches: Floats32,
     inverses: Floats,
     brightness: Floats,
@@ -198,25 +301,27 @@ def align_patches(
     The inverse compositional method (Baker and Matthews, "Lucas-Kanade 20 years on", 2004): slopes and normal equations
     stay those of the patch.
 
-    Shapes: ``slots`` (N,), ``pixels`` (N, 2), ``affine`` (N, 4), returns (N,).
+    Shapes: ``pairs`` (H W - 1,), ``size`` (2,), ``slots`` (N,), ``pixels`` (N, 2), ``affine`` (N, 4), returns (N,); see
+    :func:`cut_patches`.
 
     * Returns: Root of the mean square of what the last step leaves, as its linearization predicts, over the contrast;
       infinite where the alignment leaves the image or finds no contrast.
     """
-    height, width = image.shape
-    side = 2 * radius + 1
-    greys, left = image.reshape(-1), np.full(len(slots), np.inf)
-    corners, parts, line = np.empty(side, np.int64), np.empty((2, side), np.float32), np.empty(side, np.float32)
-    columns = np.empty((7, side), np.float32)
+    height, width, left = size[0], size[1], np.full(len(slots), np.inf)
+    corners, uppers = np.empty(WIDE, np.int32), np.empty(WIDE, np.int32)
+    across, down = np.empty(WIDE, np.float32), np.empty(WIDE, np.float32)
+    line, columns = np.empty(WIDE, np.float32), np.empty((7, WIDE), np.float32)
     at, sums, step = np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS)
     for n in range(len(slots)):
         slot, remains = slots[n], np.inf
         at[:2], at[2:6], at[6:] = pixels[n], affine[n], brightness[slot]
         for _ in range(_STEPS):
-            if not is_inside(at, radius, width, height):
+            if not is_inside(at, width, height):
                 remains = np.inf
                 break
-            square = products_with_errors(greys, width, at, patches[slot], corners, parts, line, columns, sums)
+            square = products_with_errors(
+                pairs, width, at, patches[slot], corners, uppers, across, down, line, columns, sums
+            )
             for p in range(UNKNOWNS):
                 step[p] = 0.0
                 for q in range(UNKNOWNS):
@@ -226,11 +331,11 @@ def align_patches(
             if not at[7] >= _LEAST_NOISE:
                 remains = np.inf
                 break
-            remains = np.sqrt(max(square, 0.0)) / (side * at[7])
+            remains = np.sqrt(max(square, 0.0)) / (SIDE_PX * at[7])
             # The slopes of the image are those of the patch times the ratio of the contrasts.
             for p in range(6):
                 step[p] *= brightness[slot, 1] / at[7]
-            follow_inverse(at, step, radius)
+            follow_inverse(at, step)
             if step[0] * step[0] + step[1] * step[1] < _CONVERGED:
                 break
         left[n] = remains
@@ -266,6 +371,19 @@ def covariances_in_image(slots: Ints, inverses: Floats, affine: Floats, variance
                 x, y = turned[k, first], turned[k, second]
                 turned[k, first], turned[k, second] = a * x + b * y, c * x + d * y
     return covariances
+
+
+@compiled
+def turned(affine: Floats, covariances: Floats) -> Floats:
+    """Covariances of displacements (N, 2, 2) after the affine maps (N, 4) of their patches."""
+    after = np.empty((len(affine), 2, 2))
+    for n in range(len(affine)):
+        a, b, c, d = affine[n, 0], affine[n, 1], affine[n, 2], affine[n, 3]
+        xx, xy, yy = covariances[n, 0, 0], covariances[n, 0, 1], covariances[n, 1, 1]
+        after[n, 0, 0] = a * a * xx + 2 * a * b * xy + b * b * yy
+        after[n, 0, 1] = after[n, 1, 0] = a * c * xx + (a * d + b * c) * xy + b * d * yy
+        after[n, 1, 1] = c * c * xx + 2 * c * d * xy + d * d * yy
+    return after
 
 
 @compiled

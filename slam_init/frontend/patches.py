@@ -27,12 +27,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam_init.frontend.flow import MISFIT_PX, anisotropy
-from slam_init.types.arrays import Bools, Floats, Floats32, Image, Ints
+from slam_init.frontend.patch_size import SIDE_PX, UNKNOWNS, WIDE
+from slam_init.types.arrays import Bools, Floats, Image, Ints, Pairs
 
 Number = TypeVar("Number", bound=np.generic)
 
-#: Unknowns of an alignment (:data:`slam_init.frontend.patch_kernel.UNKNOWNS`, whose import compiles).
-_UNKNOWNS = 8
 #: An alignment ends this far from the flow at most, px: twenty standard deviations of both.
 _NEAR_PX = 1.0
 #: It leaves this share of the contrast of the patch at most, or this multiple of what the flow leaves between two
@@ -58,12 +57,21 @@ _SMOOTHED_PX = 0.7
 _IDENTITY: Floats = np.array([1.0, 0.0, 0.0, 1.0])
 
 
-def smoothed(image: Image) -> Floats32:
-    """The image that patches are cut out of and aligned with, of whole grey levels."""
+def smoothed(image: Image) -> Image:
+    """The image that patches are cut out of and aligned with."""
     import cv2
 
-    # Processors interpolate between floats at less cost than between bytes, which they convert at each place.
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), _SMOOTHED_PX)).astype(np.float32)
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), _SMOOTHED_PX), np.uint8)
+
+
+def pairs_of(image: Image) -> Pairs:
+    """Each pixel of an image with the one to its right as one number, the left one in its lower bits.
+
+    Shapes: ``image`` (H, W), returns (H W - 1,), a view of the image.
+
+    A place between pixels needs two of them, at half the reads.
+    """
+    return np.ndarray((image.size - 1,), np.dtype("<u2"), image, strides=(1,))
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,23 +126,19 @@ class Aligned:
 
 
 class Patches:
-    """The patches of the tracks of the last frame. Its images are :func:`smoothed`.
+    """The patches of the tracks of the last frame. Its images are :func:`smoothed`."""
 
-    * ``window_px``: Side of a patch.
-    """
-
-    def __init__(self, window_px: int) -> None:
-        self._radius = window_px // 2
+    def __init__(self) -> None:
         # By slot: a track has one while it lives. Single precision is a thousand times finer than the noise.
-        self._patches = np.zeros((0, 3, (2 * self._radius + 1) ** 2), np.float32)
-        self._inverses, self._brightness = np.zeros((0, _UNKNOWNS, _UNKNOWNS)), np.zeros((0, 2))
+        self._patches = np.zeros((0, 3, SIDE_PX, WIDE), np.float32)
+        self._inverses, self._brightness = np.zeros((0, UNKNOWNS, UNKNOWNS)), np.zeros((0, 2))
         self._affine, self._drifts, self._anisotropy = np.zeros((0, 4)), np.zeros((0, 2, 2)), np.zeros(0)
         # Alignments in a row that failed, and the frame in which a patch was cut: a running number.
         self._failures, self._cut, self._frames = np.zeros(0, np.int64), np.zeros(0, np.int64), 0
         # In ascending order of the tracks.
         self._ids, self._slots = np.zeros(0, np.int64), np.zeros(0, np.int64)
 
-    def seek(self, image: Floats32, track_ids: Ints, pixels: Floats) -> Sought:
+    def seek(self, image: Image, track_ids: Ints, pixels: Floats) -> Sought:
         """Align the patches of tracks with an image, from given places.
 
         Shapes: ``image`` (H, W), ``track_ids`` (N,), ``pixels`` (N, 2).
@@ -149,13 +153,13 @@ class Patches:
         rows, slots = rows[placed], slots[placed]
         ends, affine = pixels[rows], self._affine[slots]
         sought.residuals[rows] = align_patches(
-            image, slots, self._radius, self._patches, self._inverses, self._brightness, ends, affine
+            pairs_of(image), np.array(image.shape), slots, self._patches, self._inverses, self._brightness, ends, affine
         )
         sought.pixels[rows], sought.affine[rows] = ends, affine
         return sought
 
     def align(
-        self, image: Floats32, track_ids: Ints, pixels: Floats, remainders: Floats, sought: Sought | None = None
+        self, image: Image, track_ids: Ints, pixels: Floats, remainders: Floats, sought: Sought | None = None
     ) -> Aligned:
         """Align the patches of tracks with an image, from where flow ends.
 
@@ -164,7 +168,7 @@ class Patches:
         * ``remainders``: Mean absolute difference that flow leaves, grey levels.
         * ``sought``: Of these tracks: those that are found already end at their pixels, without flow.
         """
-        from slam_init.frontend.patch_kernel import covariances_in_image
+        from slam_init.frontend.patch_kernel import covariances_in_image, turned
 
         sought = Sought.nowhere(len(pixels)) if sought is None else sought
         others = np.flatnonzero(~sought.found)
@@ -188,11 +192,10 @@ class Patches:
                 ends[cut], affine[cut], places[cut] = self._together(ends[cut], affine[cut], covariances[cut])
         self._affine[slots] = affine
         succeeded[rows], moved[rows] = True, ends
-        A = affine.reshape(-1, 2, 2)
-        drifts[rows] = A @ self._drifts[slots] @ np.swapaxes(A, 1, 2) + places
+        drifts[rows] = turned(affine, self._drifts[slots]) + places
         return Aligned(succeeded, moved, drifts)
 
-    def follow(self, image: Floats32, track_ids: Ints, pixels: Floats, drifts: Floats) -> None:
+    def follow(self, image: Image, track_ids: Ints, pixels: Floats, drifts: Floats) -> None:
         """Keep the patches of the tracks of a frame, and cut those of the tracks that have none or that fail.
 
         Shapes: ``image`` (H, W), ``track_ids`` (N,) in ascending order, ``pixels`` (N, 2), ``drifts`` (N, 2, 2).
@@ -205,10 +208,12 @@ class Patches:
         kept = np.isin(self._ids, track_ids, assume_unique=True) & (self._failures[self._slots] < _FAILURES)
         new = np.flatnonzero(~np.isin(track_ids, self._ids[kept], assume_unique=True))
         slots = self._free(np.setdiff1d(np.arange(len(self._cut)), self._slots[kept], assume_unique=True), len(new))
-        was_cut = cut_patches(image, pixels[new], slots, self._radius, self._patches, self._inverses, self._brightness)
+        was_cut = cut_patches(
+            pairs_of(image), np.array(image.shape), pixels[new], slots, self._patches, self._inverses, self._brightness
+        )
         new, slots = new[was_cut], slots[was_cut]
         self._affine[slots], self._drifts[slots] = _IDENTITY, drifts[new]
-        slopes = self._patches[slots, 1:].astype(float)
+        slopes = self._patches[slots, 1:].reshape(-1, 2, SIDE_PX * WIDE).astype(float)
         self._anisotropy[slots] = anisotropy(slopes @ np.swapaxes(slopes, 1, 2))
         self._failures[slots], self._cut[slots] = 0, self._frames
         ids, slots = np.concatenate([self._ids[kept], track_ids[new]]), np.concatenate([self._slots[kept], slots])
@@ -221,11 +226,11 @@ class Patches:
 
         variances = np.ascontiguousarray(np.diagonal(covariances, axis1=1, axis2=2)[:, 2:])
         # The unknowns are the displacements at the border of a patch.
-        means, scatter = distribution_of_maps(ends, self._radius * affine, variances)
-        deviations = means - self._radius * affine
+        means, scatter = distribution_of_maps(ends, (SIDE_PX // 2) * affine, variances)
+        deviations = means - (SIDE_PX // 2) * affine
         here = np.all(np.abs(deviations) <= _ELSEWHERE_SIGMAS * np.sqrt(variances + scatter), axis=1)
         changes, places = conditioned_on_maps(covariances, scatter, np.where(here[:, None], deviations, np.nan))
-        return ends + changes[:, :2], affine + changes[:, 2:] / self._radius, places
+        return ends + changes[:, :2], affine + changes[:, 2:] / (SIDE_PX // 2), places
 
     def _slots_of(self, track_ids: Ints) -> tuple[Ints, Ints]:
         """Which tracks have a patch, and their slots."""

@@ -28,9 +28,10 @@ from slam_init.frontend.conventions import check_lengths
 from slam_init.frontend.flow import Drift, Exposure, Flow, flow
 from slam_init.frontend.following import Followed, follow
 from slam_init.frontend.masking import Trackable
+from slam_init.frontend.patch_size import SIDE_PX
 from slam_init.frontend.patches import Patches, Sought, smoothed
 from slam_init.frontend.sift import detect_sift, first_per_cell, match_descriptors
-from slam_init.types.arrays import Bools, Floats, Floats32, Image, Ints
+from slam_init.types.arrays import Bools, Floats, Image, Ints
 from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
 from slam_init.types.depth import TrackDepths
@@ -214,7 +215,7 @@ class Tracker:
         self._trackable: Trackable | None = None
         self._last_trackable: Trackable | None = None
         self._sift_frames: deque[_SiftFrame] = deque(maxlen=config.sift_frames)
-        self._drift, self._patches = Drift(), Patches(config.window_px)
+        self._drift, self._patches = Drift(), Patches()
         self._exposure, self._exposure_s, self._step_px = Exposure(), 0.0, 0.0
         self._next_id = 0
 
@@ -262,9 +263,9 @@ class Tracker:
             return None
         if self._trackable is not None and self._trackable.mask is frame.mask:  # one mask for all frames
             return self._trackable
-        return Trackable(frame.mask, self._config.window_px)
+        return Trackable(frame.mask, max(self._config.window_px, SIDE_PX))
 
-    def _link(self, frame: Frame, gray: Image, smooth: Floats32) -> tuple[Ints, Floats, bool]:
+    def _link(self, frame: Frame, gray: Image, smooth: Image) -> tuple[Ints, Floats, bool]:
         """Tracks found in this frame: ids, pixels, and whether descriptors linked them (else flow did)."""
         if self._last is None or self._last_gray is None:
             return np.zeros(0, np.int64), np.zeros((0, 2)), False
@@ -277,7 +278,7 @@ class Tracker:
         return self._link_by_descriptors(frame.index, gray, smooth, followed)
 
     def _link_by_descriptors(
-        self, index: int, gray: Image, smooth: Floats32, followed: Followed
+        self, index: int, gray: Image, smooth: Image, followed: Followed
     ) -> tuple[Ints, Floats, bool]:
         """Link a frame in which the flow has lost most tracks: by descriptors, or by the flow where they link fewer."""
         assert self._last is not None
@@ -315,7 +316,7 @@ class Tracker:
             single[len(flow_ids) :] = squares.min(axis=1) > (0.5 * self._config.min_distance * gray.shape[1]) ** 2
         return ids[single], pixels[single], True
 
-    def _followed(self, gray: Image, smooth: Floats32) -> Followed:
+    def _followed(self, gray: Image, smooth: Image) -> Followed:
         """The tracks of the last frame in the next one, without those that come near ignored pixels."""
         assert self._last is not None
         assert self._last_gray is not None
@@ -351,7 +352,7 @@ class Tracker:
         if self._trackable is not None:
             found.kept[~self._trackable.patches_are_clear(found.pixels)] = False
 
-    def _aligned(self, smooth: Floats32, found: Flow, sought: Sought) -> tuple[Ints, Floats]:
+    def _aligned(self, smooth: Image, found: Flow, sought: Sought) -> tuple[Ints, Floats]:
         """The tracks of the last frame that are found, brought back to their points: ids and pixels."""
         assert self._last is not None
         kept = found.kept

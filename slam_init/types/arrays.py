@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Floats32 = NDArray[np.float32]
 Ints = NDArray[np.int64]
+Ints32 = NDArray[np.int32]
 Bools = NDArray[np.bool_]
 Image = NDArray[np.uint8]
+Pairs = NDArray[np.uint16]
 
 
 def evenly_spaced(count: int, most: int) -> Ints:

@@ -29,7 +29,7 @@ def corners(gray):
 
 def seen(gray):
     """The corners of a frame as tracks, and their patches."""
-    pixels, patches = corners(gray), Patches(CONFIG.window_px)
+    pixels, patches = corners(gray), Patches()
     ids = np.arange(len(pixels))
     patches.follow(smoothed(gray), ids, pixels, np.zeros((len(pixels), 2, 2)))
     return Observations(0, 0.0, "", ids, pixels, CAMERA.bearings(pixels)), patches

@@ -8,12 +8,12 @@ from scipy import ndimage, optimize
 
 from slam_init.config import TrackingConfig
 from slam_init.frontend.patch_kernel import distribution_of_maps
+from slam_init.frontend.patch_size import SIDE_PX
 from slam_init.frontend.patches import Patches, smoothed
 from slam_init.frontend.tracks import Tracker, common_tracks
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 
-WINDOW_PX = 21
 SIZE = (320, 240)
 CENTRE = np.array([160.0, 120.0])
 TEXTURE = texture(3, SIZE[1], SIZE[0])
@@ -35,7 +35,7 @@ def corners(gray, margin=45):
 
 
 def cut(image, pixels, ids=None):
-    patches = Patches(WINDOW_PX)
+    patches = Patches()
     ids = np.arange(len(pixels)) if ids is None else ids
     patches.follow(smoothed(image), ids, pixels, np.zeros((len(pixels), 2, 2)))
     return patches
@@ -77,7 +77,7 @@ def test_an_alignment_is_the_least_squares_fit_of_map_mean_and_contrast():
     image, true = moved(SHEARED, (0.5, 0.2))
     before, after = (smoothed(one).astype(float) for one in (TEXTURE, image))
     found = aligned(cut(TEXTURE, start), image, true(start) + 0.2)
-    radius = WINDOW_PX // 2
+    radius = SIDE_PX // 2
     grid = np.stack(np.meshgrid(*[np.arange(-radius, radius + 1)] * 2), axis=-1).reshape(-1, 2)
 
     def sampled(gray, places):
@@ -168,7 +168,7 @@ def test_what_hides_a_patch_leaves_it_where_flow_ends_and_is_cut_after_some_fram
 
 def test_a_track_whose_patch_is_cut_late_keeps_its_drift_until_then():
     start = corners(TEXTURE)
-    patches, drifts = Patches(WINDOW_PX), np.tile(0.25 * np.eye(2), (len(start), 1, 1))
+    patches, drifts = Patches(), np.tile(0.25 * np.eye(2), (len(start), 1, 1))
     patches.follow(smoothed(TEXTURE), np.arange(len(start)), start, drifts)
     found = aligned(patches, TEXTURE, start)
     assert (np.linalg.eigvalsh(found.drifts[found.succeeded]) >= 0.25).all()
@@ -188,7 +188,7 @@ def test_no_tracks_are_no_error():
 
 def test_the_patches_of_tracks_that_end_make_room_for_others():
     """In a long video the memory of the patches is that of the tracks of a frame."""
-    start, patches = corners(TEXTURE), Patches(WINDOW_PX)
+    start, patches = corners(TEXTURE), Patches()
     for k in range(20):
         ids = np.arange(len(start)) + 3 * k
         patches.follow(smoothed(TEXTURE), ids, start, np.zeros((len(start), 2, 2)))
