@@ -12,6 +12,12 @@ from slam_init.types.arrays import Floats, Image, Ints
 #: Radius of the blob that makes a keypoint, over its diameter as OpenCV states it: OpenCV's diameter is two standard
 #: deviations of the Gaussian, and the difference of Gaussians is zero beyond three.
 _BLOB = 1.5
+#: Larger images are halved, as often as it takes: their smallest blobs are noise, and they have more than the limit. At
+#: half the size, photographs of 2.5 megapixels have as many matches as before that keep to one epipolar geometry, in a
+#: quarter of the time, and maps with more landmarks. Of 1.6 megapixels, they have .8 to 1.3 times as many, and one
+#: sequence of three waits longer for its map; at 640x480 half as many.
+#: Class: measured.
+_MOST_PIXELS = 1920 * 1080
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,14 +39,21 @@ def detect_sift(gray: Image, limit: int, trackable: Trackable | None = None) -> 
     """
     import cv2
 
+    scale = 1
+    while gray.size > _MOST_PIXELS:
+        # A coarse pixel is the mean of four, so that its centre lies between theirs.
+        gray, scale = (
+            np.asarray(cv2.resize(gray, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.uint8),
+            2 * scale,
+        )
     # Without the precise upscale, keypoints are off by a quarter of a pixel to the right and down.
     sift = cv2.SIFT.create(nfeatures=limit, enable_precise_upscale=True)
     keypoints, descriptors = sift.detectAndCompute(gray, None)
     if not keypoints:
         return SiftFeatures(np.zeros((0, 2)), np.zeros((0, 128)))
-    pixels = np.array([k.pt for k in keypoints], float)
+    pixels = scale * (np.array([k.pt for k in keypoints], float) + 0.5) - 0.5
     if trackable is not None:
-        clear = trackable.are_clear(pixels, _BLOB * np.array([k.size for k in keypoints]))
+        clear = trackable.are_clear(pixels, _BLOB * scale * np.array([k.size for k in keypoints]))
         pixels, descriptors = pixels[clear], descriptors[clear]
     single = first_per_cell(pixels, 1.0)  # OpenCV lists a keypoint with two orientations twice
     # The Euclidean distance of the square roots is the Hellinger distance of the histograms.
@@ -82,6 +95,9 @@ def first_per_cell(pixels: Floats, cell_px: float) -> Ints:
         return np.zeros(0, np.int64)
     cells = np.floor(pixels / cell_px).astype(np.int64)
     cells -= cells.min(axis=0)
-    # One number for each cell: rows of an array take ten times as long to compare.
-    _, first = np.unique(cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1], return_index=True)
-    return np.sort(first)
+    numbers = cells[:, 0] * (cells[:, 1].max() + 1) + cells[:, 1]
+    positions = np.arange(len(pixels))
+    # Of the positions that are written to one cell the last one stays. Cells without a point are never read.
+    first = np.empty(numbers.max() + 1, np.int64)
+    first[numbers[::-1]] = positions[::-1]
+    return np.flatnonzero(first[numbers] == positions)

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -21,15 +22,18 @@ def test_a_blank_image_has_no_features():
     assert len(detect_sift(np.zeros((60, 80), np.uint8), 100).pixels) == 0
 
 
-def test_keypoints_lie_in_the_middle_of_blobs():
-    """Of Gaussian blobs at places between pixels; the median tells a shift of all."""
-    y, x = np.mgrid[:200, :200]
-    grid = np.stack(np.meshgrid(*[np.arange(30, 190, 40)] * 2), axis=-1).reshape(-1, 2)
+@pytest.mark.parametrize(("size", "halved"), [(200, 1), (1501, 2), (3000, 4)])
+def test_keypoints_lie_in_the_middle_of_blobs(size, halved):
+    """Of Gaussian blobs at places between pixels, also where the image is halved; the median tells a shift of all."""
+    grid = np.stack(np.meshgrid(*[np.arange(30, 190, 40)] * 2), axis=-1).reshape(-1, 2) * halved
     centres = grid + np.random.default_rng(0).uniform(-0.5, 0.5, grid.shape)
-    image = 60 + sum(120 * np.exp(-((x - u) ** 2 + (y - v) ** 2) / 18) for u, v in centres)
+    image = np.full((size, size), 60.0)
+    for u, v in centres:
+        y, x = np.mgrid[int(v) - 20 * halved : int(v) + 20 * halved, int(u) - 20 * halved : int(u) + 20 * halved]
+        image[y, x] += 120 * np.exp(-((x - u) ** 2 + (y - v) ** 2) / (18 * halved**2))
     found = detect_sift(np.clip(np.round(image), 0, 255).astype(np.uint8), 500).pixels
     nearest = found[np.argmin(np.linalg.norm(found[None] - centres[:, None], axis=2), axis=1)]
-    np.testing.assert_allclose(np.median(nearest - centres, axis=0), 0.0, atol=0.05)
+    np.testing.assert_allclose(np.median(nearest - centres, axis=0), 0.0, atol=0.05 * halved)
 
 
 @given(st.lists(st.tuples(st.floats(-20, 700), st.floats(-20, 700)), max_size=30), st.floats(0.5, 50.0))
