@@ -40,7 +40,7 @@ def locate_view(
     * Returns ``median``: Of the lengths of the residuals.
     """
     R, shift, log_zoom, median = R.copy(), shift.copy(), np.log1p(zoom), np.inf
-    left, J, lengths = np.empty((len(world), 2)), np.empty((len(world), 2, 6)), np.empty(len(world))
+    left, J, lengths = np.empty((len(world), 2)), np.empty((len(world), 2, 5)), np.empty(len(world))
     normal, step = np.empty((6, 6)), np.empty(6)
     for _ in range(_STEPS):
         factor, visible, turned = np.exp(log_zoom), True, R.reshape(1, 3, 3)
@@ -50,14 +50,13 @@ def locate_view(
             visible &= seen
             projected = (factor * (x - camera[3]), factor * (y - camera[4]))
             by_turn = (cross(z, (a0, a1, a2)), cross(z, (b0, b1, b2)))
-            # The derivatives of the projection by the rotation vector, the logarithm of the zoom, and the shift.
+            # The derivatives of the projection by the rotation vector, the logarithm of the zoom, and its own shift.
             for q in range(2):
                 left[i, q] = (pixels[i, q] - camera[3 + q] - shift[q] - projected[q]) * inverse
                 for p in range(3):
                     J[i, q, p] = factor * by_turn[q][p] * inverse
-                J[i, q, 3], J[i, q, 4], J[i, q, 5] = projected[q] * inverse, 0.0, 0.0
-                J[i, q, 4 + q] = inverse
-            lengths[i] = np.hypot(left[i, 0], left[i, 1])
+                J[i, q, 3], J[i, q, 4] = projected[q] * inverse, inverse
+            lengths[i] = np.sqrt(left[i, 0] ** 2 + left[i, 1] ** 2)
         if not visible:
             break
         median = median_in_place(lengths.copy())
@@ -67,13 +66,21 @@ def locate_view(
             normal[4 + q, 4 + q] += 1.0 / shift_px**2
             step[4 + q] = -shift[q] / shift_px**2
         for i in range(len(world)):
-            weight = (1.0 + (lengths[i] / scale) ** 2) ** -2
+            far = 1.0 + (lengths[i] / scale) ** 2
+            weight = 1.0 / (far * far)
             for q in range(2):
-                for p in range(6):
+                of_shift = weight * J[i, q, 4]
+                step[4 + q] += of_shift * left[i, q]
+                normal[4 + q, 4 + q] += of_shift * J[i, q, 4]
+                for p in range(4):
                     weighted = weight * J[i, q, p]
                     step[p] += weighted * left[i, q]
-                    for r in range(6):
+                    normal[p, 4 + q] += weighted * J[i, q, 4]
+                    for r in range(p, 4):
                         normal[p, r] += weighted * J[i, q, r]
+        for p in range(6):
+            for r in range(p):
+                normal[p, r] = normal[r, p]
         solve_in_place(normal, step)
         largest = max(max(abs(step[0]), abs(step[1])), max(abs(step[2]), abs(step[3])))
         step *= min(1.0, _LONGEST_STEP / max(largest, _CONVERGED))

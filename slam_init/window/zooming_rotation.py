@@ -242,7 +242,9 @@ def _similar(camera: Camera, world: Floats, pixels: Floats, R: Floats) -> tuple[
     first, second = first[known], second[known]
     factor = (after[second] - after[first]) / apart[known]
     shift = after[first] - factor * before[first]
-    medians = np.median(np.abs(after[:, None] - factor * before[:, None] - shift), axis=0)
+    left = after[:, None] - factor * before[:, None] - shift
+    middle = len(left) // 2
+    medians = np.partition(left.real**2 + left.imag**2, middle, axis=0)[middle]
     medians[~((np.abs(factor) > 1 / _LARGEST_FACTOR) & (np.abs(factor) < _LARGEST_FACTOR))] = math.inf
     best = int(np.argmin(medians))
     if not np.isfinite(medians[best]):
