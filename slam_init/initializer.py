@@ -189,7 +189,7 @@ class Initializer:
                     current = self.intake.track(frame)
                     depths = self.intake.depths(frame.depth, current)
                 self.recorder.frame(frame, current)
-                status = self._step(current, (), turn, depths, frame.gravity)
+                status = self._step(current, self.tracker.revised, turn, depths, frame.gravity)
             self.recorder.frame_time(self.stopwatch.last_ms("frame"))
         return status
 
@@ -255,7 +255,7 @@ class Initializer:
         self.intake.add(current, revised, turn, depths, gravity)
         self._maps.count(current.frame)
         if self._maps.accepted is not None:
-            return self._grow(self._maps.accepted, current)
+            return self._grow(self._maps.accepted, current, revised)
         # The rays of the newest frames change in the history, since a rolling shutter is known better with each frame.
         current = self.intake.shutter.correct_newest(self.history, current.frame)
         with self.stopwatch("pairs"):
@@ -304,10 +304,10 @@ class Initializer:
         self._attempts.forget_progress(keep=self.keyframes.candidates)
         return replace(self.status.after(attempt, self._attempts.best_progress), pose=pose)
 
-    def _grow(self, map_: InitialMap, current: Observations) -> Status:
+    def _grow(self, map_: InitialMap, current: Observations, revised: Sequence[Observations]) -> Status:
         """Locate a frame in the accepted map, which grows by it."""
         with self.stopwatch("refine"):
-            located = self._maps.locate(current)
+            located = self._maps.locate(current, revised)
         self.history.forget(keep=())  # no pair needs a candidate any more
         pose = None if located is None else self._pose.located(map_, located.keyframe, located.rotation_sigma_deg)
         refining, lost_at = not self._maps.handed_over, self._maps.lost_at

@@ -376,6 +376,7 @@ class _GivenTracks:
 
     def __init__(self, source: KnowsTracks, camera: Camera, hashed: InputHash) -> None:
         self.history = History(camera, _GIVEN_FRAMES)
+        self.revised: tuple[Observations, ...] = ()
         self._source = source
         self._camera = camera
         self._hashed = hashed

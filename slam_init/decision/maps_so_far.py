@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from slam_init.config import Config
@@ -98,10 +98,10 @@ class MapsSoFar:
         """Number of frames that the accepted map has grown by."""
         return 0 if self._refinement is None else self._refinement.frames
 
-    def locate(self, observed: Observations) -> Located | None:
+    def locate(self, observed: Observations, revised: Sequence[Observations]) -> Located | None:
         """Locate a frame in the accepted map, which grows by it. There is a map."""
         assert self._refinement is not None
-        located = self._refinement.locate(observed)
+        located = self._refinement.locate(observed, revised)
         if located is not None:
             self._recorder.continued(located.keyframe)
         if self._refinement.done:

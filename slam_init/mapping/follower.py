@@ -56,6 +56,8 @@ class FrameTracker(Protocol):
     """Gives the tracks of frames: a :class:`slam_init.frontend.tracks.Tracker`, or a source that knows its tracks."""
 
     history: History
+    #: Earlier frames that got additional tracks with the last one.
+    revised: tuple[Observations, ...]
 
     def track(self, frame: Frame) -> Observations:
         """Give the tracks of the next frame."""
@@ -99,7 +101,7 @@ class Follower:
         observed = self._tracker.track(frame)
         self._tracker.history.forget(keep=())
         self._recorder.frame(frame, observed)
-        located = self._growing.locate(observed)
+        located = self._growing.locate(observed, self._tracker.revised)
         self.survival.append(0.0 if located is None else located.survival)
         if located is None:
             return None

@@ -17,6 +17,7 @@ its adjustment, took 14 to 27 ms.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -44,8 +45,10 @@ _LOST_AFTER = 5
 #: Parallax of a new keyframe, and least parallax of a new landmark: at a noise of .5 px and a focal length of 500 px, a
 #: depth is known to sqrt(2) 0.5 / 500 / 0.0175 = 8 % then, a fifth of what the map leaves out.
 _PARALLAX_DEG = 1.0
-#: A new landmark is seen in so many keyframes: two give a depth, and one more tests it.
-_LEAST_VIEWS = 3
+#: A new landmark is seen in so many keyframes: two give a depth, and one more tests it. Photographs follow each other
+#: at this parallax and more, and their tracks end after two or three. There two are enough: three pixels from an
+#: epipolar line are a hundredth of the image, so that most wrong matches are found by it.
+_LEAST_VIEWS, _WIDE_DEG = 3, 5.0
 #: Keyframes that are adjusted together: a bound of memory and time. At a degree of parallax each they span 24 degrees.
 _WINDOW = 24
 #: Levenberg-Marquardt steps of a keyframe: its pose and points are known to some pixels already.
@@ -95,8 +98,13 @@ class GrowingMap:
         self._guess: Pose | None = None
         self._misses: list[int] = []
 
-    def locate(self, observed: Observations) -> Located | None:
-        """Locate the next frame, and make a keyframe of it where its parallax is large enough."""
+    def locate(self, observed: Observations, revised: Sequence[Observations] = ()) -> Located | None:
+        """Locate the next frame, and make a keyframe of it where its parallax is large enough.
+
+        * ``revised``: Earlier frames with more tracks than before: descriptors have found points of theirs in this one.
+        """
+        for one in revised:
+            self._revise(one)
         seen = self._corrected(observed)
         _, i, j = np.intersect1d(self._problem.track_ids, seen.track_ids, return_indices=True)
         gate_rad = _SURVIVAL_PX / self.camera.focal_px
@@ -139,6 +147,13 @@ class GrowingMap:
         self._rays.put(observed.through(self.camera))
         self._rays.forget(keep=())
         return self._shutter.correct_newest(self._rays, observed.frame)
+
+    def _revise(self, revised: Observations) -> None:
+        """Take the new tracks of an earlier keyframe, which may become landmarks."""
+        # A rolling shutter moves the rays of video, which descriptors hardly ever link.
+        if revised.frame not in self._problem.frames or self.camera.readout_s:
+            return
+        self._views[revised.frame] = revised.through(self.camera)
 
     def _judge(self, frame: int, tracked: int, agreeing: int) -> None:
         """Find out whether the map is lost."""
@@ -222,7 +237,7 @@ class GrowingMap:
             bearings[k, at] = self._views[frame].bearings[of]
         observed = np.isfinite(bearings[:, :, 0])
         points = triangulate([poses[frame] for frame in frames], bearings)
-        good: Bools = np.asarray(np.isfinite(points).all(axis=1) & (observed.sum(axis=0) >= _LEAST_VIEWS))
+        good: Bools = np.asarray(np.isfinite(points).all(axis=1) & (observed.sum(axis=0) >= 2))
         rays = np.full_like(bearings, np.nan)
         for k, frame in enumerate(frames):
             in_camera = poses[frame].inverse().apply(points)
@@ -231,7 +246,8 @@ class GrowingMap:
             good &= ~observed[k] | (off < _SURVIVAL_PX / self.camera.focal_px)
             rays[k] = bearings[k] @ poses[frame].R.T
         cosine = np.where(observed, np.einsum("vti,ti->vt", rays, rays[-1]), 1.0)
-        good &= cosine.min(axis=0, initial=1.0) < math.cos(math.radians(_PARALLAX_DEG))
+        least_deg = np.where(observed.sum(axis=0) < _LEAST_VIEWS, _WIDE_DEG, _PARALLAX_DEG)
+        good &= cosine.min(axis=0, initial=1.0) < np.cos(np.radians(least_deg))
         return tracks[good], points[good]
 
     def _view(self, frame: int) -> Observations:

@@ -7,6 +7,8 @@ knows the noise of single tracks only. A map that is lost is handed over as it w
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from slam_init.config import Config
 from slam_init.mapping.growing import GrowingMap, Located
 from slam_init.types.frame import Observations
@@ -34,12 +36,12 @@ class Refinement:
         """Absolute index of the first frame in which the map was lost; None while it is not."""
         return None if self._growing is None else self._growing.lost_at
 
-    def locate(self, observed: Observations) -> Located | None:
-        """Locate the next frame, and hand the map over if it is time to."""
+    def locate(self, observed: Observations, revised: Sequence[Observations] = ()) -> Located | None:
+        """Locate the next frame, and hand the map over if it is time to; see :meth:`.growing.GrowingMap.locate`."""
         if self._growing is None:
             self._growing = GrowingMap(self.map, self._config.map)
         self.frames += 1
-        located = self._growing.locate(observed)
+        located = self._growing.locate(observed, revised)
         if self._growing.lost_at is not None or self._enough(self._growing):
             self.end()
         return located

@@ -15,6 +15,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -38,6 +39,9 @@ _FRAMES, _WATCHED, _LATER = 60, 40, 20
 #: A start without a map after so many frames is given up, as in ``compare``.
 _LONGEST_WAIT = 60
 _SCENES = ("room", "wall", "corridor", "desk")
+
+#: The tracks of a frame, and the earlier frames that got more with it.
+Seen: TypeAlias = tuple[Observations, tuple[Observations, ...]]
 
 
 @dataclass(frozen=True)
@@ -84,20 +88,20 @@ def follow(name: str, source: Source, start: int) -> Row | None:
     age, visible = newest.frame - map_.keyframes[-1].frame, float(np.isin(map_.track_ids, newest.track_ids).mean())
     seen = []
     for frame in islice(frames, _FRAMES):
-        seen.append(initializer.tracker.track(frame))
+        seen.append((initializer.tracker.track(frame), initializer.tracker.revised))
         initializer.tracker.history.forget(keep=())
     if not seen:
         return None
     growing = GrowingMap(map_)
     located, depths = [], [depth_error(source, map_)]
     for number, observed in enumerate(seen, start=1):
-        if (one := growing.locate(observed)) is not None:
+        if (one := growing.locate(*observed)) is not None:
             located.append(one.keyframe)
         if number == _LATER:
             depths.append(depth_error(source, growing.grown()))
         if growing.lost_at is not None:
             break
-    lost_after = None if growing.lost_at is None else sum(one.frame < growing.lost_at for one in seen) + 1
+    lost_after = None if growing.lost_at is None else sum(one.frame < growing.lost_at for one, _ in seen) + 1
     wait_s = times[-1] - times[0]
     quality = initialization_quality(map_.keyframes, located, truth, wait_s) or (math.nan, math.nan)
     return Row(
@@ -116,7 +120,7 @@ def follow(name: str, source: Source, start: int) -> Row | None:
     )
 
 
-def _with_true_start(map_: InitialMap, truth: Trajectory, seen: Sequence[Observations]) -> float:
+def _with_true_start(map_: InitialMap, truth: Trajectory, seen: Sequence[Seen]) -> float:
     """The error of the path from a map whose poses are the true ones; NaN where not all are known."""
     world = align_truth(map_.keyframes, truth)
     poses = [truth.at(keyframe.timestamp_s) for keyframe in map_.keyframes]
@@ -138,7 +142,7 @@ def _with_true_start(map_: InitialMap, truth: Trajectory, seen: Sequence[Observa
     )
     fitted = fit_points(with_lenses(map_.camera, problem), map_.noise_px)
     growing = GrowingMap(replace(map_, keyframes=keyframes, points=fitted.points))
-    located = [one.keyframe for observed in seen if (one := growing.locate(observed)) is not None]
+    located = [one.keyframe for observed in seen if (one := growing.locate(*observed)) is not None]
     return path_error([*keyframes, *located], truth)
 
 

@@ -98,3 +98,47 @@ def test_a_long_way_keeps_a_bounded_number_of_keyframes(room_fed, monkeypatch):
         growing.locate(room_fed.tracker.track(frame))
     assert growing.keyframes_added > 0
     assert len(growing.grown().keyframes) == 3
+
+
+def half_of(map_):
+    """A map with half of its landmarks, and the tracks of the others."""
+    kept = np.arange(len(map_.points)) % 2 == 0
+    of_kept, place = kept[map_.observation_landmarks], np.cumsum(kept) - 1
+    half = replace(
+        map_,
+        points=map_.points[kept],
+        track_ids=map_.track_ids[kept],
+        observation_keyframes=map_.observation_keyframes[of_kept],
+        observation_landmarks=place[map_.observation_landmarks[of_kept]],
+        observation_pixels=map_.observation_pixels[of_kept],
+    )
+    return half, map_.track_ids[~kept]
+
+
+def after_a_keyframe(map_, seen, revised=()):
+    growing = GrowingMap(map_)
+    for one in seen:
+        growing.locate(one, revised)
+        if growing.keyframes_added:
+            break
+    return growing.grown()
+
+
+def test_points_that_descriptors_find_in_earlier_keyframes_become_landmarks_at_once(room_fed):
+    """The other half is told to be seen by the keyframes of the map, or not."""
+    history = list(room_fed.tracker.history)
+    half, others = half_of(room_fed.result.map)
+    seen = [room_fed.tracker.track(frame) for frame in room_fed.following]
+    assert not np.isin(others, after_a_keyframe(half, seen).track_ids).any()
+    assert np.isin(others, after_a_keyframe(half, seen, history).track_ids).mean() > 0.5
+
+
+@pytest.mark.parametrize("wide_deg", [0.5, 5.0])
+def test_two_keyframes_give_a_landmark_where_their_parallax_is_wide(room_fed, monkeypatch, wide_deg):
+    """The other half is seen in the last keyframe of the map and in the next one, a degree apart."""
+    monkeypatch.setattr(growing_module, "_WIDE_DEG", wide_deg)
+    half, others = half_of(room_fed.result.map)
+    newest = room_fed.tracker.history[half.keyframes[-1].frame]
+    seen = [room_fed.tracker.track(frame) for frame in room_fed.following]
+    share = np.isin(others, after_a_keyframe(replace(half, open_tracks=newest), seen).track_ids).mean()
+    assert share > 0.3 if wide_deg < 1 else share == 0
