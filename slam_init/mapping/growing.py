@@ -1,10 +1,10 @@
 """The map after its acceptance: it locates the next frames, and grows by keyframes and landmarks.
 
 A frame is located by resection with the landmarks that its tracks belong to. Where its parallax to the last keyframe
-reaches a degree, it becomes a keyframe: tracks without a landmark are triangulated, and poses and points of the last
-keyframes are adjusted together, in least squares without outliers. The first pose of the window and its longest
-baseline are held, so that the map keeps its frame and its unit. This is no SLAM: no loop is closed, and a track that
-is lost does not come back.
+reaches a degree, or where it sees too few of the landmarks of that one again, it becomes a keyframe: tracks without a
+landmark are triangulated, and poses and points of the last keyframes are adjusted together, in least squares without
+outliers. The first pose of the window and its longest baseline are held, so that the map keeps its frame and its unit.
+This is no SLAM: no loop is closed, and a track that is lost does not come back.
 
 The map is lost where fewer than ``min_resected`` tracks of landmarks are left, or where no pose agrees with that many
 landmarks in five frames in a row. The first of these frames is the one from which a new map may begin.
@@ -45,6 +45,12 @@ _LOST_AFTER = 5
 #: Parallax of a new keyframe, and least parallax of a new landmark: at a noise of .5 px and a focal length of 500 px, a
 #: depth is known to sqrt(2) 0.5 / 500 / 0.0175 = 8 % then, a fifth of what the map leaves out.
 _PARALLAX_DEG = 1.0
+#: A frame becomes a keyframe as well where it sees less than this share of the landmarks of the last one. Near points
+#: leave the view first, and the parallax of the far ones that are left may never reach a degree. ORB-SLAM asks for nine
+#: tenths. From three starts of 28 photographs of a street, 34 are located with three quarters, 30 with a half, and 16
+#: without; paths on video do not change.
+#: Class: measured.
+_SEEN_AGAIN = 0.75
 #: A new landmark is seen in so many keyframes: two give a depth, and one more tests it. Photographs follow each other
 #: at this parallax and more, and their tracks end after two or three. There two are enough: three pixels from an
 #: epipolar line are a hundredth of the image, so that most wrong matches are found by it.
@@ -114,7 +120,7 @@ class GrowingMap:
             return None
         self._guess, agreeing = resected
         i, j = i[agreeing], j[agreeing]
-        if len(i) >= self._config.min_resected and self._parallax_deg(self._problem.points[i]) >= _PARALLAX_DEG:
+        if len(i) >= self._config.min_resected and self._is_due(i):
             self._extend(seen, i, j)
         world_from_cam = self._guess.inverse()
         keyframe = Keyframe(seen.frame, seen.timestamp_s, seen.name, world_from_cam)
@@ -161,6 +167,12 @@ class GrowingMap:
         self._misses = [] if agreeing >= least else [*self._misses, frame]
         if tracked < least or len(self._misses) >= _LOST_AFTER:
             self.lost_at = min([frame, *self._misses]) if self.lost_at is None else self.lost_at
+
+    def _is_due(self, landmarks: Ints) -> bool:
+        """Whether a frame that sees some landmarks becomes a keyframe."""
+        in_last = np.count_nonzero(self._problem.views == len(self._problem.frames) - 1)
+        few = len(landmarks) < _SEEN_AGAIN * in_last
+        return few or self._parallax_deg(self._problem.points[landmarks]) >= _PARALLAX_DEG
 
     def _parallax_deg(self, points: Floats) -> float:
         """Median angle between the rays to points from this camera and from that of the last keyframe."""

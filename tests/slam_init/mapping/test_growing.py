@@ -142,3 +142,15 @@ def test_two_keyframes_give_a_landmark_where_their_parallax_is_wide(room_fed, mo
     seen = [room_fed.tracker.track(frame) for frame in room_fed.following]
     share = np.isin(others, after_a_keyframe(replace(half, open_tracks=newest), seen).track_ids).mean()
     assert share > 0.3 if wide_deg < 1 else share == 0
+
+
+def test_a_frame_that_sees_few_landmarks_again_becomes_a_keyframe(room_fed):
+    """Half of the landmarks leave the view before the parallax reaches a degree."""
+    growing = GrowingMap(room_fed.result.map)
+    seen = room_fed.tracker.track(room_fed.following[0])
+    growing.locate(seen)
+    assert growing.keyframes_added == 0
+    in_view = np.isin(seen.track_ids, room_fed.result.map.track_ids)
+    left = seen.at(np.flatnonzero(in_view)[::2])
+    growing.locate(replace(left, frame=seen.frame + 1))
+    assert growing.keyframes_added == 1
