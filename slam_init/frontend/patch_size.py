@@ -2,8 +2,8 @@
 
 #: Side of a patch, as the window of the flow has it.
 SIDE_PX = 21
-#: A line of a patch, with a pixel beyond each end, is filled up to this: a processor works on eight numbers at once, in
-#: loops whose lengths the compiler knows in half the time.
+#: A line of a patch, with a pixel beyond each end, is filled up to this: a processor works on eight numbers at once.
+#: That the compiler knows the length halves the time of an alignment.
 WIDE = 24
 #: Unknowns of an alignment: the displacement, the affine map (row by row, as displacements at the border of the patch),
 #: and the mean and the contrast of the image.
