@@ -171,7 +171,7 @@ class GrowingMap:
     def _is_due(self, landmarks: Ints) -> bool:
         """Whether a frame that sees some landmarks becomes a keyframe."""
         in_last = np.count_nonzero(self._problem.views == len(self._problem.frames) - 1)
-        few = len(landmarks) < _SEEN_AGAIN * in_last
+        few = bool(len(landmarks) < _SEEN_AGAIN * in_last)
         return few or self._parallax_deg(self._problem.points[landmarks]) >= _PARALLAX_DEG
 
     def _parallax_deg(self, points: Floats) -> float:
