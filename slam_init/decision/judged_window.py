@@ -72,7 +72,14 @@ class JudgedWindow:
             R = self.hypotheses.rotation_only.state.R
             poses = {frame: Pose(R[k], np.zeros(3)) for k, frame in enumerate(self.hypotheses.tracks.frames)}
         pair, directions = (self.best.frames[0], self.best.frames[1]), self.risk.directions
-        return WindowMotion(poses, pair, self.only_rotates, directions.rotation_sigma_deg, directions.sigma_deg)
+        rivals_deg = [self.best.difference_deg(one) for one in self.hypotheses.motions[1:]]
+        # The motion may be that of a rival.
+        rotation_deg, direction_deg = math.sqrt(self.risk.rival) * np.max([(0.0, 0.0), *rivals_deg], axis=0)
+        sigmas_deg = (
+            math.hypot(directions.rotation_sigma_deg, rotation_deg),
+            math.hypot(directions.sigma_deg, direction_deg),
+        )
+        return WindowMotion(poses, pair, self.only_rotates, *sigmas_deg)
 
     @property
     def next_lens(self) -> LensInUse:

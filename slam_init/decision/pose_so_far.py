@@ -31,6 +31,10 @@ _SCALES_RAD = (0.1, 0.03, 0.01, 0.003)
 #: Median length of a vector with two Gaussian components of deviation 1.
 #: Class: definition.
 _MEDIAN_OF_RAYLEIGH = 1.1774
+#: A rotation takes up the parallax that all tracks share, and leaves what differs between near and far ones. The
+#: inverse depths of a scene vary by a sixth of their mean at least, but for a wall.
+#: Class: assumption.
+_SHARED_PARALLAX = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +97,9 @@ class PoseSoFar:
             return
         turned = window.cam_from_world[judged].R @ window.cam_from_world[reference].R.T
         sigma_rad = math.radians(window.rotation_sigma_deg)
+        if window.rotates_only:
+            i, j = common_tracks(history[reference], history[judged])
+            sigma_rad = _sigma_rad(turned, history[reference].bearings[i], history[judged].bearings[j])
         self._known[judged] = (turned @ start[0], start[1] + sigma_rad**2)
         self._anchor = judged
 
@@ -129,9 +136,14 @@ class PoseSoFar:
 
 
 def _aligned(m: Floats, n: Floats) -> tuple[Floats, float]:
-    """The rotation ``n = R m`` of most tracks, and its standard deviation: what is left of the tracks is shared."""
+    """The rotation ``n = R m`` of most tracks, and its standard deviation."""
     R = np.eye(3)
     for scale_rad in _SCALES_RAD:
         R = refine_rotation(R, m, n, scale_rad, iterations=4)
+    return R, _sigma_rad(R, m, n)
+
+
+def _sigma_rad(R: Floats, m: Floats, n: Floats) -> float:
+    """Standard deviation of a rotation ``n = R m`` by what it leaves of the tracks, which may be parallax."""
     left = np.linalg.norm(np.cross(n, m @ R.T), axis=1)
-    return R, float(np.median(left)) / _MEDIAN_OF_RAYLEIGH
+    return _SHARED_PARALLAX * float(np.median(left)) / _MEDIAN_OF_RAYLEIGH

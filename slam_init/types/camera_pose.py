@@ -29,8 +29,9 @@ class CameraPose:
     cam_from_first : (3, 3) float
         Rotation from the axes of the first camera to those of this one.
     rotation_sigma_deg : float
-        Standard deviation of the rotation where it is largest. For ``rotation`` it assumes that nothing moves but by
-        the turning of the camera: a sideways motion before a distant plane looks like a rotation.
+        Standard deviation of the rotation where it is largest. For ``rotation`` it allows for the parallax that a
+        rotation takes up, for ``provisional`` for rivals of the motion. It does not know that a sideways motion before
+        a distant plane looks like a rotation.
     centre : (3,) float or None
         Centre of this camera from that of ``reference``, in the axes of the first camera. Its unit is that of the map,
         or the baseline of the pair of the window; None for ``rotation``.
