@@ -71,7 +71,7 @@ def test_a_pair_that_shows_more_parallax_is_judged_at_once(monkeypatch):
     frames, judged = Frames(point_source("wall", 0, baseline=0.3, points=FEWER)), []
     for k in range(1, 6):
         last = frames.judge(k, chosen=k == 1)
-    monkeypatch.setattr(frame_skipper, "_FAR_DEG", 0.7 * last.motion.direction_sigma_deg)
+    monkeypatch.setattr(frame_skipper, "_FAR_DEG", 0.7 * last.attempt.window.direction_sigma_deg)
     pair = preview(frames, 6)
     score = preview(frames, 5).direction_score / pair.direction_score
     for more in (1.0, 2.0):
