@@ -44,13 +44,13 @@ class WindowMaps:
         self._window, self._config = window, config
         self._history, self._readout_s = history, shutter.readout_s
 
-    def accepted(self) -> tuple[BundleSolution | BundleFailure, TrackTable]:
-        """The map of the best motion, in the views that add little risk.
+    def candidate(self) -> tuple[BundleSolution | BundleFailure, TrackTable]:
+        """The map of the best motion, in the views that add little risk; it has not passed the gates yet.
 
         A view that is left out costs some landmarks only.
         """
         max_risk = self._config.acceptance.max_risk
-        return self._agreeing(RISK_OF_A_VIEW * max_risk, max_risk)
+        return self._true_to_motion(RISK_OF_A_VIEW * max_risk, max_risk)
 
     def undecided(self, reason: Verdict) -> tuple[InitialMap, ...]:
         """The maps of the two motions that the tracks do not decide between, the best first; none where one has no map.
@@ -70,7 +70,7 @@ class WindowMaps:
 
     def provisional(self) -> ProvisionalMap | None:
         """The map of the best motion with its risk; None where it cannot be built."""
-        bundle, _ = self._agreeing(self._window.risk.total, EVEN_ODDS)
+        bundle, _ = self._true_to_motion(self._window.risk.total, EVEN_ODDS)
         if not isinstance(bundle, BundleSolution):
             return None
         risk = self.risk_of(bundle).total
@@ -105,7 +105,7 @@ class WindowMaps:
         first = world_from_cam.pop(reference)
         return {frame: difference_deg(fitted[frame], pose.inverse() @ first) for frame, pose in world_from_cam.items()}
 
-    def _agreeing(self, of_view: float, of_pair: float) -> tuple[BundleSolution | BundleFailure, TrackTable]:
+    def _true_to_motion(self, of_view: float, of_pair: float) -> tuple[BundleSolution | BundleFailure, TrackTable]:
         """The map of the best motion, which bundle adjustment has not moved away from the motion.
 
         A further view whose own direction is riskier than ``of_view`` is left out, by the window or in the map. Where

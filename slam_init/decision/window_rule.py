@@ -245,7 +245,7 @@ class WindowRule:
             if refused.verdict == Verdict.PURE_ROTATION:
                 refused = replace(refused, rotation_only=window.rotation_evidence())
             return Outcome(refused, hypotheses=maps.undecided(refused.verdict), lens=window.next_lens)
-        bundle, table = maps.accepted()
+        bundle, table = maps.candidate()
         attempt = replace(attempt, frames=table.frames)
         # The frames after the map see through its lens.
         lens = window.lens_of_best

@@ -374,7 +374,7 @@ def covariances_in_image(slots: Ints, inverses: Floats, affine: Floats, variance
 
 
 @compiled
-def turned(affine: Floats, covariances: Floats) -> Floats:
+def covariances_through(affine: Floats, covariances: Floats) -> Floats:
     """Covariances of displacements (N, 2, 2) after the affine maps (N, 4) of their patches."""
     after = np.empty((len(affine), 2, 2))
     for n in range(len(affine)):

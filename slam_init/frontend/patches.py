@@ -168,7 +168,7 @@ class Patches:
         * ``remainders``: Mean absolute difference that flow leaves, grey levels.
         * ``sought``: Of these tracks: those that are found already end at their pixels, without flow.
         """
-        from slam_init.frontend.patch_kernel import covariances_in_image, turned
+        from slam_init.frontend.patch_kernel import covariances_in_image, covariances_through
 
         sought = Sought.nowhere(len(pixels)) if sought is None else sought
         others = np.flatnonzero(~sought.found)
@@ -192,7 +192,7 @@ class Patches:
                 ends[cut], affine[cut], places[cut] = self._together(ends[cut], affine[cut], covariances[cut])
         self._affine[slots] = affine
         succeeded[rows], moved[rows] = True, ends
-        drifts[rows] = turned(affine, self._drifts[slots]) + places
+        drifts[rows] = covariances_through(affine, self._drifts[slots]) + places
         return Aligned(succeeded, moved, drifts)
 
     def follow(self, image: Image, track_ids: Ints, pixels: Floats, drifts: Floats) -> None:

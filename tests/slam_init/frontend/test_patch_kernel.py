@@ -9,9 +9,9 @@ from slam_init.frontend.patch_kernel import (
     align_patches,
     conditioned_on_maps,
     covariances_in_image,
+    covariances_through,
     cut_patches,
     distribution_of_maps,
-    turned,
 )
 from slam_init.frontend.patch_size import SIDE_PX, WIDE
 from slam_init.frontend.patches import pairs_of
@@ -39,7 +39,9 @@ def test_displacements_turn_with_the_maps():
     rng = np.random.default_rng(5)
     affine, covariances = rng.normal(size=(7, 4)), spd(rng, 7, 2)
     A = affine.reshape(7, 2, 2)
-    np.testing.assert_allclose(turned(affine, covariances), A @ covariances @ np.swapaxes(A, 1, 2), rtol=1e-10)
+    np.testing.assert_allclose(
+        covariances_through(affine, covariances), A @ covariances @ np.swapaxes(A, 1, 2), rtol=1e-10
+    )
 
 
 def test_places_are_conditional_means_given_the_distribution_of_the_maps():
