@@ -137,7 +137,7 @@ def estimate_relative_pose(
         Quality of the matches, higher is better (for example minus the descriptor distance). Better matches are drawn
         first.
     solver : {"quest5", "quest6", "five"}
-        What proposes motions. "quest5": all solutions of QuEst on five matches, 3 to 5 us a sample. "quest6": those on
+        What proposes motions. "quest5": all solutions of QuEst on five matches, 3 to 4 us a sample. "quest6": those on
         six matches, 6 to 11 us a sample, and more samples where there are outliers. "five": Newton's method on five
         matches from two starts; it finds a quarter to a half of the solutions in the same time. The machine code of
         the last two is compiled at their first use.

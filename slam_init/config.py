@@ -135,8 +135,8 @@ class TrackingConfig(_Section):
 class KeyframeConfig(_Section):
     """Keyframe manager (:mod:`slam_init.frontend.keyframes`)."""
 
-    #: Number of candidate reference frames: each costs about a millisecond per frame, and eight of them reach back over
-    #: 70 frames of slow video.
+    #: Number of candidate reference frames: each costs up to a quarter of a millisecond a frame, and eight of them
+    #: reach back over 70 frames of slow video.
     window: int = 8
     #: A frame becomes a candidate when it shares fewer tracks than this share with the last candidate ...
     new_overlap: float = 0.8

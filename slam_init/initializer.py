@@ -75,8 +75,8 @@ class Initializer:
 
     Initializers share no state, so any number of them can run side by side. One of them is for one thread at a time: a
     frame that arrives from another thread while one is processed is refused. The memory of each one is bounded for a
-    video of any length: the observations of the last 150 frames and of a window of candidates, the last 1000 attempts,
-    and two dozen bytes a frame for statistics.
+    video of any length: the observations of the last 150 frames and of a window of candidates, the last 1000 attempts.
+    Of older attempts the verdict is kept, one byte each.
 
     Parameters
     ----------

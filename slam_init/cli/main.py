@@ -1,8 +1,8 @@
 """The command line: ``slam-init run``, ``compare``, ``audit``, ``join`` and the others of :func:`make_parser`.
 
 Exit codes: 0 initialized (or done), 2 bad usage or input, 3 the data never allowed initialization, an audited map is
-not sound, or two maps are not joined. An interrupt gives 128 and the number of the signal: 130 for SIGINT, 143 for
-SIGTERM, 129 for SIGHUP.
+doubtful, or two maps are not joined, 4 an audited map is wrong. An interrupt gives 128 and the number of the signal:
+130 for SIGINT, 143 for SIGTERM, 129 for SIGHUP.
 Whatever is wrong is reported in one line on stderr.
 """
 
@@ -86,8 +86,8 @@ def make_parser() -> Parser:
     parser = Parser(
         prog="slam-init",
         description="Monocular SLAM initialization: from a video to a bundle-adjusted map, or why not.",
-        epilog="Exit codes: 0 initialized or done, 2 bad input, 3 never initialized (audit: not sound; join, locate: "
-        "not found), 130 interrupted (128 + signal).",
+        epilog="Exit codes: 0 initialized or done, 2 bad input, 3 never initialized (audit: doubtful; join, locate: "
+        "not found), 4 audit: wrong, 130 interrupted (128 + signal).",
         allow_abbrev=False,
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")

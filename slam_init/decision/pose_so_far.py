@@ -1,8 +1,8 @@
-"""The pose of the newest camera while there is no map yet.
+"""The pose of the newest camera before the map and while it grows.
 
 Where a window was judged, its best motion, or the camera that only rotates, tells the rotation of its newest frame.
 From there the rotation is carried on: the tracks that a frame shares with an anchor are aligned by a rotation. Frames
-that were not judged have little parallax to all candidates, so that a rotation explains them.
+that were not judged mostly have little parallax to all candidates.
 """
 
 from __future__ import annotations

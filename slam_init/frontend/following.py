@@ -98,7 +98,7 @@ def expected_as_before(
     Shapes: ``before, after`` (H, W), ``pixels, moved`` (N, 2).
 
     * ``moved``: By how much each point moved in the step before; NaN where that is not known.
-    * Returns: None where some of the few points are elsewhere.
+    * Returns: None where a fifth of the few points are not near their places, or where too few steps are known.
     """
     known = np.flatnonzero(np.isfinite(moved).all(axis=1))
     if len(known) < _LEAST_SAMPLES:

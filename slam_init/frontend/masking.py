@@ -17,7 +17,6 @@ class Trackable:
 
     * ``mask``: (H, W) Pixels that are 0 are ignored.
     * ``patch_px``: Side of the patches that the flow compares.
-    * ``mask``: (H, W)
     """
 
     def __init__(self, mask: Image, patch_px: int) -> None:

@@ -1,6 +1,6 @@
 """The size of the patches of tracks, and of what an alignment finds."""
 
-#: Side of a patch, as the window of the flow has it.
+#: Side of a patch, as the window of the flow has it by default.
 SIDE_PX = 21
 #: A line of a patch, with a pixel beyond each end, is filled up to this: a processor works on eight numbers at once.
 #: That the compiler knows the length halves the time of an alignment.

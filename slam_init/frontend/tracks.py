@@ -7,9 +7,6 @@ link more points than the flow, or as many and contradict it. The tracks that th
 where the descriptors confirm the flow (:func:`confirmed_by`): a map whose landmarks they show is not lost at such a
 frame. Both give the same kind of tracks: the modules that use the tracks do not know their origin.
 
-Descriptors take 100 to 360 ms. A video whose frames must not wait is linked by the flow alone (see
-:meth:`Tracker.track`).
-
 Where a frame has a mask, no track begins in an ignored pixel, and tracks that come near one end
 (:mod:`slam_init.frontend.masking`). What the ignored pixels show changes nothing.
 """

@@ -1,1 +1,1 @@
-"""From poses to a map: views, triangulation, the map of known poses."""
+"""Maps: from poses to landmarks, and how they grow, are followed, joined and found again."""

@@ -3,7 +3,8 @@
 The flow compares patches of 21 px and follows 80 px of motion; the thresholds in pixels are those of images of 640 to
 1920 px. An image of 4K would show the same motion as three times as many pixels, with three times the blur, at nine
 times the cost. So images whose longest side is :data:`TRACKED_SIDE` twice or more are reduced by a whole factor. Each
-reduced pixel is then the mean of a square of original ones, and its place is exact. Smaller images are not touched.
+reduced pixel is then the mean of a square of original ones, and its place is exact. Smaller images are not touched,
+nor those of lenses that gtsam has no calibration for.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 ``Config.refine_frames`` says for how many frames. By default these are as many as it takes until the median deviation
 of its depths, with the errors that tracks share, is at most ``acceptance.max_depth_sigma``. The gate of the acceptance
-knows the noise of single tracks only. A map that is lost is handed over as it was before.
+knows the noise of single tracks only. A map that is lost is handed over as it was before the loss.
 """
 
 from __future__ import annotations

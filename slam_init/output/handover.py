@@ -14,7 +14,7 @@ array                          shape, type   content
 ``scale_sigma``                float         relative standard deviation of the scale; NaN without one
 ``gravity``                    (3,) float    unit vector down in the world; NaN where it was not measured
 ``gravity_sigma_deg``          float         standard deviation of each of its two angles
-``camera_model``               str           ``pinhole``, ``radtan`` (k1, k2, p1, p2[, k3]) or ``fisheye`` (k1..k4)
+``camera_model``               str           ``pinhole``, ``radtan`` (k1, k2, p1, p2[, k3]), ``fisheye`` (k1..k4), ...
 ``camera_size``                (2,) int      width, height
 ``camera_parameters``          (P,) float    fx, fy, cx, cy, then the distortion
 ``noise_px``                   float         standard deviation of a coordinate of an observation

@@ -24,7 +24,7 @@ class CameraPose:
     ----------
     kind : PoseKind
         ``rotation``: the tracks show no translation, and points count as far away. ``provisional``: the best motion of
-        the last window, which may still be wrong (:attr:`slam_init.types.status.Status.risk`). ``map``: a keyframe of
+        the last window, which may still be wrong (:attr:`slam_init.types.status.Status.risk`). ``map``: located in
         the accepted map.
     cam_from_first : (3, 3) float
         Rotation from the axes of the first camera to those of this one.

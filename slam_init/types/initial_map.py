@@ -113,8 +113,8 @@ class InitialMap(Described, Savable):
     scale : Scale or None
         The scale that the map was brought to metres with; None for a map in its own unit.
     risk : float or None
-        Probability that the map is wrong: a rotation off by 5 degrees, or a baseline by 15 degrees. None for the
-        maps of an undecided plane, and for a method that states none.
+        Probability that the map is wrong: a rotation off by 5 degrees, or a baseline by 15 degrees. None for
+        undecided maps, and for a method that states none.
     gravity : Gravity or None
         The direction of gravity in the world frame, where it was measured.
     """

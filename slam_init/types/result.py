@@ -154,7 +154,7 @@ class GroundTruthErrors:
 
 @dataclass(frozen=True, eq=False)
 class ProvisionalMap:
-    """The best map of an initializer that has not accepted one yet.
+    """The map of the window that was judged last, of an initializer that has not accepted one yet.
 
     Attributes
     ----------

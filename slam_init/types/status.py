@@ -51,7 +51,7 @@ class Status(Described):
         before the first, and for methods that state no risk.
     pose : CameraPose or None
         The pose of the newest camera from the first one: its rotation from the second frame on, and its centre where a
-        motion is known. None for the first frame, where too few tracks go on, and for other methods than quest.
+        motion is known. None for the first frame, where too few tracks go on, and for methods without a window.
     refining : bool
         Whether the accepted map grows by further frames before it is handed over.
     lost_at : int or None

@@ -1,9 +1,10 @@
 """The joint fit of a window: one robust maximum-likelihood estimate of all views, for one hypothesis.
 
 The hypothesis says whether most points lie on one plane, and where the fit starts. Unknown are the poses of all views
-but the first, the true rays of all tracks, the inverse distances of the tracks off the plane, the focal length (with a
-prior), the plane, and for each view a smooth error field that its tracks have in common (with a prior). The length of
-one baseline is held, since images do not tell the scale. Two views, three or twelve: the same code.
+but the first, the true rays of all tracks, the inverse distances of the tracks off the plane, the lens (focal length,
+distortion, readout and principal point, with priors), the plane, and for each view a smooth error field that its tracks
+have in common (with a prior). The length of one baseline is held, since images do not tell the scale. Two views, three
+or twelve: the same code.
 
 A track may leave the plane, at a fixed cost. So relief beside a plane is a part of the model, and a plane that is none
 loses its tracks.

@@ -25,10 +25,11 @@ observations count as outliers then.
 Each observation has the robust cost ``g (1 - (1 - e^2 / 3g)^3)`` up to ``e^2 = 3g``, and g beyond (Tukey's biweight), g
 the squared outlier gate. Near 0 it is e^2, and 95 % of the information of Gaussian noise is kept at a gate of three
 standard deviations; the kernel of Geman and McClure with the same cost of an outlier keeps 57 %. Each track
-adds two or three unknowns of its own: two of its ray, and rho. :func:`eliminate` takes them out (Schur complement), so
-that a step solves for the views, the camera and the plane only. The order of the unknowns is: field of view 0; pose
-(rotation vector, translation) and field of views 1, 2, ...; logarithm of the focal scale; k1, which is added to the
-first coefficient of the radial distortion; readout, where it is unknown; principal point, where it is unknown; plane.
+adds two or three unknowns of its own: two of its ray, and rho. :func:`.track_equations.eliminate` takes them out (Schur
+complement), so that a step solves for the views, the camera and the plane only. The order of the unknowns is: field of
+view 0; pose (rotation vector, translation) and field of views 1, 2, ...; logarithm of the focal scale; k1, which is
+added to the first coefficient of the radial distortion; readout, where it is unknown; principal point, where it is
+unknown; plane.
 
 Let ``M`` be the derivatives of a residual by the point in the axes of the anchor, and ``v = d - rho t_a``. The
 derivatives by the pose of view k, turned into the axes of the anchor, are ``M B`` with ``B = [-[v]x, rho I]``. Those by

@@ -25,8 +25,8 @@ def collect(
 ) -> None:
     """Collect the observations of the tracks that take part, track by track.
 
-    Shapes: ``pixels, sigma_px, whitening, sweep_px_s`` (V, T, 2), ``seen`` (V, T), ``anchor`` (T,), ``observed, view,
-    first`` (N, 9).
+    Shapes: ``pixels, sweep_px_s`` (V, T, 2), ``sigma_px, seen`` (V, T), ``whitening`` (V, T, 2, 2), ``anchor`` (T,),
+    ``observed`` (N, 9), ``view`` (N,), ``first`` (T + 1,).
 
     * ``observed, view, first``: Receive the arguments of :func:`slam_init.window.kernels.accumulate`.
     """
