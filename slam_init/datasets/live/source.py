@@ -27,8 +27,8 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.pose import Trajectory
 
-#: Frames that wait: those of a quarter of a second at 30 Hz. Judging a frame takes up to half a second (docs/speed.md);
-#: what comes beyond the queue is dropped.
+#: Frames that wait: those of a quarter of a second at 30 Hz. Judging a frame takes up to six tenths of a second
+#: (docs/speed.md); what comes beyond the queue is dropped.
 QUEUE_FRAMES = 8
 # First pause before a lost connection is tried again; each further one is twice as long.
 _FIRST_PAUSE_S = 0.5

@@ -3,9 +3,12 @@
 import numpy as np
 from make_window import point_source
 
-from quest.geometry.quaternion import rotation_angle
+from quest.geometry.quaternion import rotation_angle, rotation_from_vector
 from slam_init import Initializer
+from slam_init.decision.pose_so_far import PoseSoFar, WindowMotion
+from slam_init.frontend.tracks import History
 from slam_init.types.camera_pose import PoseKind
+from slam_init.types.pose import Pose
 
 
 def poses(source):
@@ -62,3 +65,18 @@ def test_the_deviation_knows_that_a_wall_has_two_motions():
     errors = errors_deg(statuses, truth)
     assert errors.max() > 1
     assert np.all(errors < 2 * np.array([status.pose.rotation_sigma_deg for status in statuses[1:]]))
+
+
+def test_a_reference_that_the_history_has_just_dropped_tells_its_rotation_still():
+    source = point_source("rotation", 0, views=3)
+    history, pose, (first, second) = History(source.camera, 1), PoseSoFar(), list(source.observations())[:2]
+    turned = Pose(rotation_from_vector(np.array([0.0, 0.1, 0.0])), np.zeros(3))
+    history.add(first)
+    pose.update(history, first, None, None)
+    history.add(second)
+    history.forget(keep=())
+    assert first.frame not in history
+    window = WindowMotion({0: Pose.identity(), 1: turned}, (0, 1), True, 0.3, 1.0)
+    found = pose.update(history, second, window, None)
+    np.testing.assert_allclose(found.cam_from_first, turned.R, atol=1e-12)
+    assert found.rotation_sigma_deg == 0.3
