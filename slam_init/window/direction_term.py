@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slam_init.system.linear_algebra import deviations
 from slam_init.types.arrays import Floats
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA, PULL_FREEDOM
 from slam_init.window.hypotheses import WindowHypotheses
@@ -38,7 +37,7 @@ from slam_init.window.uncertainty import (
     direction_sigmas_deg,
     moved_by_lens,
     places_of,
-    rotation_covariance,
+    rotation_sigmas_deg,
     sigma_with_known_lens,
     varying_lens,
 )
@@ -48,14 +47,15 @@ from slam_init.window.uncertainty import (
 class DirectionTerm:
     """How certain the rotation and the directions of the best motion are, and what a map that differs from it adds."""
 
-    #: (V - 1,) Probability that the direction of a view, or the rotation, is wrong: of all views of the best motion but
+    #: (V - 1,) Probability that the direction of a view, or its rotation, is wrong: of all views of the best motion but
     #: the first, the pair's own first. A view near the reference has an uncertain direction although its position is
-    #: certain. Few tracks may lie on a body, or on a texture that repeats.
+    #: certain, and one that few tracks link to the pair an uncertain rotation. Few tracks may lie on a body, or on a
+    #: texture that repeats.
     of_views: tuple[float, ...]
     #: (V - 1,) Deviations of these directions where they are largest, in degrees.
     sigmas_deg: tuple[float, ...]
-    #: Standard deviation of the pair's rotation where it is largest.
-    rotation_sigma_deg: float
+    #: (V - 1,) Deviations of these rotations where they are largest, in degrees.
+    rotation_sigmas_deg: tuple[float, ...]
     #: The pair's if focal length and distortion were known, and the model of the lens left nothing that neighbouring
     #: tracks share.
     with_known_lens: float
@@ -82,13 +82,18 @@ class DirectionTerm:
         """Standard deviation of the direction of the pair's baseline where it is largest."""
         return self.sigmas_deg[0]
 
+    @property
+    def rotation_sigma_deg(self) -> float:
+        """Standard deviation of the pair's rotation where it is largest."""
+        return self.rotation_sigmas_deg[0]
+
     def of_map(self, rotation_deg: float, direction_deg: float) -> tuple[float, DirectionTerm]:
         """What a map whose pair is that far from the fitted one adds to the risk, and the term with its deviations."""
         added = self.added_by_map(0, rotation_deg, direction_deg)
         turned_deg, aside_deg = self._not_expected_deg(0, rotation_deg, direction_deg)
         sigmas_deg = (math.hypot(self.sigma_deg, aside_deg), *self.sigmas_deg[1:])
-        rotation_sigma_deg = math.hypot(self.rotation_sigma_deg, turned_deg)
-        return added, replace(self, sigmas_deg=sigmas_deg, rotation_sigma_deg=rotation_sigma_deg)
+        rotation_sigmas_deg = (math.hypot(self.rotation_sigma_deg, turned_deg), *self.rotation_sigmas_deg[1:])
+        return added, replace(self, sigmas_deg=sigmas_deg, rotation_sigmas_deg=rotation_sigmas_deg)
 
     def added_by_map(self, view: int, rotation_deg: float, direction_deg: float) -> float:
         """What the direction of a view, or its rotation, adds to the risk in a map that is that far from the fit.
@@ -98,15 +103,13 @@ class DirectionTerm:
         * ``view``: In the order of :attr:`of_views`.
         """
         turned_deg, aside_deg = self._not_expected_deg(view, rotation_deg, direction_deg)
-        sigma_deg = self.sigmas_deg[view]
-        stated = _wrong_by_sigmas(self.rotation_sigma_deg, sigma_deg)
-        return (
-            _wrong_by_sigmas(math.hypot(self.rotation_sigma_deg, turned_deg), math.hypot(sigma_deg, aside_deg)) - stated
-        )
+        rotation_sigma_deg, sigma_deg = self.rotation_sigmas_deg[view], self.sigmas_deg[view]
+        in_map = _wrong_by_sigmas(math.hypot(rotation_sigma_deg, turned_deg), math.hypot(sigma_deg, aside_deg))
+        return in_map - _wrong_by_sigmas(rotation_sigma_deg, sigma_deg)
 
     def _not_expected_deg(self, view: int, rotation_deg: float, direction_deg: float) -> tuple[float, float]:
         """The parts of two differences that the lens of the map does not explain."""
-        turned_deg, aside_deg = self.moved.rotation_deg, float(self.moved.directions_deg[view])
+        turned_deg, aside_deg = float(self.moved.rotations_deg[view]), float(self.moved.directions_deg[view])
         return (
             math.sqrt(max(rotation_deg**2 - turned_deg**2, 0.0)),
             math.sqrt(max(direction_deg**2 - aside_deg**2, 0.0)),
@@ -127,23 +130,24 @@ def direction_term(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> Direc
     of_fit_deg = _widened(by_tracks_deg, factor, by_point_deg)
     of_map_deg = np.hypot(of_fit_deg, moved.directions_deg[:, None])
     varying = varying_lens(expanded)
-    rotation_of_fit_deg = factor * _largest_sigma_deg(rotation_covariance(expanded))
-    rotation_deg = math.hypot(rotation_of_fit_deg, moved.rotation_deg)
-    rotated, held = three_directions(WRONG_ROTATION_DEG, rotation_deg), _held_by_bodies(best)
+    rotations_of_fit_deg = factor * rotation_sigmas_deg(expanded)
+    rotations_deg = np.hypot(rotations_of_fit_deg, moved.rotations_deg)
+    rotated = [three_directions(WRONG_ROTATION_DEG, float(deg)) for deg in rotations_deg]
+    held = _held_by_bodies(best)
     known_lens = (1.0 if calibrated else sigma_with_known_lens(expanded)) * by_tracks_deg[0]
     rigid_deg = np.hypot(optimism.if_rigid(lens_held=calibrated) * by_tracks_deg[0], moved.directions_deg[0])
     lens_right = float(weights @ _with_varying_lens(of_fit_deg[0], varying, 0))
     return DirectionTerm(
         of_views=tuple(
-            min(1.0, float(weights @ _with_varying_lens(sigmas_deg, varying, view)) + rotated + held[view])
+            min(1.0, float(weights @ _with_varying_lens(sigmas_deg, varying, view)) + rotated[view] + held[view])
             for view, sigmas_deg in enumerate(of_map_deg)
         ),
         sigmas_deg=tuple(float(np.sqrt(weights @ sigmas_deg**2)) for sigmas_deg in of_map_deg),
-        rotation_sigma_deg=rotation_deg,
+        rotation_sigmas_deg=tuple(rotations_deg.tolist()),
         with_known_lens=float(weights @ two_directions(WRONG_DIRECTION_DEG, known_lens)),
         if_rigid=float(weights @ _with_varying_lens(rigid_deg, varying, 0)),
-        if_lens_fixed=min(1.0, float(weights @ two_directions(WRONG_DIRECTION_DEG, of_map_deg[0])) + rotated),
-        if_lens_right=min(1.0, lens_right + three_directions(WRONG_ROTATION_DEG, rotation_of_fit_deg)),
+        if_lens_fixed=min(1.0, float(weights @ two_directions(WRONG_DIRECTION_DEG, of_map_deg[0])) + rotated[0]),
+        if_lens_right=min(1.0, lens_right + three_directions(WRONG_ROTATION_DEG, float(rotations_of_fit_deg[0]))),
         moved=moved,
         frames_are_shifted=varying.shifted,
         camera=camera_estimate(expanded, optimism.factor(lens_held=False)),
@@ -212,8 +216,3 @@ def _with_varying_lens(sigmas_deg: Floats, varying: VaryingLens, view: int) -> F
     """Probability that the direction of a view is wrong, over the modes of a lens that changes from view to view."""
     moments_deg = np.hypot(varying.factors[:, view, None] * sigmas_deg, varying.moved_deg[:, view, None])
     return np.asarray(varying.probabilities @ two_directions(WRONG_DIRECTION_DEG, moments_deg))
-
-
-def _largest_sigma_deg(covariance: Floats) -> float:
-    """Standard deviation where it is largest, in degrees, of a covariance in rad^2."""
-    return math.degrees(float(deviations(np.linalg.eigvalsh(covariance))[-1]))

@@ -156,9 +156,9 @@ class VaryingLens:
 class MovedByLens:
     """How far a motion moves when the lens goes from where the fit has it to where a map has it."""
 
-    #: The pair's rotation.
-    rotation_deg: float
-    #: (V - 1,) The directions of all views but the first.
+    #: (V - 1,) The rotations of all views but the first.
+    rotations_deg: Floats
+    #: (V - 1,) Their directions.
     directions_deg: Floats
 
 
@@ -256,20 +256,38 @@ def _sigma_of(column: int, marginal: FieldMarginal) -> float:
     return math.sqrt(max(variance, 0.0))
 
 
-def rotation_covariance(expanded: ExpandedFit) -> Floats:
-    """Covariance of the pair's rotation.
+def rotation_covariances(expanded: ExpandedFit) -> Floats:
+    """Covariances of rotations: from the reference to each other view, then from the second view to each further one.
 
-    Shapes: returns (3, 3).
+    Shapes: returns (2 V - 3, 3, 3).
 
-    * Returns: Of the vector ``w``, in rad^2, where the true rotation is that of ``w`` after the fitted one.
+    * Returns: Of vectors ``w``, in rad^2, where the true rotation is that of ``w`` after the fitted one.
     """
-    return _second_moment(expanded, np.eye(3, len(expanded.marginal.shift)))
+    R, unknowns = expanded.fit.state.R[1:], len(expanded.marginal.shift)
+    from_reference = np.zeros((len(R), 3, unknowns))
+    for view in range(len(R)):
+        from_reference[view, :, 6 * view : 6 * view + 3] = np.eye(3)
+    from_second = from_reference[1:] - (R[1:] @ R[0].T) @ from_reference[0]
+    return _second_moments(expanded, np.concatenate([from_reference, from_second]))
+
+
+def rotation_sigmas_deg(expanded: ExpandedFit) -> Floats:
+    """Largest standard deviations of the rotations of all views but the first, the pair's own first.
+
+    A map holds both views of the pair. So the rotation of a further view is the less certain one of those from the
+    reference and from the second view.
+
+    Shapes: returns (V - 1,).
+    """
+    sigmas = deviations(np.linalg.eigvalsh(rotation_covariances(expanded)))[:, -1]
+    views = len(expanded.fit.state.R) - 1
+    return np.asarray(np.degrees(np.maximum(sigmas[:views], np.append(0.0, sigmas[views:]))))
 
 
 def direction_uncertainty(expanded: ExpandedFit, view: int = 1) -> DirectionUncertainty:
     """Uncertainty of the direction of a baseline by the expansion alone, without the scatter of the scores."""
     bases, J = direction_derivatives(expanded.fit.state, len(expanded.marginal.shift))
-    return DirectionUncertainty(bases[view - 1], _second_moment(expanded, J[view - 1]))
+    return DirectionUncertainty(bases[view - 1], _second_moments(expanded, J[view - 1]))
 
 
 def direction_sigmas_deg(expanded: ExpandedFit) -> Floats:
@@ -327,10 +345,11 @@ def moved_by_lens(expanded: ExpandedFit, *, held: bool) -> MovedByLens:
         columns += [lin.principal_columns.start, lin.principal_columns.start + 1]
         offsets += state.lens.principal_px
     if not columns:
-        return MovedByLens(0.0, np.zeros(len(state.R) - 1))
+        return MovedByLens(np.zeros(len(state.R) - 1), np.zeros(len(state.R) - 1))
     moved = covariance[:, columns] @ np.linalg.solve(covariance[np.ix_(columns, columns)], np.array(offsets))
     directions_deg = np.degrees(np.linalg.norm(expanded.directions @ moved, axis=1))
-    return MovedByLens(math.degrees(float(np.linalg.norm(moved[:3]))), directions_deg)
+    of_views = moved[: 6 * (len(state.R) - 1)].reshape(-1, 6)
+    return MovedByLens(np.degrees(np.linalg.norm(of_views[:, :3], axis=1)), directions_deg)
 
 
 def varying_lens(expanded: ExpandedFit) -> VaryingLens:
@@ -428,11 +447,11 @@ def places_of(fit: JointFit) -> Floats:
     return np.arctan2(rays[:, :2], rays[:, 2:])
 
 
-def _second_moment(expanded: ExpandedFit, J: Floats) -> Floats:
-    """Second moments (M, M) of linear functions (M, X) of the unknowns about the fit, over all scales of the fields."""
+def _second_moments(expanded: ExpandedFit, J: Floats) -> Floats:
+    """Second moments (..., M, M) of linear functions (..., M, X) of the unknowns about the fit, over all scales."""
     shifts, covariances = expanded.marginal.of(J)
-    moments = covariances + shifts[:, :, None] * shifts[:, None, :]
-    return np.asarray(np.einsum("s,sij->ij", expanded.scale_weights, moments))
+    moments = covariances + shifts[..., :, None] * shifts[..., None, :]
+    return np.asarray(np.einsum("s,...sij->...ij", expanded.scale_weights, moments))
 
 
 def direction_derivatives(state: WindowState, unknowns: int) -> tuple[Floats, Floats]:
