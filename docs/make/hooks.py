@@ -35,6 +35,8 @@ DOCUMENTS = {
     "CHANGELOG.md": "changelog.md",
     "quest/README.md": "quest.md",
 }
+#: Pages that are made from the code: module -> page.
+OF_CODE = {"slam_init/cli/parser.py": "reference/command-line.md", "slam_init/config.py": "reference/options.md"}
 MEASURED = ("tests/benchmarks/measured", "tests/benchmarks/quest/measured")
 
 _LINK = re.compile(r"(?P<image>!?)\[(?P<text>[^\]\[]*)\]\((?P<target>[^)\s]+)\)")
@@ -131,6 +133,8 @@ def _page_of(path: str) -> str | None:
     """The page or picture of the site that shows a file of the repository."""
     if path in ("README.md", "docs"):
         return "index.md"
+    if path in OF_CODE:
+        return OF_CODE[path]
     for page, origin in _origins().items():
         if origin == path:
             return page

@@ -36,10 +36,7 @@ from slam_init.window.zooming_rotation import ZoomingRotation, with_zooms
 def after_last_look(
     hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float
 ) -> tuple[WindowHypotheses, WindowRisk]:
-    """Hypotheses whose risk is small, and the risk after a second look at them; others are returned as they are.
-
-    The plane keeps its precision where the fits with free depths agree on the motion, and decide against all rivals.
-    """
+    """Hypotheses whose risk is small, and the risk after a second look at them; others are returned as they are."""
     if risk.total > max_risk:
         return hypotheses, risk
     with single_threaded():

@@ -93,7 +93,10 @@ def with_errors_in_noise(hypotheses: WindowHypotheses) -> WindowHypotheses:
 
 
 def zooming_probability(hypotheses: WindowHypotheses, zooming: ZoomingRotation) -> float:
-    """Probability that the camera only rotates, and that its images zoom or shift."""
+    """Probability that the camera only rotates, and that its images zoom or shift.
+
+    The errors that a tracker keeps scale the gain, or are in the noise where they may be larger than it.
+    """
     probability = _probability_beside_zooms(hypotheses, zooming)
     if probability > FLOOR and keeps_errors(hypotheses):
         wide = with_errors_in_noise(hypotheses)
@@ -104,7 +107,7 @@ def zooming_probability(hypotheses: WindowHypotheses, zooming: ZoomingRotation) 
 def _probability_beside_zooms(
     hypotheses: WindowHypotheses, zooming: ZoomingRotation, *, lasting_in_noise: bool = False
 ) -> float:
-    """Probability that the camera only rotates, and that its images zoom or shift.
+    """The same by one model of the errors that a tracker keeps.
 
     See :func:`rotation_probability` for ``lasting_in_noise``.
     """
