@@ -220,8 +220,9 @@ def _wait_for(port: int, process: subprocess.Popen[bytes], log: BinaryIO) -> Non
 
 def _no_start(process: subprocess.Popen[bytes], log: BinaryIO) -> ViewerError:
     text = _text(log)
-    if "raphics adapter" in text or "Vulkan" in text:
-        return ViewerError("the viewer found no graphics driver: install one, on Debian and Ubuntu mesa-vulkan-drivers")
+    # With a driver of OpenGL alone the viewer starts and ends without a render context.
+    if any(told in text for told in ("raphics adapter", "Vulkan", "render context")):
+        return ViewerError("the viewer found no Vulkan driver: install one, on Debian and Ubuntu mesa-vulkan-drivers")
     if "No module named" in text:
         return ViewerError("the viewer is not installed: pip install rerun-sdk")
     return ViewerError(f"the viewer ended with code {process.returncode}{_last_line(log)}")

@@ -39,6 +39,7 @@ def viewer(tmp_path, monkeypatch):
     ("code", "words"),
     [
         ("raise SystemExit('thread panicked: No graphics adapter was found')", "mesa-vulkan-drivers"),
+        ("raise SystemExit('thread panicked at Failed to get render context')", "mesa-vulkan-drivers"),
         ("raise SystemExit('something else\\n')", "something else"),
         ("import rerun_cli_that_is_missing", "not installed"),
     ],
