@@ -4,8 +4,8 @@ A frame is located by resection with the landmarks that its tracks belong to. Wh
 reaches a degree, or where it sees too few of the landmarks of that one again, it becomes a keyframe: tracks without a
 landmark are triangulated, and poses and points of the last keyframes are adjusted together, in least squares without
 outliers. The first pose of the window and its longest baseline are held, so that the map keeps its frame and its unit.
-This is no SLAM: no loop is closed, and a track that is lost comes
-back only where descriptors find it within some frames.
+This is no SLAM: no loop is closed, and a track that is lost comes back only where descriptors find it within some
+frames.
 
 The map is lost where fewer than ``min_resected`` tracks of landmarks are left, or where no pose agrees with that many
 landmarks in five frames in a row. The first of these frames is the one from which a new map may begin.

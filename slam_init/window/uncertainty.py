@@ -156,7 +156,7 @@ class VaryingLens:
 class MovedByLens:
     """How far a motion moves when the lens goes from where the fit has it to where a map has it."""
 
-    #: (V - 1,) The rotations of all views but the first.
+    #: (V - 1,) The rotations of all views but the first, from the reference.
     rotations_deg: Floats
     #: (V - 1,) Their directions.
     directions_deg: Floats
@@ -264,9 +264,8 @@ def rotation_covariances(expanded: ExpandedFit) -> Floats:
     * Returns: Of vectors ``w``, in rad^2, where the true rotation is that of ``w`` after the fitted one.
     """
     R, unknowns = expanded.fit.state.R[1:], len(expanded.marginal.shift)
-    from_reference = np.zeros((len(R), 3, unknowns))
-    for view in range(len(R)):
-        from_reference[view, :, 6 * view : 6 * view + 3] = np.eye(3)
+    of_view = 6 * np.arange(len(R))[:, None] + np.arange(3)
+    from_reference = np.eye(unknowns)[of_view]
     from_second = from_reference[1:] - (R[1:] @ R[0].T) @ from_reference[0]
     return _second_moments(expanded, np.concatenate([from_reference, from_second]))
 
