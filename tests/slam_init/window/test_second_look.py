@@ -10,7 +10,7 @@ from make_window import hypotheses_of_scene as hypotheses
 
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.types.pose import Pose
-from slam_init.window import second_look
+from slam_init.window import last_look, second_look
 from slam_init.window.last_look import after_last_look
 from slam_init.window.levels import PRINCIPAL_SIGMA
 from slam_init.window.motion import difference_deg, fit_motion
@@ -88,6 +88,25 @@ def test_a_room_is_confirmed_as_it_is():
     same, again = after_last_look(found, risk, max_risk=0.005)
     assert again.total == pytest.approx(risk.total, abs=1e-3)
     assert same.motions[0].same_as(found.motions[0])
+
+
+@pytest.mark.parametrize("steps", [0, 2])
+def test_a_rival_that_only_free_depths_find_has_the_risk_of_hypotheses_with_it(steps):
+    """The motion is the same, so that only the term of the rivals is stated anew."""
+    found = hypotheses("room", 0, 3)
+    best, risk = found.motions[0], risk_of(found)
+    poses = dict(best.motion.cam_from_world)
+    second = best.frames[1]
+    poses[second] = Pose(poses[second].R, rotation_from_vector(np.array([0.0, 0.5, 0.0])) @ poses[second].t)
+    rival = fit_motion(found.tracks, replace(best.motion, cam_from_world=poses), PRIORS, max_steps=steps)
+    with_rival = replace(found, motions=(best, rival))
+    again, stated = last_look._with_free_depths(found, risk, with_rival)
+    assert again.motions == with_rival.motions
+    assert stated.directions is risk.directions
+    assert (stated.rotation, stated.moving) == (risk.rotation, risk.moving)
+    whole = risk_of(with_rival)
+    assert whole.margin is not None
+    assert (stated.rival, stated.margin) == (pytest.approx(whole.rival, rel=1e-9), whole.margin)
 
 
 def test_a_risk_that_is_too_large_is_not_looked_at_again():
