@@ -1,8 +1,8 @@
 """The rolling shutter: each row of an image is taken at its own time, while the camera turns.
 
-A pixel in row y of an image of height h is taken ``readout (y / h - 1/2)`` after the middle row, and in column x of an
-image of width w ``readout (x / w - 1/2)`` after the middle column, where columns are read one after the other (a phone
-that is held upright). The pose of a frame, and its time stamp, are those of the middle.
+A pixel in row y of an image of height h is taken ``readout ((y + 1/2) / h - 1/2)`` after the middle row. In column x of
+an image of width w it is ``readout ((x + 1/2) / w - 1/2)`` after the middle column, where columns are read one after
+the other (a phone that is held upright). The pose of a frame, and its time stamp, are those of the middle.
 
 Most of what an image moves in so short a time is the turning of the camera, and the tracks of neighbouring frames tell
 how it turns (a visual gyroscope). So a ray is turned back to the middle of the readout. The readout is one number of
@@ -114,7 +114,7 @@ class RollingShutter:
                 turns[first.frame] = first.turn_rad_s - change * first.length_s
         for one, turn_rad_s in turns.items():
             if one in history:
-                corrected = self._corrected(history.camera, history[one], turn_rad_s)
+                corrected = self.corrected(history.camera, history[one], turn_rad_s)
                 history.put(replace(corrected, turn_error=error))
         return history[frame]
 
@@ -127,7 +127,7 @@ class RollingShutter:
         if len(i) < _LEAST_TRACKS:
             return None
         if self._steps:
-            current = self._corrected(camera, current, self._steps[-1].turn_rad_s)
+            current = self.corrected(camera, current, self._steps[-1].turn_rad_s)
         R = np.eye(3)
         for scale_rad in _SCALES_RAD:
             R = refine_rotation(R, previous.bearings[i], current.bearings[j], scale_rad, iterations=4)
@@ -155,7 +155,7 @@ class RollingShutter:
         for one in history:
             turn = None if one.turn_rad_s is None else shorter * one.turn_rad_s
             raw = replace(one.through(camera), turn_rad_s=turn)
-            history.put(raw if turn is None or self._off else self._corrected(camera, raw, turn))
+            history.put(raw if turn is None or self._off else self.corrected(camera, raw, turn))
 
     def _correct_all(self, history: History) -> None:
         for one in history:
@@ -165,7 +165,11 @@ class RollingShutter:
                 bearings = _turned(history.camera, one, one.bearings, one.turn_rad_s, rest_s)
                 history.put(replace(one, bearings=bearings, readout_s=self.readout_s))
 
-    def _corrected(self, camera: Camera, observations: Observations, turn_rad_s: Floats) -> Observations:
+    def corrected(self, camera: Camera, observations: Observations, turn_rad_s: Floats) -> Observations:
+        """The tracks of a frame with their rays at the middle of the readout.
+
+        Shapes: ``turn_rad_s`` (3,).
+        """
         raw = observations.bearings
         if observations.turn_rad_s is not None and observations.readout_s:
             raw = _turned(camera, observations, raw, observations.turn_rad_s, observations.readout_s)
@@ -175,11 +179,14 @@ class RollingShutter:
 
 @dataclass(frozen=True, eq=False)
 class _Step:
-    """The turning between two frames: the first of them, and whether its turning before this is not known."""
+    """The turning of the camera between two frames."""
 
+    #: (3,)
     turn_rad_s: Floats
     length_s: float
+    #: Absolute index of the earlier frame.
     frame: int
+    #: Whether no step ends at the earlier frame, so that its turning is that of this step.
     is_first: bool
 
 

@@ -58,8 +58,9 @@ _SEEN_AGAIN = 0.75
 _LEAST_VIEWS, _WIDE_DEG = 3, 5.0
 #: Keyframes that are adjusted together: a bound of memory and time. At a degree of parallax each they span 24 degrees.
 _WINDOW = 24
-#: Levenberg-Marquardt steps of a keyframe: its pose and points are known to some pixels already.
-_ITERATIONS = 4
+#: Levenberg-Marquardt steps of a keyframe: its pose and points are known to some pixels already. Steps and tolerance of
+#: a map that is handed over: the outliers of its last keyframe have left it.
+_ITERATIONS, _LAST_ITERATIONS, _LAST_TOLERANCE = 4, 20, 1e-6
 
 
 class Located(NamedTuple):
@@ -68,7 +69,8 @@ class Located(NamedTuple):
     keyframe: Keyframe
     #: Share of the landmarks of the accepted map that the frame observes within 3 px of their projection.
     survival: float
-    #: Standard deviation of the rotation by the landmarks that agree.
+    #: Standard deviation of the rotation: of the map where its covariances were last stated, and by the noise of the
+    #: landmarks that agree.
     rotation_sigma_deg: float
 
 
@@ -100,7 +102,12 @@ class GrowingMap:
         )
         self._keyframes = {keyframe.frame: keyframe for keyframe in map_.keyframes}
         # The tracks of keyframes that may become landmarks.
-        self._views = {map_.open_tracks.frame: map_.open_tracks}
+        tracks = map_.open_tracks
+        if tracks.turn_rad_s is not None:
+            tracks = self._shutter.corrected(map_.camera, tracks, tracks.turn_rad_s)
+        self._views = {tracks.frame: tracks}
+        # Rotation and points of the newest keyframe have errors in common, which the landmarks of a frame do not tell.
+        self._rotation_sigma_rad = _rotation_sigma_rad(map_.pose_covariances)
         self._noise_px = map_.noise_px
         self._guess: Pose | None = None
         self._misses: list[int] = []
@@ -125,17 +132,23 @@ class GrowingMap:
             self._extend(seen, i, j)
         world_from_cam = self._guess.inverse()
         keyframe = Keyframe(seen.frame, seen.timestamp_s, seen.name, world_from_cam)
-        sigma = math.degrees(self._noise_px / self.camera.focal_px / math.sqrt(max(len(i), 1)))
-        return Located(keyframe, self._survival(seen), sigma)
+        by_noise = self._noise_px / self.camera.focal_px / math.sqrt(max(len(i), 1))
+        sigma_deg = math.degrees(math.hypot(self._rotation_sigma_rad, by_noise))
+        return Located(keyframe, self._survival(seen), sigma_deg)
 
     def grown(self) -> InitialMap:
         """The map as it is now; the accepted map where no keyframe was added."""
         accepted, problem = self._accepted, self._problem
         if problem.frames == tuple(keyframe.frame for keyframe in accepted.keyframes):
             return accepted
+        try:
+            problem, _ = minimize(problem, self._noise_px, iterations=_LAST_ITERATIONS, tolerance=_LAST_TOLERANCE)
+        except RuntimeError:  # a landmark behind a camera
+            return accepted
         bundle = solution_of(self.camera, problem, self._config)
         if isinstance(bundle, BundleFailure):
             return accepted
+        self._rotation_sigma_rad = _rotation_sigma_rad(bundle.pose_covariances)
         views = [self._view(frame) for frame in problem.frames]
         made = initial_map(bundle, views, accepted.scene)
         return replace(
@@ -269,6 +282,13 @@ class GrowingMap:
             return self._views[frame]
         keyframe, none = self._keyframes[frame], self._accepted.open_tracks.at(np.zeros(0, np.int64))
         return replace(none, frame=frame, timestamp_s=keyframe.timestamp_s, name=keyframe.name)
+
+
+def _rotation_sigma_rad(pose_covariances: Floats) -> float:
+    """Standard deviation of the rotation of the newest keyframe where it is largest; 0 without covariances."""
+    if not len(pose_covariances):
+        return 0.0
+    return math.sqrt(max(float(np.linalg.eigvalsh(pose_covariances[-1, :3, :3])[-1]), 0.0))
 
 
 def _colors(made: InitialMap, accepted: InitialMap) -> Image:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from continue_with_isam2 import position_errors
 
+from quest.geometry.quaternion import rotation_angle
 from slam_init.mapping import growing as growing_module
 from slam_init.mapping.follower import Follower
 from slam_init.mapping.growing import GrowingMap
@@ -64,6 +65,22 @@ def test_gtsam_moves_no_camera_by_its_deviation(grown):
         key = gtsam.symbol("x", keyframe.frame)
         step = map_.values.atPose3(key).localCoordinates(optimum.atPose3(key))
         assert np.all(np.abs(step) <= np.sqrt(np.diag(covariance)) + 1e-5)
+
+
+def test_a_grown_map_is_at_the_optimum_of_its_graph(grown):
+    *_, map_ = grown
+    optimum = gtsam.LevenbergMarquardtOptimizer(map_.graph, map_.values).optimize()
+    # The graph lets the lens move a little, bundle adjustment holds it.
+    assert map_.graph.error(optimum) > 0.99 * map_.graph.error(map_.values)
+
+
+def test_the_deviation_of_a_located_rotation_holds_its_error(grown):
+    fed, located, _ = grown
+    first = fed.source.groundtruth.at(fed.result.map.keyframes[0].timestamp_s)
+    for one in located:
+        truth = first.R.T @ fed.source.groundtruth.at(one.keyframe.timestamp_s).R
+        error_deg = np.degrees(rotation_angle(truth.T @ one.keyframe.world_from_cam.R))
+        assert error_deg < 3 * one.rotation_sigma_deg < 3.0
 
 
 def test_without_parallax_the_map_stays_the_accepted_one(room_fed):
