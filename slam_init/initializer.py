@@ -359,7 +359,7 @@ class Initializer:
     def result(self) -> Result:
         """The result up to now: the map, or the reason why there is none and the undecided maps."""
         notes, timing_ms = self.intake.notes, self.stopwatch.summary()
-        return self._maps.result(self._attempts, self.camera, notes, timing_ms)
+        return self._maps.result(self._attempts, self.history.lens.stated, notes, timing_ms)
 
     def finish(self) -> Result:
         """End the sequence. No map is accepted only because the sequence ends; one that grows is handed over.

@@ -106,6 +106,10 @@ class Intake:
         check_gravity(frame.gravity)
         if frame.depth is not None and (not isinstance(frame.depth, Depth) or np.ndim(frame.depth.values) != 2):
             raise SlamInitError("depth of an image: give a Depth whose values have the shape (H, W)")
+        if frame.index <= self.history.newest:
+            raise SlamInitError(
+                f"frame {frame.index} comes after frame {self.history.newest}: feed frames in ascending order"
+            )
         own_seconds = timestamp_s is None or isinstance(image, Frame)
         stamped = self._clock.stamped(frame, in_seconds_by_type=own_seconds)
         # What was refused until here has changed nothing.
@@ -117,7 +121,11 @@ class Intake:
         """Follow the tracks into a frame."""
         self._source = "images"
         self.masked = 0.0 if frame.mask is None else 1.0 - np.count_nonzero(frame.mask) / frame.mask.size
-        current = self.tracker.track(frame)
+        try:
+            current = self.tracker.track(frame)
+        except BaseException:  # of a matcher: the frame may be tried again
+            self._clock.give_back()
+            raise
         self._overlay.observe(frame, current)
         return current
 
@@ -142,7 +150,8 @@ class Intake:
         if camera.focal_sigma is not None:  # their rays are of a lens that is being estimated
             current, revised = current.through(camera), [one.through(camera) for one in revised]
         self._clock.check_tracks(current)
-        check_rays(camera, current)
+        for one in (current, *revised):
+            check_rays(camera, one)
         return current, revised
 
     def _check_source(self, source: str) -> None:
@@ -188,8 +197,6 @@ class Intake:
         """Forget the frames before one, by default before the newest; return those that stay."""
         newest = max(self.history.newest, 0)
         self.history.start_at(newest if since is None else min(since, newest))
-        for observed in self.history:
-            self._clock.took(observed)
         return [observed.frame for observed in self.history]
 
     def change_lens(self, lens: LensInUse) -> None:

@@ -29,6 +29,7 @@ class FrameClock:
         self._unit = TimeUnit.SECONDS
         self._stamps_read = 0
         self._last_stamp: float | None = None
+        self._stamp_before: float | None = None
         self._last_s: float | None = None
 
     @property
@@ -50,8 +51,13 @@ class FrameClock:
         elif self._stamps_read == 1 and not in_seconds_by_type and self._last_stamp is not None:
             self._decide_by_step(self._last_stamp, stamp)
         self._stamps_read += 1
-        self._last_stamp = stamp
+        self._stamp_before, self._last_stamp = self._last_stamp, stamp
         return frame if self._unit == TimeUnit.SECONDS else replace(frame, timestamp_s=self._seconds(stamp))
+
+    def give_back(self) -> None:
+        """Forget the newest stamp, whose frame was not taken. A unit that it decided stays."""
+        self._stamps_read -= 1
+        self._last_stamp = self._stamp_before
 
     def check_tracks(self, current: Observations) -> None:
         """Check the time of tracks from elsewhere, which is in seconds."""

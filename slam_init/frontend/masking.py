@@ -22,7 +22,7 @@ class Trackable:
     def __init__(self, mask: Image, patch_px: int) -> None:
         import cv2
 
-        self.mask = mask
+        self.mask = mask.copy()  # a caller may read the next mask into the same array
         self._patch_radius = patch_px // 2
         # Ignored pixels beyond the border of the image do not exist, so the border is no edge of the mask. The distance
         # is that of squares, as patches are.

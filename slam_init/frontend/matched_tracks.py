@@ -16,9 +16,10 @@ import numpy as np
 
 from slam_init.config import TrackingConfig
 from slam_init.errors import ConfigError, SlamInitError
+from slam_init.frontend.masking import Trackable
 from slam_init.frontend.matchers import Matcher, make_matcher
 from slam_init.frontend.tracks import Keypoints, Tracker, colors_at
-from slam_init.types.arrays import Floats, Image, Ints
+from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
 
@@ -33,10 +34,19 @@ _CLEAR_PX = 2.0
 class _Matched(Keypoints):
     """The matched points of one frame, which become more with each match."""
 
-    def __init__(self, frame: Frame) -> None:
+    def __init__(self, frame: Frame, trackable: Trackable | None) -> None:
         super().__init__(frame.index, np.zeros((0, 2)), np.zeros(0, np.int64))
-        self.image, self.name = frame.image, frame.name
+        # A caller may read the next image into the same array.
+        self.image, self.name, self._trackable = frame.image.copy(), frame.name, trackable
         self._positions: dict[tuple[int, ...], int] = {}
+
+    def are_clear(self, points: Floats) -> Bools:
+        """Which points (N, 2) lie in the image, and in no ignored pixel; NaN does not."""
+        size = np.array(self.image.shape[1::-1])
+        clear: Bools = np.asarray(((points >= -0.5) & (points < size - 0.5)).all(axis=1))
+        if self._trackable is not None:
+            clear[clear] = self._trackable.are_clear(points[clear], np.full(clear.sum(), _CLEAR_PX))
+        return clear
 
     def at(self, points: Floats) -> Ints:
         """Give the positions (N,) of the keypoints at points (N, 2); new ones are added."""
@@ -63,25 +73,27 @@ class MatchTracker(Tracker):
     def track(self, frame: Frame) -> Observations:
         """Match the frame with earlier ones, and give its tracks."""
         self._trackable, self.revised = self._trackable_of(frame), ()
-        new = _Matched(frame)
+        new = _Matched(frame, self._trackable)
         # The history has to hold a frame before tracks are added to it.
         recent = [
             self._recent[-n] for n in FRAMES_BACK if n <= len(self._recent) and self._recent[-n].frame in self.history
         ]
-        for old in recent:
-            points_old, points_new = self._matches(old, new)
+        # A matcher that fails has changed nothing.
+        matches = [self._matches(old, new) for old in recent]
+        for old, (points_old, points_new) in zip(recent, matches, strict=True):
             self._join(old, new, old.at(points_old), new.at(points_new))
         tracked = np.flatnonzero(new.track_ids >= 0)
-        bearings = self.history.camera.bearings(new.pixels[tracked])
-        tracked = tracked[np.isfinite(bearings).all(axis=1)]
         tracked = tracked[np.argsort(new.track_ids[tracked])]
+        bearings = self.history.camera.bearings(new.pixels[tracked])
+        finite = np.isfinite(bearings).all(axis=1)
+        tracked = tracked[finite]
         observed = Observations(
             frame=frame.index,
             timestamp_s=frame.timestamp_s,
             name=frame.name,
             track_ids=new.track_ids[tracked],
             pixels=new.pixels[tracked],
-            bearings=self.history.camera.bearings(new.pixels[tracked]),
+            bearings=bearings[finite],
             colors=colors_at(frame.image, new.pixels[tracked]),
             drifts=np.zeros((len(tracked), 2, 2)),  # each image is measured anew
         )
@@ -92,9 +104,7 @@ class MatchTracker(Tracker):
     def _matches(self, old: _Matched, new: _Matched) -> tuple[Floats, Floats]:
         """Matched points (N, 2) of two frames: each point once, the best match of a point, none in ignored pixels."""
         points_old, points_new, scores = self._asked(old, new)
-        kept = np.flatnonzero(_inside(points_old, old.image) & _inside(points_new, new.image) & np.isfinite(scores))
-        if self._trackable is not None:
-            kept = kept[self._trackable.are_clear(points_new[kept], np.full(len(kept), _CLEAR_PX))]
+        kept = np.flatnonzero(old.are_clear(points_old) & new.are_clear(points_new) & np.isfinite(scores))
         kept = kept[np.argsort(-scores[kept], kind="stable")]
         for points in (points_old, points_new):
             _, first = np.unique(np.round(points[kept] / _CELL_PX), axis=0, return_index=True)
@@ -128,8 +138,3 @@ def make_tracker(camera: Camera, config: TrackingConfig, matcher: Matcher | None
     if matcher is not None and not callable(matcher):
         raise ConfigError(f"matcher is {matcher!r:.60}: give a callable of two images; names are for tracking.matcher")
     return Tracker(camera, config) if matcher is None else MatchTracker(camera, config, matcher)
-
-
-def _inside(points: Floats, image: Image) -> Any:
-    """Which points (N, 2) lie in an image; NaN does not."""
-    return ((points >= -0.5) & (points < np.array(image.shape[1::-1]) - 0.5)).all(axis=1)

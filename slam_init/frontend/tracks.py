@@ -258,7 +258,7 @@ class Tracker:
     def _trackable_of(self, frame: Frame) -> Trackable | None:
         if frame.mask is None:
             return None
-        if self._trackable is not None and self._trackable.mask is frame.mask:  # one mask for all frames
+        if self._trackable is not None and np.array_equal(self._trackable.mask, frame.mask):  # one mask for all frames
             return self._trackable
         return Trackable(frame.mask, max(self._config.window_px, SIDE_PX))
 

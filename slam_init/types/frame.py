@@ -60,9 +60,9 @@ class Frame:
 
     @cached_property
     def gray(self) -> Image:
-        """(H, W) uint8 luminance."""
+        """(H, W) uint8 luminance, in an array of its own: a caller may read the next image into the same array."""
         if self.image.ndim == 2:
-            return self.image
+            return self.image.copy()
         import cv2
 
         return np.asarray(cv2.cvtColor(self.image, cv2.COLOR_BGR2GRAY), np.uint8)

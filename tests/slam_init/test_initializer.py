@@ -19,6 +19,7 @@ from slam_init.compare.measures import pose_errors
 from slam_init.config import Config, TrackingConfig
 from slam_init.decision.attempt_log import AttemptLog
 from slam_init.errors import SlamInitError
+from slam_init.frontend.matchers import SiftMatcher
 from slam_init.frontend.tracks import Tracker
 from slam_init.initializer import Initializer
 from slam_init.methods import make_initializer
@@ -203,6 +204,74 @@ def test_views_of_other_arrays_and_read_only_images_are_images():
             initializer.process(image, 0.1 * k)
         found.append([observed.pixels.tobytes() for observed in initializer.history])
     assert found[0] == found[1] and len(found[0]) == 3
+
+
+@pytest.mark.parametrize("matcher", [None, SiftMatcher()])
+def test_a_caller_may_read_each_image_and_each_mask_into_the_same_array(matcher):
+    image = texture(0, 480, 900)
+    mask = np.full((480, 640), 255, np.uint8)
+    found = []
+    for reused in (True, False):
+        initializer = Initializer(CAMERA, CONFIG, matcher=matcher)
+        place, covered = np.empty((480, 640), np.uint8), mask.copy()
+        for k in range(4):
+            place = place if reused else np.empty_like(place)
+            covered = covered if reused else mask.copy()
+            place[:], covered[:] = image[:, 6 * k : 6 * k + 640], mask
+            covered[:, : 40 * k] = 0
+            initializer.process(place, 0.1 * k, mask=covered)
+        found.append([observed.pixels.tobytes() for observed in initializer.history])
+    assert found[0] == found[1] and len(found[0]) == 4
+
+
+def test_a_frame_that_does_not_come_after_the_last_one_is_refused_and_changes_nothing(room):
+    first, second, third = room.frames(0, 3)
+    initializer, without = (Initializer(room.camera) for _ in range(2))
+    for one in (initializer, without):
+        one.process(replace(first, index=5))
+        one.process(replace(second, index=7))
+    for index in (7, 6, 3):
+        with pytest.raises(SlamInitError, match=f"frame {index} comes after frame 7"):
+            initializer.process(replace(third, index=index))
+    for one in (initializer, without):
+        one.process(replace(third, index=8))
+    histories = [[(seen.frame, seen.pixels.tobytes()) for seen in one.history] for one in (initializer, without)]
+    assert histories[0] == histories[1] and len(histories[0]) == 3
+
+
+def test_a_frame_whose_matcher_failed_can_be_tried_again(room):
+    busy = [2]
+
+    def sometimes(image1, image2):
+        if busy and busy[0] == matched[0]:
+            busy.clear()
+            raise RuntimeError("busy")
+        return sift(image1, image2)
+
+    sift, frames, found = SiftMatcher(), list(room.frames(0, 4)), []
+    for retried in (True, False):
+        matched = [0]
+        initializer = Initializer(room.camera, CONFIG, matcher=sometimes if retried else sift)
+        for frame in frames:
+            matched[0] = frame.index
+            if retried and frame.index == 2:
+                with pytest.raises(SlamInitError, match="busy"):
+                    initializer.process(frame)
+            initializer.process(frame)
+        found.append([observed.pixels.tobytes() for observed in initializer.history])
+    assert found[0] == found[1] and len(found[0]) == 4
+
+
+def test_the_camera_of_a_result_is_the_stated_one_also_where_the_focal_length_is_estimated():
+    stated = replace(CAMERA, fx=1.05 * CAMERA.fx, fy=1.05 * CAMERA.fy, focal_sigma=0.05)
+    initializer = Initializer(stated, CONFIG)
+    for observed in observe(stated, make_poses(8), cloud(np.random.default_rng(0), 300), 0.3, np.random.default_rng(1)):
+        if initializer.process_tracks(observed):
+            break
+    result = initializer.finish()
+    assert result.camera == stated
+    if result.map is not None:
+        assert result.map.camera.fx == pytest.approx(result.map.focal_factor * stated.fx)
 
 
 def test_images_get_the_indices_that_follow_the_last_frame(room):

@@ -97,6 +97,9 @@ def test_points_in_ignored_pixels_outside_of_the_image_and_without_a_score_have_
     oracle = Oracle(missed=0.0)
     tracks = tracks_of(MatchTracker(CAMERA, Config().tracking, oracle), oracle, 3, lambda _: mask)
     assert 0 < len(tracks[2]) == np.sum(oracle.at(2)[:, 0] > 302)
+    # The mask of the first frame ignores points that later frames show.
+    first = tracks_of(MatchTracker(CAMERA, Config().tracking, oracle), oracle, 3, lambda k: None if k else mask)
+    assert len(first[0]) == np.sum(oracle.at(0)[:, 0] > 302) < len(first[2])
 
     def odd(image1, image2):
         points1, points2, scores = oracle(image1, image2)
