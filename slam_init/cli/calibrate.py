@@ -25,7 +25,7 @@ def add_calibrate(commands: Commands) -> None:
         "with standard deviations. Turn the camera while it moves. A calibration of the source is not used."
     )
     calibrate.set_defaults(command=_calibrate)
-    add_source(calibrate, default=None)
+    add_source(calibrate, default=None, camera="auto")
     calibrate.add_argument("--start", type=int, default=0, metavar="K", help="skip the first K frames")
     calibrate.add_argument("--max-frames", type=int, metavar="N", help="read at most N frames")
     calibrate.add_argument("--seed", type=int, default=0, metavar="N", help="of random draws (default: 0)")

@@ -22,8 +22,10 @@ _BY_IMU = "imu"
 SENSORS = "a EuRoC sequence with imu0, its T_BS, or a ROS bag with sensor_msgs/Imu has one"
 
 
-def add_source(parser: argparse.ArgumentParser, default: str | None) -> None:
-    """Add the source and the options of its camera."""
+def add_source(
+    parser: argparse.ArgumentParser, default: str | None, camera: str = "the calibration of the source, else auto"
+) -> None:
+    """Add the source and the options of its camera, of which the default is told."""
     parser.add_argument(
         "source",
         metavar="SOURCE",
@@ -43,8 +45,7 @@ def add_source(parser: argparse.ArgumentParser, default: str | None) -> None:
         "--camera",
         metavar="FILE",
         help="calibration, or one number: f=1250 (focal length in pixels), fov=72 (degrees across the longer side); "
-        "'auto' takes the focal length from the metadata, or estimates it (default: the calibration of the source, "
-        "else auto)",
+        f"'auto' takes the focal length from the metadata, or estimates it (default: {camera})",
     )
     group.add_argument(
         "--readout",

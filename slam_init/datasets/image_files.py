@@ -76,7 +76,9 @@ def _image_names(folder: str | os.PathLike[str]) -> Iterator[str]:
                 yield entry.name
 
 
-def read_image(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Image:
+def read_image(
+    path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None, *, saturates: bool = False
+) -> Image:
     """Read one image.
 
     16-bit images keep their upper eight bits. A transparency channel is dropped, CMYK is converted to BGR. Of a file
@@ -86,14 +88,16 @@ def read_image(path: str | os.PathLike[str], root: str | os.PathLike[str] | None
     Shapes: returns (H, W).
 
     * ``root``: The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
+    * ``saturates``: Whether 16 bits beyond 255 become 255 in place of losing their lower bits, as for a mask.
     """
     path = Path(path)
     if root is not None:
         check_inside(path, root)
-    return decode_image(str(path), read_regular(path, _MAX_BYTES, "an image", SourceError))
+    data = read_regular(path, _MAX_BYTES, "an image", SourceError)
+    return decode_image(str(path), data, saturates=saturates)
 
 
-def decode_image(name: str, data: bytes) -> Image:
+def decode_image(name: str, data: bytes, *, saturates: bool = False) -> Image:
     """Decode the content of an image file; see :func:`read_image`.
 
     Shapes: returns (H, W).
@@ -113,7 +117,9 @@ def decode_image(name: str, data: bytes) -> Image:
         image = None
     if image is None:
         raise SourceError(f"{name}: not a readable image")
-    if image.dtype == np.uint16:
+    if image.dtype == np.uint16 and saturates:
+        image = np.minimum(image, 255).astype(np.uint8)
+    elif image.dtype == np.uint16:
         image = np.right_shift(image, 8, dtype=np.uint16, casting="unsafe").astype(np.uint8)
     if image.dtype != np.uint8:
         raise SourceError(f"{name}: pixels are {image.dtype}; convert the image to 8 or 16 bits")

@@ -303,14 +303,18 @@ def _handover(path: Path) -> MapFile:
     matrices = np.asarray(arrays["keyframe_poses"], float)
     keyframes, points = (np.asarray(arrays[f"observation_{one}"], np.int64) for one in ("keyframes", "points"))
     pixels, ids = np.asarray(arrays["observation_pixels"], float), np.asarray(arrays["point_ids"], np.int64)
-    inside = (keyframes >= 0) & (keyframes < len(frames)) & (points >= 0) & (points < len(ids))
-    if not len(frames) == len(matrices) or not len(keyframes) == len(points) == len(pixels) or not inside.all():
+    fits = len(frames) == len(matrices) and len(keyframes) == len(points) == len(pixels)
+    if not fits or not (_are_below(len(frames), keyframes) and _are_below(len(ids), points)):
         raise SourceError(f"{path}: its arrays do not fit together: run again")
     parts = [
         _of_image(frame, pixels[keyframes == k], ids[points[keyframes == k]]) for k, frame in enumerate(frames.tolist())
     ]
     poses = (pose_from_matrix(f"{path}: pose {k}", matrix[:3]) for k, matrix in enumerate(matrices))
     return MapFile(path, tuple(poses), tuple(frames.tolist()), camera=camera, table=_joined(parts))
+
+
+def _are_below(count: int, indices: Ints) -> bool:
+    return bool(((indices >= 0) & (indices < count)).all())
 
 
 def _check_array(path: Path, name: str, shape: tuple[int, ...], arrays: dict[str, NDArray[np.generic]]) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from slam_init.datasets.bounded import read_npz
 from slam_init.datasets.text import pose_from_matrix
 from slam_init.errors import SourceError
+from slam_init.output.handover import FORMAT, VERSION
 from slam_init.system.regular_file import user_path
 from slam_init.types.frame import MOST_NUMBERS
 from slam_init.types.initial_map import Keyframe
@@ -18,9 +19,9 @@ from slam_init.types.unit_error import UnitError
 _HANDOVER = "handover.npz"
 #: Shapes of the arrays that are read; -1 is any number.
 _ARRAYS: dict[str, tuple[int, ...]] = {
-    "place_frames": (-1,), "place_poses": (-1, 4, 4), "place_points": (-1, 3), "place_descriptors": (-1, 128),
-    "unit_sigma": (), "unit_by_lens": (4,), "camera_parameters": (-1,), "place_noise": (),
-    "place_observation_views": (-1,), "place_observation_points": (-1,), "place_bearings": (-1, 3),
+    "place_frames": (-1,), "place_poses": (-1, 4, 4), "place_points": (-1, 3), "place_noise": (),
+    "place_descriptors": (-1, 128), "unit_sigma": (), "unit_by_lens": (4,), "camera_parameters": (-1,),
+    "place_observation_views": (-1,), "place_observation_points": (-1,), "place_bearings": (-1, 3), "version": (),
 }  # fmt: skip
 #: A hundred thousand points that ten views see have 60 MB.
 _MAX_BYTES = 100_000_000
@@ -60,6 +61,8 @@ def load_place(path: str | os.PathLike[str]) -> Place:
             raise SourceError(f"{path}: has no {name} of a place: run again with this version")
         if name not in ("unit_sigma", "unit_by_lens") and not np.isfinite(found).all():
             raise SourceError(f"{path}: {name} has a number that is not finite: run again")
+    if int(arrays["version"]) != VERSION:
+        raise SourceError(f"{path}: is no {FORMAT} of version {VERSION}: run again with this version")
     frames = np.asarray(arrays["place_frames"], float)
     whole = (frames >= 0) & (frames < MOST_NUMBERS) & (frames == np.floor(frames))
     if not whole.all() or (np.diff(frames) <= 0).any():

@@ -289,9 +289,9 @@ def read_mask(path: str | os.PathLike[str], root: str | os.PathLike[str] | None 
 
     Shapes: returns (H, W).
 
-    * ``path``: An image; of a coloured one, pixels that are black in all channels are ignored.
+    * ``path``: An image; of a coloured one, pixels that are black in all channels are ignored. Of 16 bits all count.
     """
-    image = read_image(path, root)
+    image = read_image(path, root, saturates=True)
     bright = image if image.ndim == 2 else image.max(axis=2)
     return np.where(bright > 0, np.uint8(255), np.uint8(0))
 

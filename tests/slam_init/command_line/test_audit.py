@@ -175,6 +175,8 @@ def too_few_points(folder):
         (no_image, "images.txt: holds no image"),
         (too_few_points, "few: no two frames with a pose share"),
         (changed(keyframe_frames=np.zeros_like), "keyframe_frames has a frame twice"),
+        (changed(observation_keyframes=lambda keyframes: keyframes[:0]), "its arrays do not fit together"),
+        (changed(observation_points=lambda points: points + 10**6), "its arrays do not fit together"),
         (changed(observation_pixels=lambda pixels: pixels * 1e30), "handover.npz: no two frames"),
     ],
 )

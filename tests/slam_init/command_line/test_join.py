@@ -72,6 +72,7 @@ def test_a_map_without_a_place_is_bad_input(tmp_path, capsys):
             lambda a: {name: a[name][:0] for name in a if "place_observation" in name or "bearings" in name},
             "no view sees",
         ),
+        (lambda _: {"version": np.array(2)}, "is no slam-init-handover of version 1"),
         (lambda a: {"place_noise": np.array(1e300)}, "place_noise is 1e"),
         (lambda a: {"place_noise": np.array(-1.0)}, "place_noise is -1"),
         (lambda a: {"place_points": a["place_points"] * 1e200}, "reaches to"),

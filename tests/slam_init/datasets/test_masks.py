@@ -43,6 +43,12 @@ def test_black_is_ignored_and_nothing_else(tmp_path):
     assert mask.shape == (48, 64) and not mask[0].any() and (mask[1:] == 255).all()
 
 
+def test_of_a_mask_of_16_bits_small_numbers_count(tmp_path):
+    labels = np.arange(48 * 64, dtype=np.uint16).reshape(48, 64)
+    write_image(tmp_path / "m.png", labels)
+    assert np.array_equal(read_mask(tmp_path / "m.png") > 0, labels > 0)
+
+
 def test_a_mask_that_leads_out_of_its_folder_is_one_line(source, tmp_path):
     path = tmp_path / "masks"
     path.mkdir()
