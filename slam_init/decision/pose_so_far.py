@@ -56,6 +56,7 @@ class PoseSoFar:
     """Keeps the rotation of each frame of the history from the first frame, and tells the pose of the newest."""
 
     def __init__(self) -> None:
+        self._started = False
         self._known: dict[int, tuple[Floats, float]] = {}
         self._anchor: int | None = None
 
@@ -64,23 +65,24 @@ class PoseSoFar:
     ) -> CameraPose | None:
         """Go on with a frame, what its judgement says, and the map if it was accepted; return the pose of the frame.
 
-        * Returns: None for the first frame, and where too few tracks go on.
+        * Returns: None for the first frame, and where too few tracks link a frame without a map to it.
         """
-        if not self._known:
-            self._known, self._anchor = {current.frame: (np.eye(3), 0.0)}, current.frame
+        if not self._started:
+            self._started, self._known, self._anchor = True, {current.frame: (np.eye(3), 0.0)}, current.frame
             return None
         if window is not None:
             self._fix(history, window)
         found = self._known.get(current.frame) or self._from_anchor(history, current)
         self._known = {frame: one for frame, one in self._known.items() if frame in history}
-        if found is None:
-            return None
-        self._known[current.frame] = found
-        R, variance = found
+        if found is not None:
+            self._known[current.frame] = found
         if map_ is not None:
             newest = max(map_.keyframes, key=lambda one: one.frame if one.frame <= current.frame else -1)
             sigma_deg = 0.0 if window is None else window.rotation_sigma_deg
             return self.located(map_, newest, sigma_deg, None if window is None else window.direction_sigma_deg)
+        if found is None:
+            return None
+        R, variance = found
         if window is None or window.rotates_only or current.frame not in window.cam_from_world:
             return CameraPose(PoseKind.ROTATION, R, math.degrees(math.sqrt(variance)))
         reference = window.frames[0]
@@ -92,7 +94,7 @@ class PoseSoFar:
         )
 
     def _fix(self, history: History, window: WindowMotion) -> None:
-        """Take the rotation of the judged frame from that of the window's oldest known frame."""
+        """Take the rotation of the judged frame from that of the reference, where this is known."""
         reference, judged = window.frames
         start = self._known.get(reference)
         if start is None or judged not in history or judged not in window.cam_from_world:
@@ -122,7 +124,7 @@ class PoseSoFar:
     def located(
         self, map_: InitialMap, view: Keyframe, rotation_sigma_deg: float, direction_sigma_deg: float | None = None
     ) -> CameraPose:
-        """The pose of a view of the accepted map."""
+        """The pose of a view of the accepted map; in the axes of its reference where nothing links it to the start."""
         first = next((one for one in map_.keyframes if one.frame in self._known), map_.keyframes[0])
         start, variance = self._known.get(first.frame, (np.eye(3), 0.0))
         cam_from_first = view.world_from_cam.R.T @ first.world_from_cam.R @ start

@@ -27,7 +27,8 @@ class CameraPose:
         the last window, which may still be wrong (:attr:`slam_init.types.status.Status.risk`). ``map``: located in
         the accepted map.
     cam_from_first : (3, 3) float
-        Rotation from the axes of the first camera to those of this one.
+        Rotation from the axes of the first camera to those of this one. Where no tracks link a map to the first camera,
+        as after a cut, ``reference`` is the first one.
     rotation_sigma_deg : float
         Standard deviation of the rotation where it is largest. For ``rotation`` it allows for the parallax that a
         rotation takes up, for ``provisional`` for rivals of the motion. It does not know that a sideways motion before

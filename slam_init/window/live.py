@@ -113,11 +113,7 @@ class LiveHypotheses:
             tracks = replace(hypotheses.tracks, down_weights=np.zeros(len(hypotheses.tracks.frames)))
             motions = [fitted.motion for fitted in hypotheses.motions]
             alone = fit_hypotheses(tracks, motions, hypotheses.priors, hypotheses.rotations)
-            return (
-                None
-                if alone is None
-                else replace(alone, depths=hypotheses.depths, body=hypotheses.body, staying=hypotheses.staying)
-            )
+            return None if alone is None else hypotheses.beside(alone)
 
     def keep(self, hypotheses: WindowHypotheses) -> None:
         """Go on with the motions of hypotheses, but for those that the tracks vote against.

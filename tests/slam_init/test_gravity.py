@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from make_two_views import NOISE_RAD, R_TRUE, box, is_true, views
-from make_window import PRIORS, WINDOW_CONFIG, fitted_window, point_source
+from make_window import PRIORS, WINDOW_CONFIG, fitted_window, hypotheses_of_scene, point_source
 
 from quest import NoPose, PoseEvidence
 from quest.geometry.quaternion import rotation_from_vector
@@ -21,6 +21,8 @@ from slam_init.types.inertial import Gravity, InertialRecord
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose
 from slam_init.window.equations import WindowEquations
+from slam_init.window.live import LiveHypotheses
+from slam_init.window.motion import OtherMotion
 
 DOWN = np.array([0.1, 0.97, -0.2]) / np.linalg.norm([0.1, 0.97, -0.2])
 RNG = np.random.default_rng
@@ -64,6 +66,12 @@ def test_with_a_wrong_gravity_the_map_is_that_of_the_tracks(without, kind):
         np.testing.assert_allclose(one.world_from_cam.matrix(), other.world_from_cam.matrix(), atol=2e-3)
     contradicts = any("gravity is left out" in note for note in result.notes)
     assert contradicts == (result.map.gravity is None) == (kind == "random")
+
+
+def test_what_was_undecided_before_is_so_without_gravity():
+    hypotheses = replace(hypotheses_of_scene("room", 0, 3), other_before=OtherMotion(0.1, np.arange(30)))
+    alone = LiveHypotheses().without_gravity(hypotheses)
+    assert alone.other_before is hypotheses.other_before
 
 
 def with_gravity(tracks, state, sigma_rad=0.01):

@@ -1,6 +1,9 @@
 """The pose of the newest camera: from the second frame on, what it is, and no jump where the map begins."""
 
+from dataclasses import replace
+
 import numpy as np
+from make_map import make_map
 from make_window import point_source
 
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
@@ -65,6 +68,22 @@ def test_the_deviation_knows_that_a_wall_has_two_motions():
     errors = errors_deg(statuses, truth)
     assert errors.max() > 1
     assert np.all(errors < 2 * np.array([status.pose.rotation_sigma_deg for status in statuses[1:]]))
+
+
+def test_after_a_cut_there_is_no_pose_and_the_first_camera_stays_the_first():
+    source = point_source("rotation", 0, views=12)
+    history, pose, seen = History(source.camera, 2), PoseSoFar(), list(source.observations())
+    found = []
+    for k, observed in enumerate(seen):
+        after = replace(observed, track_ids=observed.track_ids + (0 if k < 5 else 10_000))
+        history.add(after)
+        found.append(pose.update(history, after, None, None))
+        history.forget(keep=())
+    assert [one is None for one in found] == [True, *[False] * 4, *[True] * 7]
+    map_ = make_map("pinhole")
+    start = pose.located(map_, map_.keyframes[0], 0.1)
+    np.testing.assert_allclose(start.cam_from_first, np.eye(3), atol=1e-9)
+    assert start.reference == map_.keyframes[0].frame
 
 
 def test_a_reference_that_the_history_has_just_dropped_tells_its_rotation_still():
