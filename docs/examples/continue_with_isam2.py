@@ -151,6 +151,9 @@ def _parameters() -> Any:
     # The default of gtsam is 0.1.
     parameters.setRelinearizeThreshold(1e-2)
     parameters.relinearizeSkip = 1
+    # A landmark whose depth is known to a third makes equations that Cholesky's factorization, the default, takes for
+    # singular.
+    parameters.setFactorization("QR")
     return parameters
 
 

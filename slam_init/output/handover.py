@@ -17,7 +17,7 @@ array                          shape, type   content
 ``camera_model``               str           ``pinhole``, ``radtan`` (k1, k2, p1, p2[, k3]), ``fisheye`` (k1..k4), ...
 ``camera_size``                (2,) int      width, height
 ``camera_parameters``          (P,) float    fx, fy, cx, cy, then the distortion
-``noise_px``                   float         standard deviation of a coordinate of an observation
+``noise_px``                   float         standard deviation of a coordinate of an observation, at least .1
 ``risk``                       float         probability that the map is wrong; NaN where the method states none
 ``depth_sigma``                float         median of ``point_depth_sigmas``; NaN without points
 ``unit_sigma``                 float         relative, of the mean distance of the points, but for the lens
@@ -36,7 +36,7 @@ array                          shape, type   content
 ``point_described``            (L,) bool
 ``observation_keyframes``      (M,) int      position among the keyframes
 ``observation_points``         (M,) int      position among the points
-``observation_pixels``         (M, 2) float  raw pixels
+``observation_pixels``         (M, 2) float  raw pixels; with a rolling shutter those of the middle of the readout
 ``track_ids``                  (N,) int      tracks of the newest keyframe that have no point yet
 ``track_pixels``               (N, 2) float  raw pixels in the newest keyframe
 ``track_bearings``             (N, 3) float  unit rays in its camera frame

@@ -59,7 +59,7 @@ class InitialMap(Described, Savable):
     observation_landmarks : (M,) int
         Position in ``points``.
     observation_pixels : (M, 2) float
-        Raw pixels.
+        Raw pixels; with a rolling shutter those of the middle of the readout.
     colors : (L, 3) uint8
         RGB of each landmark, sampled from the images.
     pose_covariances : (K, 6, 6) float
@@ -98,7 +98,7 @@ class InitialMap(Described, Savable):
     median_parallax_deg : float
         Median over landmarks of the largest angle between two of its rays.
     noise_px : float
-        Standard deviation of a coordinate as estimated from the residuals.
+        Standard deviation of a coordinate as estimated from the residuals, at least ``map.min_noise_px``.
     scene : str
         ``general`` or ``planar``.
     camera : Camera
