@@ -151,14 +151,14 @@ class PoseTerms:
     def error(self, R: Floats, t: Floats) -> float:
         """The error at some poses.
 
-        Shapes: ``R, t`` (K, 3, 3).
+        Shapes: ``R`` (K, 3, 3), ``t`` (K, 3).
         """
         return float(self._graph.error(self._values(R, t)))
 
     def equations(self, R: Floats, t: Floats) -> tuple[Floats, Floats]:
         """The equations of a Gauss-Newton step at some poses.
 
-        Shapes: ``R, t`` (K, 3, 3).
+        Shapes: ``R`` (K, 3, 3), ``t`` (K, 3).
 
         * Returns ``information, gradient``: In gtsam's tangent order (rotation, translation), in the camera frames.
         """

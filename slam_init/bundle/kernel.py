@@ -73,8 +73,8 @@ def errors_of_points(
 ) -> Floats:
     """Sums of the squared residuals of each point; of their Cauchy costs where the scale is finite.
 
-    Shapes: ``R, t`` (K, 3, 3), ``points`` (L, 3), ``starts`` (L + 1,), ``views`` (M,), ``lenses`` (M, 3, 3), returns
-    (L,).
+    Shapes: ``R`` (K, 3, 3), ``t`` (K, 3), ``points`` (L, 3), ``starts`` (L + 1,), ``views`` (M,),
+    ``lenses`` (M, 3, 3), returns (L,).
 
     * ``starts``: The observations of landmark l are those from ``starts[l]`` up to ``starts[l + 1]``.
     * ``cauchy2``: Squared scale of the kernel, in units of the noise; infinity for least squares.

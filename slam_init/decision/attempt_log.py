@@ -33,8 +33,8 @@ _LEAST_SUSPICIONS, _ALIKE = 2, 0.015
 class AttemptLog:
     """The last attempts without their matches, the verdicts of all attempts (one byte each), and the best progress.
 
-    Each attempt is also written to the logger ``slam_init``: at level INFO if two views were estimated, and at level
-    DEBUG if the pair was refused by its preview or by the rules of another system.
+    Each attempt is also written to the logger ``slam_init``: at level INFO if it was accepted, or refused by the
+    estimate of two views or by its window, and at level DEBUG if it was refused before.
 
     * ``limit``: Number of attempts that are kept.
     """

@@ -86,7 +86,7 @@ def located_sigma(points: Floats, covariances: Floats, step: float, noise_rad: f
     before = places < (np.median(places, axis=0) if len(places) else 0.0)
     halves = [*before.T, *~before.T]
     views = [_information(points - step * axis, covariances, noise_rad) for axis in np.eye(3)[:2]]
-    return max(_position_sigma(view[half].sum(axis=0)) for view in views for half in halves) / step
+    return max(_position_sigma(view[half].sum(axis=0)) for view in views for half in halves) / max(step, 1e-300)
 
 
 def _information(points: Floats, covariances: Floats, noise_rad: float) -> Floats:

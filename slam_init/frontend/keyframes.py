@@ -104,7 +104,7 @@ def _align(
     for scale_px in (0.1 * camera.focal_px, 8 * gate_px, gate_px):
         R = refine_rotation(R, m, n, scale_px / camera.focal_px, iterations=4)
     left_px = np.linalg.norm(n - m @ R.T, axis=1) * camera.focal_px
-    cells = (pixels / (camera.width, camera.height) * _GRID).astype(int)
+    cells = np.clip((pixels / (camera.width, camera.height) * _GRID).astype(int), 0, np.subtract(_GRID, 1))
     pair = PairPreview(
         reference=reference.frame,
         current=current.frame,

@@ -38,7 +38,7 @@ _LEAST_AGE = 15
 _LEAST_STEP_PX = 0.3
 #: The border of an image that moves by less than this share of its width tells nothing: 32 px of 640.
 _LEAST_MOTION = 0.05
-#: Each frame is tested: one false advice in a thousand sequences of a thousand frames.
+#: Each frame is tested: one false advice in a million sequences of a thousand frames.
 _LEAST_PROBABILITY = 1e-6 * 1e-3
 #: Black is 16 in the limited range of videos; noise and the offset of a sensor stay below it in full range.
 _BLACK = 16

@@ -22,7 +22,7 @@ _TOLERANCE = 1e-9
 def refine_absolute_pose(R: Floats, t: Floats, points: Floats, bearings: Floats, scale_rad: float, steps: int) -> None:
     """Refine a pose by Gauss-Newton steps on the angles between rays and points, with a Geman-McClure kernel.
 
-    Shapes: ``R, t`` (3, 3), ``points`` (N, 3), ``bearings`` (N, 3).
+    Shapes: ``R`` (3, 3), ``t`` (3,), ``points`` (N, 3), ``bearings`` (N, 3).
     """
     scale2 = scale_rad * scale_rad
     A, g = np.zeros((6, 6)), np.zeros(6)

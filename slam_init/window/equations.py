@@ -54,8 +54,8 @@ class WindowEquations:
     * ``with_shares``: Whether the share of each track in the gradient is wanted.
     * ``costs``: (T,) Cost of each track at the last state, with the cost of leaving the plane.
     * ``residuals``: (V, T, 2) Of each observation in units of the noise, at the last state; infinite behind a camera.
-    * ``across``: (T,) Chance across the epipolar lines, see :func:`slam_init.window.kernels.accumulate`.
-    * ``normal``: (G, G) The normal matrix of the last equations, with the scale free.
+    * ``across``: (T,) Chance across the epipolar lines, see :attr:`slam_init.window.arguments.Fitted.across`.
+    * ``normal``: (G, G) The normal matrix of the last :meth:`build`, with the scale free.
     * ``gradient``: (G,) Of the common unknowns, tracks eliminated.
     * ``shares``: (T, G) The share of each track in it; empty where they are not wanted.
     * ``back``: (T, 3, 4 + G) What the steps of the tracks need: gradient, inverse and coupling.

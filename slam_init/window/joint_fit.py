@@ -82,7 +82,7 @@ class JointFit:
 
     @property
     def information(self) -> Floats:
-        """Of the unknowns of the views, the focal length and the plane, tracks eliminated, baseline held.
+        """Of the unknowns of the views, the lens and the plane, tracks eliminated, baseline held.
 
         Shapes: returns (G, G), in the order of :mod:`slam_init.window.kernels`.
         """

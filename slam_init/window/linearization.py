@@ -19,7 +19,7 @@ _NO_GATE = 1e6
 class Linearization:
     """The quadratic expansion of the cost about a fit, with an error field in each view that has no prior yet."""
 
-    #: information, gradient: (G, G) Half of the second and half of the first derivatives of the cost, tracks
+    #: information, gradient: (G, G), (G,) Half of the second and half of the first derivatives of the cost, tracks
     #: eliminated, baseline held.
     information: Floats
     gradient: Floats

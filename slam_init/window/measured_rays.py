@@ -69,7 +69,8 @@ def _unproject(camera: Floats, limit: float, pixels: Floats, seen: Bools, rays: 
 def triangulated(R: Floats, t: Floats, bearings: Floats, seen: Bools, anchor: Ints, rays: Floats) -> Floats:
     """Inverse distances along rays, by ``n x (R_k R_a^T (d - rho t_a) + rho t_k) = 0`` for all measured rays n.
 
-    Shapes: ``R, t`` (V, 3, 3), ``bearings`` (V, T, 3), ``seen`` (V, T), ``anchor`` (T,), ``rays`` (T, 3), returns (T,).
+    Shapes: ``R`` (V, 3, 3), ``t`` (V, 3), ``bearings`` (V, T, 3), ``seen`` (V, T), ``anchor`` (T,), ``rays`` (T, 3),
+    returns (T,).
 
     * ``anchor``: The view of each ray; tracks with a negative one start in view 0.
     """

@@ -74,8 +74,8 @@ def _flow_of_translation(
 ) -> None:
     """How pixels move with the translation of the camera, but for what a rotation explains.
 
-    Shapes: ``camera`` (31,), ``R, t`` (V, 3, 3), ``velocity`` (V, 3), ``anchor`` (T,), ``rays`` (T, 3), ``rho`` (T,),
-    ``known`` (V, T), ``flow`` (V, T, 2).
+    Shapes: ``camera`` (31,), ``R`` (V, 3, 3), ``t`` (V, 3), ``velocity`` (V, 3), ``anchor`` (T,), ``rays`` (T, 3),
+    ``rho`` (T,), ``known`` (V, T), ``flow`` (V, T, 2).
 
     * ``flow``: Receives pixels per second; it stays where fewer than three tracks of a view are known.
     """

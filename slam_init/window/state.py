@@ -77,7 +77,7 @@ def start_at(
 ) -> WindowState:
     """A state at given poses: measured rays, and inverse distances by linear least squares.
 
-    Shapes: ``R, t`` (V, 3, 3), ``plane`` (3,).
+    Shapes: ``R`` (V, 3, 3), ``t`` (V, 3), ``plane`` (3,).
     """
     anchor, count = tracks.anchor, len(tracks.anchor)
     if at_infinity:

@@ -28,7 +28,7 @@ def collect(
     Shapes: ``pixels, sweep_px_s`` (V, T, 2), ``sigma_px, seen`` (V, T), ``whitening`` (V, T, 2, 2), ``anchor`` (T,),
     ``observed`` (N, 9), ``view`` (N,), ``first`` (T + 1,).
 
-    * ``observed, view, first``: Receive the arguments of :func:`slam_init.window.kernels.accumulate`.
+    * ``observed, view, first``: Receive the fields of :class:`slam_init.window.arguments.Observed`.
     """
     V, T = seen.shape
     n = 0
@@ -50,7 +50,7 @@ def collect(
 def depth_on_plane(R: Floats, t: Floats, a: int, d: Vector, plane: Floats, out: Floats) -> float:
     """Inverse distance of a ray to a plane.
 
-    Shapes: ``R, t`` (V, 3, 3), ``plane`` (3,), ``out`` (12,).
+    Shapes: ``R`` (V, 3, 3), ``t`` (V, 3), ``plane`` (3,), ``out`` (12,).
 
     * ``out``: Receives the derivatives by the plane, by the ray, and by the rotation and the translation of the view.
     """

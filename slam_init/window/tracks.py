@@ -221,7 +221,7 @@ class WindowTracks:
             whitening=self.whitening[chosen],
             places=self.places[chosen],
             least_noise_px=self.least_noise_px,
-            turned=self.turned[chosen] @ self.turned[chosen[0]].T,
+            turned=self.turned[chosen],
             turned_weights=self.turned_weights[chosen] * (chosen[0] == 0),
             down=self.down[chosen],
             down_weights=self.down_weights[chosen] * (chosen[0] == 0),

@@ -34,7 +34,7 @@ def locate_view(
     Robust least squares: up to half of the tracks may be outliers.
 
     Shapes: ``camera`` (31,), ``world`` (N, 3), ``pixels`` (N, 2), ``R`` (3, 3), ``shift`` (2,), ``sigma_px`` (N,),
-    returns ``R, zoom, shift, median`` (3, 3).
+    returns ``R`` (3, 3) and ``shift`` (2,).
 
     * ``shift_px``: Standard deviation of the shift. It has a prior, since a small rotation moves the pixels alike.
     * Returns ``median``: Of the lengths of the residuals.
