@@ -77,9 +77,8 @@ def _with_free_depths(
         if len(free.motions) == 1:
             return hypotheses, risk
         # The best motion is the same, and so are its terms: further starts and more steps change its rivals alone.
-        hypotheses = replace(hypotheses, motions=(best, *free.motions[1:]))
-        rival, nearest = rival_term(hypotheses, expand(best), risk.directions.sigma_deg, most=UNDECIDED)
-        return hypotheses, replace(risk, rival=rival, margin=nearest)
+        rival, nearest = rival_term(free, expand(again), risk.directions.sigma_deg, most=UNDECIDED)
+        return free, replace(risk, rival=rival, margin=nearest)
     # The scene must not vote for a motion: points that leave one of two planes vote by their free depths.
     planes, deg = _on_planes(hypotheses, free), risk.directions.sigma_deg
     by_points, _ = rival_term(planes, expand(best), deg, most=UNDECIDED, free=free)
