@@ -143,7 +143,8 @@ def fit_window(
 
     * ``start``: Its plane says whether the points lie on a plane. The length of the longest baseline from view 0 is
       held.
-    * ``known``: The start with the points of an earlier fit. A track starts where it costs less.
+    * ``known``: The start with the points of an earlier fit. A track starts where it costs less. With the default of
+      ``max_steps`` such a fit goes on with the next frame: it takes few steps, ends early, and measures no ray again.
     * ``rotation_only``: Whether all points are at infinity, so that the camera only rotates.
     * ``hopeless``: The fit ends where the steps to come cannot lower the cost to this; ``give_up``: where a step leaves
       it above this.
