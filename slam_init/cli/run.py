@@ -265,7 +265,7 @@ def _run_on(
     camera = chosen_camera(arguments, source, arguments.start)
     from slam_init.datasets.gyroscope import gyroscope_of
     from slam_init.datasets.inertial import inertial_of
-    from slam_init.scale.requests import MeasuredMotion
+    from slam_init.scale.requests import MeasuredMotion, TrueTrajectory
 
     sensor = arguments.sensor
     if arguments.imu == "" and gyroscope_of(source) is None:
@@ -274,6 +274,8 @@ def _run_on(
         if sensor is not None:
             raise UsageError(f"--scale imu: {arguments.imu} has no accelerations: its columns are t,gx,gy,gz,ax,ay,az")
         raise UsageError(f"--scale imu: {source.name} has no accelerations ({SENSORS}): give --imu=FILE.csv")
+    if isinstance(arguments.scale, TrueTrajectory) and source.groundtruth is None:
+        raise UsageError(f"--scale groundtruth: {source.name} has no true trajectory: leave --scale out")
 
     from slam_init.datasets.track_source import KnowsTracks
 

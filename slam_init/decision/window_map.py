@@ -13,6 +13,7 @@ from slam_init.bundle.adjustment import restated
 from slam_init.bundle.problem import BundleFailure, BundleSolution, PosePrior
 from slam_init.config import Config
 from slam_init.decision.judged_window import JudgedWindow
+from slam_init.decision.map_posterior import differences_deg
 from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.frontend.static_tracks import without
 from slam_init.frontend.tracks import History
@@ -24,7 +25,7 @@ from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import ProvisionalMap
 from slam_init.window.levels import EVEN_ODDS, RISK_OF_A_VIEW
-from slam_init.window.motion import FittedMotion, difference_deg
+from slam_init.window.motion import FittedMotion
 from slam_init.window.risk import WindowRisk
 
 #: Poses that are held have a prior with this share of their deviations, which moves them by a hundredth of what the
@@ -100,10 +101,8 @@ class WindowMaps:
 
     def _differences_deg(self, bundle: BundleSolution) -> dict[int, tuple[float, float]]:
         """Differences of rotation and direction between map and window, for each frame of a map but the reference."""
-        world_from_cam = dict(zip(bundle.problem.frames, bundle.problem.world_from_cam, strict=True))
-        fitted, reference = self._window.best.motion.cam_from_world, self._window.best.frames[0]
-        first = world_from_cam.pop(reference)
-        return {frame: difference_deg(fitted[frame], pose.inverse() @ first) for frame, pose in world_from_cam.items()}
+        problem = bundle.problem
+        return differences_deg(dict(zip(problem.frames, problem.world_from_cam, strict=True)), self._window.best)
 
     def _true_to_motion(self, of_view: float, of_pair: float) -> tuple[BundleSolution | BundleFailure, TrackTable]:
         """The map of the best motion, which bundle adjustment has not moved away from the motion.

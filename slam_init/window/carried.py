@@ -41,12 +41,8 @@ class CarriedPoints:
         """
         used = tracks.anchor >= 0
         anchor, rays = tracks.anchor[used], state.rays[used]
-        R, t, rho = state.R[anchor], state.t[anchor], state.inverse_distances[used].copy()
+        R, t, rho = state.R[anchor], state.t[anchor], state.distances_by_plane(tracks.anchor)[used]
         on_plane = state.on_plane[used] & (state.plane is not None)
-        if state.plane is not None:
-            world = np.einsum("tji,tj->ti", R, rays)
-            centre = -np.einsum("tji,tj->ti", R, t)
-            rho = np.where(on_plane, np.maximum((world @ state.plane) / (1 - centre @ state.plane), 0.0), rho)
         points = np.einsum("tji,tj->ti", R, rays - rho[:, None] * t)
         return CarriedPoints(tracks.track_ids[used], np.column_stack([points, rho]), on_plane, explained[used])
 

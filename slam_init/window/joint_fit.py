@@ -215,10 +215,7 @@ def information_of_relief(fit: JointFit) -> Floats:
     state, tracks = fit.state, fit.tracks
     if state.plane is None:
         return np.zeros(len(state.rays))
-    anchor = np.maximum(tracks.anchor, 0)
-    world = np.einsum("tji,tj->ti", state.R[anchor], state.rays)
-    centre = -np.einsum("tji,tj->ti", state.R[anchor], state.t[anchor])
-    inverse = (world @ state.plane) / (1 - centre @ state.plane)
+    inverse = state.distances_by_plane(tracks.anchor)
     on_plane = state.on_plane & (tracks.anchor >= 0) & (inverse > 0)
     equations = WindowEquations(tracks, state, fit.priors, with_shares=False)
     nowhere = np.zeros(len(inverse), bool)

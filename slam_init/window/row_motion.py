@@ -41,23 +41,12 @@ def with_translation(tracks: WindowTracks, state: WindowState) -> WindowTracks:
     known = tracks.sweep_px_s.any(axis=2) & tracks.seen & (tracks.anchor >= 0)
     flow = np.zeros_like(tracks.sweep_px_s)
     _flow_of_translation(
-        camera_vector(tracks.camera), state.R, state.t, velocity, tracks.anchor, state.rays, _distances(tracks, state),
-        known, flow,
+        camera_vector(tracks.camera), state.R, state.t, velocity, tracks.anchor, state.rays,
+        state.distances_by_plane(tracks.anchor), known, flow,
     )  # fmt: skip
     added = flow * readout_places(tracks.camera, tracks.pixels)[..., None]
     # The pixels were corrected for the turning alone.
     return replace(tracks, pixels=tracks.pixels - tracks.readout_s * added, sweep_px_s=tracks.sweep_px_s + added)
-
-
-def _distances(tracks: WindowTracks, state: WindowState) -> Floats:
-    """The inverse distances of the tracks along their rays (T,), those on the plane by the plane."""
-    if state.plane is None:
-        return state.inverse_distances
-    anchor = np.maximum(tracks.anchor, 0)
-    world = np.einsum("tji,tj->ti", state.R[anchor], state.rays)
-    centre = -np.einsum("tji,tj->ti", state.R[anchor], state.t[anchor])
-    on_plane = (world @ state.plane) / (1 - centre @ state.plane)
-    return np.where(state.on_plane, np.maximum(on_plane, 0.0), state.inverse_distances)
 
 
 @compiled

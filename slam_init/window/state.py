@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quest.noise import GATE_SIGMAS
-from slam_init.types.arrays import Bools, Floats
+from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 from slam_init.window.arguments import FIELD_TERMS
 from slam_init.window.lens_offset import IN_USE, LensOffset
@@ -64,6 +64,18 @@ class WindowState:
     plane: Floats | None
     #: (T,) Tracks whose point lies on the plane.
     on_plane: Bools
+
+    def distances_by_plane(self, anchor: Ints) -> Floats:
+        """The inverse distances along the rays, of the tracks on the plane by the plane; 0 behind a camera.
+
+        Shapes: ``anchor`` (T,), returns (T,).
+        """
+        if self.plane is None:
+            return self.inverse_distances
+        R, t = self.R[np.maximum(anchor, 0)], self.t[np.maximum(anchor, 0)]
+        world, centre = np.einsum("tji,tj->ti", R, self.rays), -np.einsum("tji,tj->ti", R, t)
+        by_plane = (world @ self.plane) / (1 - centre @ self.plane)
+        return np.where(self.on_plane, np.maximum(by_plane, 0.0), self.inverse_distances)
 
 
 def start_at(

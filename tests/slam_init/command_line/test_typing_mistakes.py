@@ -68,6 +68,12 @@ def test_a_bare_number_as_camera_is_told_how_to_say_it(number, meant, world, cap
     assert meant in error_of(["run", IMAGES, "--camera", number], capsys)
 
 
+def test_the_scale_of_a_truth_that_a_source_does_not_have_is_refused_before_the_run(world, capsys):
+    assert "has no true trajectory: leave --scale out" in error_of(
+        ["run", IMAGES, *WITH, "--scale", "groundtruth"], capsys
+    )
+
+
 def test_a_file_whose_name_is_a_number_is_a_calibration(world, pipeline):
     (world / "615").write_text((world / "good.yaml").read_text())
     assert main(["run", IMAGES, "--camera", "615"]) == 0

@@ -9,7 +9,9 @@ from slam_init.types.reasons import Verdict
 
 
 def test_a_map_that_bundle_adjustment_moves_away_is_refused_with_the_risk_that_this_makes(monkeypatch):
-    monkeypatch.setattr(window_map, "difference_deg", lambda fitted, adjusted: (0.0, 30.0))
+    monkeypatch.setattr(
+        window_map, "differences_deg", lambda map_, fitted: dict.fromkeys(fitted.frames[1:], (0.0, 30.0))
+    )
     source = point_source("room", 2, baseline=0.1)
     initializer, risks = Initializer(source.camera, WINDOW_CONFIG), []
     for observed in source.observations():
@@ -32,12 +34,12 @@ def test_a_map_that_the_adjustment_bends_holds_the_poses_of_the_window(monkeypat
         priors.append(prior)
         return adjusted(camera, config, table, poses, threshold_rad, prior, focal_factor)
 
-    def difference_deg(fitted, found):
+    def differences_deg(map_, fitted):
         held = len(priors) >= 2 and None not in priors[-2:] and priors[-1].direction_sigma_rad < np.radians(0.5)
-        return (0.0, 0.1) if held else (0.0, 7.0)
+        return dict.fromkeys(fitted.frames[1:], (0.0, 0.1) if held else (0.0, 7.0))
 
     monkeypatch.setattr(window_map, "map_of_poses", bent)
-    monkeypatch.setattr(window_map, "difference_deg", difference_deg)
+    monkeypatch.setattr(window_map, "differences_deg", differences_deg)
     result = finished(source)
     assert result, result.reason
     rotation, direction = errors_deg(source, result.map)
