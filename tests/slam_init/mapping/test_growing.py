@@ -83,6 +83,18 @@ def test_the_deviation_of_a_located_rotation_holds_its_error(grown):
         assert error_deg < 3 * one.rotation_sigma_deg < 3.0
 
 
+def test_the_open_tracks_of_a_rolling_shutter_are_corrected_before_they_become_landmarks(room_fed):
+    """The camera turns about y at one radian a second: the ray of a row is off by the time to the middle row."""
+    map_, readout_s = room_fed.result.map, 0.02
+    raw = replace(map_.open_tracks, turn_rad_s=np.array([0.0, 1.0, 0.0]))
+    camera = map_.camera.with_readout(readout_s)
+    view = GrowingMap(replace(map_, camera=camera, open_tracks=raw))._views[raw.frame]
+    turned_rad = np.linalg.norm(np.cross(raw.bearings, view.bearings), axis=1)
+    rows_s = readout_s * ((raw.pixels[:, 1] + 0.5) / camera.height - 0.5)
+    across = np.linalg.norm(raw.bearings[:, [0, 2]], axis=1)
+    np.testing.assert_allclose(turned_rad, np.abs(rows_s) * across, rtol=0.02, atol=1e-6)
+
+
 def test_without_parallax_the_map_stays_the_accepted_one(room_fed):
     growing = GrowingMap(room_fed.result.map)
     seen = room_fed.tracker.track(room_fed.following[0])
