@@ -31,7 +31,6 @@ from slam_init.window.uncertainty import (
     CameraEstimate,
     ExpandedFit,
     MovedByLens,
-    VaryingLens,
     camera_estimate,
     direction_by_principal_point_deg,
     direction_sigmas_deg,
@@ -39,8 +38,8 @@ from slam_init.window.uncertainty import (
     places_of,
     rotation_sigmas_deg,
     sigma_with_known_lens,
-    varying_lens,
 )
+from slam_init.window.varying_lens import VaryingLens, varying_lens
 
 
 @dataclass(frozen=True, eq=False)

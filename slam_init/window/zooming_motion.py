@@ -31,7 +31,8 @@ from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tails import two_directions
 from slam_init.window.tracker_errors import gain_of_lasting_errors
 from slam_init.window.tracks import WindowTracks
-from slam_init.window.uncertainty import direction_derivatives, shrunk_noise, zooms_and_shifts
+from slam_init.window.uncertainty import direction_derivatives
+from slam_init.window.varying_lens import shrunk_noise, zoom_covariance, zooms_and_shifts
 from slam_init.window.zooming_rotation import ZoomingRotation, zoomed
 
 #: Standard deviations of a zoom within a window, alike probable: from that of a lens that focuses to a factor of 1.3.
@@ -119,7 +120,7 @@ def _starts(
 
 def _optimum(tracks: WindowTracks, fit: JointFit, zooms: Floats, dispersion: float) -> ZoomingMotion:
     """Fit the zooms and the motion in turn; the motion follows each step of the zooms as its expansion says."""
-    covariances = [_covariance(tracks.times_s, sigma) for sigma in _ZOOM_SIGMAS]
+    covariances = [sigma**2 * zoom_covariance(tracks.times_s) for sigma in _ZOOM_SIGMAS]
     precision = np.asarray(np.linalg.inv(covariances[-1]), np.float64)
 
     def log_likelihood(fit: JointFit, zooms: Floats) -> float:
@@ -151,16 +152,6 @@ def _fitted(tracks: WindowTracks, state: WindowState, priors: Priors) -> JointFi
     """The fit from the motion and the lens of a state, with the rays as measured."""
     start = start_at(tracks, state.R, state.t, state.plane, lens=state.lens)
     return fit_window(tracks, start, priors, max_steps=_STEPS)
-
-
-def _covariance(times_s: Floats, sigma: float) -> Floats:
-    """Prior covariance (V - 1, V - 1) of the zooms of all views but the first, over that of the first."""
-    spans = np.abs(times_s[:, None] - times_s[None])
-    apart = math.sqrt(3) * spans / max(float(spans.max()), 1e-9)
-    smooth = (1 + apart) * np.exp(-apart)
-    from_first = smooth - smooth[:, :1] - smooth[:1] + smooth[0, 0]
-    # A view at the time of another one has a zoom of its own, however small.
-    return np.asarray(sigma**2 * (from_first[1:, 1:] + 1e-6 * np.eye(len(times_s) - 1)))
 
 
 @dataclass(frozen=True, eq=False)

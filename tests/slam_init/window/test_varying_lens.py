@@ -11,7 +11,8 @@ from make_window import looks_small
 from slam_init.window.last_look import after_last_look
 from slam_init.window.levels import SHIFTS, ZOOMS
 from slam_init.window.risk import risk_of
-from slam_init.window.uncertainty import expand, varying_lens
+from slam_init.window.uncertainty import expand
+from slam_init.window.varying_lens import varying_lens
 from slam_init.window.zooming_rotation import with_zooms
 
 
@@ -46,12 +47,13 @@ def test_zooms_before_a_wall_leave_no_small_risk():
 def test_the_modes_widen_the_directions_and_the_lens_as_stated_does_not():
     lens = lens_of(hypotheses("room", baseline=0.1))
     assert lens.probabilities.sum() == pytest.approx(1)
-    assert lens.factors.shape == lens.moved_deg.shape == (1 + len(ZOOMS) + len(SHIFTS), VIEWS - 1)
+    assert lens.factors.shape == lens.moved_deg.shape == (1 + 2 * len(ZOOMS) + len(SHIFTS), VIEWS - 1)
     assert (lens.factors[0] == 1).all()
     assert (lens.moved_deg[0] == 0).all()
     assert (lens.factors >= 1).all()
-    # The more a lens may zoom, the less is known.
-    assert (np.diff(lens.factors[1:4], axis=0) >= -1e-9).all()
+    # The more a lens may zoom, smoothly or not, the less is known.
+    for proceeds in (lens.factors[1:7:2], lens.factors[2:7:2]):
+        assert (np.diff(proceeds, axis=0) >= -1e-9).all()
 
 
 def test_a_lens_that_is_said_to_be_fixed_has_no_other_modes():
