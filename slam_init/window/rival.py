@@ -143,7 +143,7 @@ def _rival_by_bodies(hypotheses: WindowHypotheses, best: FittedMotion, rival: Fi
 
 
 def _rival_probability(
-    hypotheses: WindowHypotheses, best: ExpandedFit, rival: FittedMotion, margin: Margin, *, fit: bool
+    hypotheses: WindowHypotheses, of_best: ExpandedFit, rival: FittedMotion, margin: Margin, *, fit: bool
 ) -> float:
     """Probability that the rival is right after all: the odds of the votes, less what error fields explain of them.
 
@@ -152,26 +152,26 @@ def _rival_probability(
     behind = margin.log_likelihood
     if behind <= 0.0 or behind > _FAR_BEHIND_NATS:
         return 0.5 if behind <= 0.0 else 0.0
-    seen, motion = hypotheses.tracks.seen, hypotheses.motions[0]
-    missing = int(seen[list(motion.rows)].sum()) - int(seen[list(rival.rows)].sum())
+    seen, best = hypotheses.tracks.seen, hypotheses.motions[0]
+    missing = int(seen[list(best.rows)].sum()) - int(seen[list(rival.rows)].sum())
     outliers = hypotheses.priors.gate_sigmas**2 * missing
     ahead = max(0.5 * (rival.fit.cost + outliers - best.fit.cost), 1e-9)
-    expanded = expand_for_evidence(rival)
+    of_rival = expand_for_evidence(rival)
     # The fields explain a share of the difference of the costs, and the same share of the votes. A wrong motion absorbs
     # a part of the fields, so that it seems to need smaller ones. The fields belong to the tracker and not to the
     # motion: the motions are compared at each scale that is likely with both.
-    both = np.sqrt(best.scale_weights * expanded.scale_weights)
-    explained = expanded.marginal.log_evidence - best.marginal.log_evidence
+    both = np.sqrt(of_best.scale_weights * of_rival.scale_weights)
+    explained = of_rival.marginal.log_evidence - of_best.marginal.log_evidence
     probability = float(both @ _odds(margin, 1 - explained / ahead))
     if not fit or probability > UNDECIDED:
         return probability
     # Fields may move a fit so far that its expansion does not hold: the fits are repeated with the likeliest fields.
-    scales = [(np.argmax(best.scale_weights), np.argmax(expanded.scale_weights), 1.0)]
+    scales = [(np.argmax(of_best.scale_weights), np.argmax(of_rival.scale_weights), 1.0)]
     if both.max() > _UNLIKELY:
         scales.append((np.argmax(both), np.argmax(both), float(both.max())))
-    for of_best, of_rival, weight in scales:
-        cost = _cost_with_fields(motion, hypotheses.priors, best, float(FIELD_SCALES_PX[of_best]))
-        rival_cost = _cost_with_fields(rival, hypotheses.priors, expanded, float(FIELD_SCALES_PX[of_rival]))
+    for scale_of_best, scale_of_rival, weight in scales:
+        cost = _cost_with_fields(best, hypotheses.priors, of_best, float(FIELD_SCALES_PX[scale_of_best]))
+        rival_cost = _cost_with_fields(rival, hypotheses.priors, of_rival, float(FIELD_SCALES_PX[scale_of_rival]))
         left = 0.5 * (rival_cost + outliers - cost) / ahead
         probability = max(probability, weight * float(_odds(margin, np.array([left]))[0]))
     return probability
