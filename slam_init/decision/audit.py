@@ -18,7 +18,7 @@ from quest.geometry.epipolar import depths_from_pose
 from slam_init.config import Config
 from slam_init.decision.judged_window import JudgedWindow
 from slam_init.decision.lens import priors_of
-from slam_init.decision.map_posterior import SHORTEST, MapPosterior, differences_deg, is_near, posterior_of
+from slam_init.decision.map_posterior import MapPosterior, differences_deg, is_near, posterior_of
 from slam_init.decision.two_views import MatchedPair, match_pair, pose_at_fitting_threshold
 from slam_init.errors import ConfigError, SlamInitError, check_type
 from slam_init.frontend.conventions import check_rays
@@ -36,6 +36,7 @@ from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
 from slam_init.window.hypotheses import fit_hypotheses, motions_of_pair
 from slam_init.window.last_look import after_last_look
+from slam_init.window.levels import SHORTEST_BASELINE
 from slam_init.window.motion import Motion
 from slam_init.window.risk import risk_of
 from slam_init.window.tracks import MAX_VIEWS, gather_tracks
@@ -175,7 +176,7 @@ def _chosen(known: Mapping[int, Pose], history: History, config: Config) -> tupl
     baselines = np.linalg.norm(centres[:, None] - centres[None], axis=2)
     if baselines.max() <= _ONE_PLACE * np.abs(centres).max(initial=0.0):
         raise SlamInitError("all cameras of the map are at one place: it has no baseline to judge")
-    wide = baselines >= SHORTEST * baselines.max()
+    wide = baselines >= SHORTEST_BASELINE * baselines.max()
     previews: list[PairPreview] = []
     for k, frame in enumerate(frames):
         references = [history[frames[i]] for i in np.flatnonzero(wide[k, :k]).tolist()]

@@ -27,7 +27,7 @@ from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses
 from slam_init.window.last_look import after_last_look
-from slam_init.window.levels import EVEN_ODDS, FLOOR, WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
+from slam_init.window.levels import EVEN_ODDS, FLOOR, SHORTEST_BASELINE, WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
 from slam_init.window.motion import FittedMotion, difference_deg
 from slam_init.window.risk import WindowRisk, risk_of
 from slam_init.window.rival import rival_odds
@@ -35,10 +35,6 @@ from slam_init.window.tails import three_directions
 from slam_init.window.tracker_errors import with_lasting_errors
 from slam_init.window.uncertainty import direction_uncertainty, expand
 
-#: A baseline that is shorter than this share of the longest one has an uncertain direction although the position of its
-#: camera is certain. Its direction is not judged.
-#: Class: assumption.
-SHORTEST = 0.3
 #: Probability that the camera of a map only rotates, before any track is seen. Of .5, .2 and .1 the last one stated
 #: best how many maps were false: 66 of 287 maps of rivals, where 63 were (docs/audit.md).
 #: Class: measured.
@@ -142,7 +138,7 @@ def _wrong(hypotheses: WindowHypotheses, risk: WindowRisk, world_from_cam: Mappi
     at_fit, at_map = 0.0, 0.0
     for frame, (rotation_deg, direction_deg) in differences_deg(world_from_cam, best).items():
         view = best.frames.index(frame)
-        if view > 1 and lengths[view] < SHORTEST * lengths.max():
+        if view > 1 and lengths[view] < SHORTEST_BASELINE * lengths.max():
             continue
         uncertainty = direction_uncertainty(expanded, view)
         variances, axes = np.linalg.eigh(uncertainty.covariance)

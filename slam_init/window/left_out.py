@@ -22,10 +22,8 @@ from slam_init.window.levels import (
     LEAST_TRACKS,
     ON_BODIES,
     UNDECIDED,
-    WRONG_DIRECTION_DEG,
-    WRONG_ROTATION_DEG,
 )
-from slam_init.window.motion import farthest_deg, fit_motion
+from slam_init.window.motion import fit_motion, is_wrong_if
 from slam_init.window.neighbours import HALVES, far_halves, variance_by_neighbours
 from slam_init.window.tails import chi_square_as_gaussian
 from slam_init.window.uncertainty import places_of
@@ -37,7 +35,7 @@ _STEPS = 15
 def wrong_by_a_half(hypotheses: WindowHypotheses) -> float:
     """Probability that a body on one half of the view holds the best motion, and that it is wrong.
 
-    It is wrong where the other half has a motion that is far from it; and a body shows by a cost of that half that
+    It is wrong where the other half has a motion that makes it wrong; and a body shows by a cost of that same half that
     falls by more than by chance. By chance it falls as chi-square does, with the degrees of freedom of the share that
     was left out.
     """
@@ -49,25 +47,24 @@ def wrong_by_a_half(hypotheses: WindowHypotheses) -> float:
     places = places_of(best.fit)
     scale = best.fit.dispersion * variance_by_neighbours(best.fit, places)
     freedom = ON_BODIES * (6 * (len(best.rows) - 1) - 1)
-    far, gains, wrong = False, list[float](), 0.0
+    wrong = 0.0
     for half in far_halves(places[used]):
         rest = used[half]
         cost = float(best.fit.track_costs[rest].sum())
         # A gain below the mean of what chance gains shows no body.
         part, hopeless = best.tracks.of_tracks(rest), cost - scale * freedom
         fitted = fit_motion(part, best.motion, priors, hopeless, max_steps=_STEPS)
-        rotation_deg, direction_deg = farthest_deg(best.motion, fitted.motion)
-        far |= rotation_deg > WRONG_ROTATION_DEG or direction_deg > WRONG_DIRECTION_DEG
-        gains.append(max(cost - fitted.fit.cost, 0.0) / scale)
-        largest = float(chi_square_as_gaussian(np.array(gains) / freedom, freedom).max())
-        wrong = _probability(largest) if far else 0.0
+        if not is_wrong_if(best.motion, fitted.motion):
+            continue
+        gain = max(cost - fitted.fit.cost, 0.0) / scale
+        wrong = max(wrong, _probability(float(chi_square_as_gaussian(np.array([gain / freedom]), freedom)[0])))
         if wrong > UNDECIDED:
             break
     return wrong
 
 
 def _probability(largest: float) -> float:
-    """Probability of a body that holds the best motion, by the largest of the gains, in standard deviations."""
+    """Probability of a body that holds the best motion, by the largest of the gains of all halves, in standard deviations."""
     below, count = 1 - gaussian_tail(largest), HALVES
     if below**count < EVEN_ODDS:
         return 0.0

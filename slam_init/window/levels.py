@@ -23,6 +23,11 @@ from __future__ import annotations
 #: Class: definition.
 WRONG_ROTATION_DEG, WRONG_DIRECTION_DEG = 5.0, 15.0
 
+#: A baseline that is shorter than this share of the longest one has an uncertain direction although the position of its
+#: camera is certain. Its direction is not judged.
+#: Class: assumption.
+SHORTEST_BASELINE = 0.3
+
 #: Laplace is optimistic with few views. Factor on the standard deviation of the direction: 1.7 with two views, 1.2 with
 #: twelve.
 #: Class: assumption.

@@ -20,6 +20,9 @@ from slam_init.window.levels import (
     NEAR_ROTATION_DEG,
     SAME_DIRECTION_DEG,
     SAME_ROTATION_DEG,
+    SHORTEST_BASELINE,
+    WRONG_DIRECTION_DEG,
+    WRONG_ROTATION_DEG,
 )
 from slam_init.window.row_motion import with_translation
 from slam_init.window.state import Priors, WindowState, start_at
@@ -125,6 +128,18 @@ def farthest_deg(one: Motion, other: Motion) -> tuple[float, float]:
     known = [frame for frame in one.cam_from_world if frame in other.cam_from_world][1:]
     apart = [(0.0, 0.0), *(difference_deg(one.cam_from_world[frame], other.cam_from_world[frame]) for frame in known)]
     return max(rotation for rotation, _ in apart), max(direction for _, direction in apart)
+
+
+def is_wrong_if(one: Motion, right: Motion) -> bool:
+    """Whether a map of a motion would be wrong if another one were right, in a view that both know."""
+    known = [frame for frame in one.cam_from_world if frame in right.cam_from_world][1:]
+    longest = max((float(np.linalg.norm(one.cam_from_world[frame].t)) for frame in known), default=0.0)
+    for k, frame in enumerate(known):
+        rotation_deg, direction_deg = difference_deg(one.cam_from_world[frame], right.cam_from_world[frame])
+        judged = k == 0 or float(np.linalg.norm(one.cam_from_world[frame].t)) >= SHORTEST_BASELINE * longest
+        if rotation_deg > WRONG_ROTATION_DEG or (judged and direction_deg > WRONG_DIRECTION_DEG):
+            return True
+    return False
 
 
 def fit_motion(
