@@ -64,7 +64,7 @@ def wrong_by_a_half(hypotheses: WindowHypotheses) -> float:
 
 
 def _probability(largest: float) -> float:
-    """Probability of a body that holds the best motion, by the largest of the gains of all halves, in standard deviations."""
+    """Probability of a body that holds the best motion, by the largest gain of a half, in standard deviations."""
     below, count = 1 - gaussian_tail(largest), HALVES
     if below**count < EVEN_ODDS:
         return 0.0

@@ -137,6 +137,7 @@ SHARED_PX = 0.02
 #: the width (each with a zoom of a third of it), with the probability that a window has them. Lenses that focus zoom by
 #: up to three hundredths. Stabilizers shift a frame by up to a hundredth of the width, and change its scale by
 #: thousandths. Large changes are rarer within a second than small ones, about in proportion to one over their size.
+#: Half of the probability of a zoom is for a smooth one, the other half for independent ones.
 #: Class: assumption, each with its probability.
 ZOOMS = ((0.003, 0.02), (0.01, 0.006), (0.03, 0.002))
 SHIFTS = ((0.001, 0.05), (0.003, 0.02), (0.01, 0.005))

@@ -23,7 +23,7 @@ from slam_init.window.uncertainty import ExpandedFit
 
 #: A lens that zooms shifts a view by its optical axis, over the width of the image: half a pixel of 1280.
 _NO_SHIFT = 3e-4
-#: A zoom is smooth in time, or independent in each view: both are alike probable.
+#: A zoom is smooth in time, or independent in each view.
 _WAYS_TO_ZOOM = 2
 
 
