@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 from make_window import PRIORS, hypotheses_of, pair_and_further, point_source
 
+from quest.geometry.quaternion import rotation_from_vector
+from slam_init.types.pose import Pose
 from slam_init.window import left_out
 from slam_init.window.left_out import wrong_by_a_half
 from slam_init.window.levels import UNDECIDED
+from slam_init.window.motion import Motion, is_wrong_if
 
 
 def hypotheses(seed, baseline, **options):
@@ -26,6 +29,22 @@ def test_each_half_of_a_rigid_scene_agrees_however_short_the_baseline_and_howeve
 def test_a_body_on_half_of_the_tracks_of_a_short_baseline_shows_where_one_motion_explains_it_and_the_scene(seed):
     body = {"moving": 0.5, "bodies": 1, "body_turn_deg_s": 0}
     assert wrong_by_a_half(hypotheses(seed, 0.05, **body)) > UNDECIDED
+
+
+def motion(pair=(1.0, 0.0, 0.0), near=(0.1, 0.0, 0.0), near_turned_deg=0.0):
+    """A reference, the second view of the pair, and a view at a tenth of its baseline."""
+    R = rotation_from_vector(np.radians([0.0, near_turned_deg, 0.0]))
+    return Motion({0: Pose.identity(), 5: Pose(np.eye(3), np.array(pair)), 1: Pose(R, R @ np.array(near))})
+
+
+def test_a_map_is_wrong_by_its_rotations_and_by_the_directions_of_long_baselines():
+    right = motion()
+    assert not is_wrong_if(motion(), right)
+    assert not is_wrong_if(motion(near=(0.0, 0.1, 0.0)), right)  # the direction of a short baseline is uncertain
+    assert is_wrong_if(motion(near=(0.0, 0.4, 0.0)), right)
+    assert is_wrong_if(motion(near_turned_deg=6.0), right)
+    assert not is_wrong_if(motion(pair=(1.0, 0.25, 0.0)), right)
+    assert is_wrong_if(motion(pair=(1.0, 0.3, 0.0)), right)
 
 
 def test_the_probability_grows_with_the_gain_from_none_to_certainty():
