@@ -35,9 +35,9 @@ _STEPS = 15
 def wrong_by_a_half(hypotheses: WindowHypotheses) -> float:
     """Probability that a body on one half of the view holds the best motion, and that it is wrong.
 
-    It is wrong where the other half has a motion that makes it wrong; and a body shows by a cost of that same half that
-    falls by more than by chance. By chance it falls as chi-square does, with the degrees of freedom of the share that
-    was left out.
+    It is wrong if the other half is right whose motion is far from it. A body shows by the tracks of that half that the
+    best motion explains: their cost falls by more than by chance. By chance it falls as chi-square does, with the
+    degrees of freedom of the share that was left out.
     """
     best, priors = hypotheses.motions[0], hypotheses.priors
     # The scene around a body may be what the best motion explains in part. Wrong matches are farther from it.
@@ -50,13 +50,14 @@ def wrong_by_a_half(hypotheses: WindowHypotheses) -> float:
     wrong = 0.0
     for half in far_halves(places[used]):
         rest = used[half]
-        cost = float(best.fit.track_costs[rest].sum())
+        costs, explained = best.fit.track_costs[rest], best.fit.explains[rest]
         # A gain below the mean of what chance gains shows no body.
-        part, hopeless = best.tracks.of_tracks(rest), cost - scale * freedom
-        fitted = fit_motion(part, best.motion, priors, hopeless, max_steps=_STEPS)
+        hopeless = float(costs.sum()) - scale * freedom
+        fitted = fit_motion(best.tracks.of_tracks(rest), best.motion, priors, hopeless, max_steps=_STEPS)
         if not is_wrong_if(best.motion, fitted.motion):
             continue
-        gain = max(cost - fitted.fit.cost, 0.0) / scale
+        # Tracks that drift, or follow a mirror image, let any motion of a half gain: they tell of no body.
+        gain = max(float((costs - fitted.fit.track_costs)[explained].sum()), 0.0) / scale
         wrong = max(wrong, _probability(float(chi_square_as_gaussian(np.array([gain / freedom]), freedom)[0])))
         if wrong > UNDECIDED:
             break
