@@ -17,13 +17,14 @@ from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.levels import (
     BODIES_MOVE,
     EVEN_ODDS,
+    FAR_IN_A_HALF,
     HELD_BY_A_BODY,
     LARGEST_TENSION,
     LEAST_TRACKS,
     ON_BODIES,
     UNDECIDED,
 )
-from slam_init.window.motion import fit_motion, is_wrong_if
+from slam_init.window.motion import error_if, fit_motion
 from slam_init.window.neighbours import HALVES, far_halves, variance_by_neighbours
 from slam_init.window.tails import chi_square_as_gaussian
 from slam_init.window.uncertainty import places_of
@@ -35,8 +36,8 @@ _STEPS = 15
 def wrong_by_a_half(hypotheses: WindowHypotheses) -> float:
     """Probability that a body on one half of the view holds the best motion, and that it is wrong.
 
-    It is wrong if the other half is right whose motion is far from it. A body shows by the tracks of that half that the
-    best motion explains: their cost falls by more than by chance. By chance it falls as chi-square does, with the
+    It may be wrong where the other half has a motion that is far from it. A body shows by the tracks of that half that
+    the best motion explains: their cost falls by more than by chance. By chance it falls as chi-square does, with the
     degrees of freedom of the share that was left out.
     """
     best, priors = hypotheses.motions[0], hypotheses.priors
@@ -54,7 +55,7 @@ def wrong_by_a_half(hypotheses: WindowHypotheses) -> float:
         # A gain below the mean of what chance gains shows no body.
         hopeless = float(costs.sum()) - scale * freedom
         fitted = fit_motion(best.tracks.of_tracks(rest), best.motion, priors, hopeless, max_steps=_STEPS)
-        if not is_wrong_if(best.motion, fitted.motion):
+        if error_if(best.motion, fitted.motion) <= FAR_IN_A_HALF:
             continue
         # Tracks that drift, or follow a mirror image, let any motion of a half gain: they tell of no body.
         gain = max(float((costs - fitted.fit.track_costs)[explained].sum()), 0.0) / scale

@@ -130,16 +130,20 @@ def farthest_deg(one: Motion, other: Motion) -> tuple[float, float]:
     return max(rotation for rotation, _ in apart), max(direction for _, direction in apart)
 
 
-def is_wrong_if(one: Motion, right: Motion) -> bool:
-    """Whether a map of a motion would be wrong if another one were right, in a view that both know."""
+def error_if(one: Motion, right: Motion) -> float:
+    """Error of a motion if another one is right, over the error that makes a map wrong: the largest one of all views.
+
+    The direction of a short baseline is not judged.
+    """
     known = [frame for frame in one.cam_from_world if frame in right.cam_from_world][1:]
-    longest = max((float(np.linalg.norm(one.cam_from_world[frame].t)) for frame in known), default=0.0)
-    for k, frame in enumerate(known):
+    lengths = {frame: float(np.linalg.norm(one.cam_from_world[frame].t)) for frame in known}
+    largest = 0.0
+    for frame in known:
         rotation_deg, direction_deg = difference_deg(one.cam_from_world[frame], right.cam_from_world[frame])
-        judged = k == 0 or float(np.linalg.norm(one.cam_from_world[frame].t)) >= SHORTEST_BASELINE * longest
-        if rotation_deg > WRONG_ROTATION_DEG or (judged and direction_deg > WRONG_DIRECTION_DEG):
-            return True
-    return False
+        largest = max(largest, rotation_deg / WRONG_ROTATION_DEG)
+        if frame == known[0] or lengths[frame] >= SHORTEST_BASELINE * max(lengths.values()):
+            largest = max(largest, direction_deg / WRONG_DIRECTION_DEG)
+    return largest
 
 
 def fit_motion(

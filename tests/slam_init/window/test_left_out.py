@@ -11,7 +11,7 @@ from slam_init.types.pose import Pose
 from slam_init.window import left_out
 from slam_init.window.left_out import wrong_by_a_half
 from slam_init.window.levels import UNDECIDED
-from slam_init.window.motion import Motion, is_wrong_if
+from slam_init.window.motion import Motion, error_if
 
 
 def hypotheses(seed, baseline, **options):
@@ -37,14 +37,13 @@ def motion(pair=(1.0, 0.0, 0.0), near=(0.1, 0.0, 0.0), near_turned_deg=0.0):
     return Motion({0: Pose.identity(), 5: Pose(np.eye(3), np.array(pair)), 1: Pose(R, R @ np.array(near))})
 
 
-def test_a_map_is_wrong_by_its_rotations_and_by_the_directions_of_long_baselines():
+def test_a_motion_errs_by_its_rotations_and_by_the_directions_of_long_baselines():
     right = motion()
-    assert not is_wrong_if(motion(), right)
-    assert not is_wrong_if(motion(near=(0.0, 0.1, 0.0)), right)  # the direction of a short baseline is uncertain
-    assert is_wrong_if(motion(near=(0.0, 0.4, 0.0)), right)
-    assert is_wrong_if(motion(near_turned_deg=6.0), right)
-    assert not is_wrong_if(motion(pair=(1.0, 0.25, 0.0)), right)
-    assert is_wrong_if(motion(pair=(1.0, 0.3, 0.0)), right)
+    assert error_if(motion(), right) == pytest.approx(0, abs=1e-6)
+    assert error_if(motion(near=(0.0, 0.1, 0.0)), right) == pytest.approx(0, abs=1e-6)  # a short baseline
+    assert error_if(motion(near=(0.0, 0.4, 0.0)), right) == pytest.approx(90 / 15)
+    assert error_if(motion(near_turned_deg=6.0), right) == pytest.approx(6 / 5)
+    assert error_if(motion(pair=(1.0, np.tan(np.radians(12)), 0.0)), right) == pytest.approx(12 / 15)
 
 
 def test_the_probability_grows_with_the_gain_from_none_to_certainty():
