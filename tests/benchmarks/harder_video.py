@@ -105,7 +105,7 @@ def _upside_down(camera: Camera) -> Camera:
 
 VARIANTS: dict[str, Variant] = {
     "backward": Variant(lambda image, _, __: image[::-1], _upside_down, backward=True),
-    "half the size, JPEG 30": replace(_scaled(0.5), jpeg_quality=30),
+    "half the size with JPEG 30": replace(_scaled(0.5), jpeg_quality=30),
     "a quarter of the size": _scaled(0.25),
     "dark and noisy": Variant(_dark),
     "JPEG 12": Variant(jpeg_quality=12),
