@@ -24,7 +24,7 @@ from slam_init.window.levels import (
     ON_BODIES,
     UNDECIDED,
 )
-from slam_init.window.motion import error_if, fit_motion
+from slam_init.window.motion import errors_if, fit_motion
 from slam_init.window.neighbours import HALVES, far_halves, variance_by_neighbours
 from slam_init.window.tails import chi_square_as_gaussian
 from slam_init.window.uncertainty import places_of
@@ -36,9 +36,9 @@ _STEPS = 15
 def wrong_by_a_half(hypotheses: WindowHypotheses) -> float:
     """Probability that a body on one half of the view holds the best motion, and that it is wrong.
 
-    It may be wrong where the other half has a motion that is far from it. A body shows by the tracks of that half that
-    the best motion explains: their cost falls by more than by chance. By chance it falls as chi-square does, with the
-    degrees of freedom of the share that was left out.
+    It may be wrong where the other half has a motion that is far from it. A body shows where the cost of that half
+    falls by more than by chance: of all its tracks if the pair moves, else of those that the best motion explains. By
+    chance it falls as chi-square does, with the degrees of freedom of the share that was left out.
     """
     best, priors = hypotheses.motions[0], hypotheses.priors
     # The scene around a body may be what the best motion explains in part. Wrong matches are farther from it.
@@ -55,10 +55,11 @@ def wrong_by_a_half(hypotheses: WindowHypotheses) -> float:
         # A gain below the mean of what chance gains shows no body.
         hopeless = float(costs.sum()) - scale * freedom
         fitted = fit_motion(best.tracks.of_tracks(rest), best.motion, priors, hopeless, max_steps=_STEPS)
-        if error_if(best.motion, fitted.motion) <= FAR_IN_A_HALF:
-            continue
-        # Tracks that drift, or follow a mirror image, let any motion of a half gain: they tell of no body.
-        gain = max(float((costs - fitted.fit.track_costs)[explained].sum()), 0.0) / scale
+        of_pair, largest = errors_if(best.motion, fitted.motion)
+        gains = costs - fitted.fit.track_costs
+        # Tracks that drift, or follow a mirror image, let single views of any half move: they tell of the pair alone.
+        by_pair, by_views = float(gains.sum()), float(gains[explained].sum())
+        gain = max(by_pair * (of_pair > FAR_IN_A_HALF), by_views * (largest > FAR_IN_A_HALF), 0.0) / scale
         wrong = max(wrong, _probability(float(chi_square_as_gaussian(np.array([gain / freedom]), freedom)[0])))
         if wrong > UNDECIDED:
             break

@@ -180,9 +180,10 @@ RARER_BY_TRACKS = 3.6
 LEAST_TRACKS = 20
 
 #: The motion of a half of the view is far from the best one from this share of the error on that makes a map wrong: the
-#: half may still hold a part of the body, so that the right motion is farther away.
-#: Class: assumption, over the error that makes a map wrong.
-FAR_IN_A_HALF = 0.5
+#: half may still hold a part of the body, so that the right motion is farther away. Chosen among .5, .67, .8 and 1 by
+#: windows of drawn bodies and of a hospital (``docs/how/risk.md``).
+#: Class: measured, over the error that makes a map wrong.
+FAR_IN_A_HALF = 2 / 3
 
 #: Of the scenes with a body that moves one in four has one that holds the best motion where it is wrong (4 of 16 worlds
 #: of a generator that nobody had seen, with bodies on 30 to 65 % of the tracks). The other half of the view then gains

@@ -130,20 +130,20 @@ def farthest_deg(one: Motion, other: Motion) -> tuple[float, float]:
     return max(rotation for rotation, _ in apart), max(direction for _, direction in apart)
 
 
-def error_if(one: Motion, right: Motion) -> float:
-    """Error of a motion if another one is right, over the error that makes a map wrong: the largest one of all views.
+def errors_if(one: Motion, right: Motion) -> tuple[float, float]:
+    """Errors of a motion if another one is right, over those that make a map wrong: of the pair, and the largest one.
 
     The direction of a short baseline is not judged.
     """
     known = [frame for frame in one.cam_from_world if frame in right.cam_from_world][1:]
     lengths = {frame: float(np.linalg.norm(one.cam_from_world[frame].t)) for frame in known}
-    largest = 0.0
+    errors = [0.0]
     for frame in known:
         rotation_deg, direction_deg = difference_deg(one.cam_from_world[frame], right.cam_from_world[frame])
-        largest = max(largest, rotation_deg / WRONG_ROTATION_DEG)
+        errors.append(rotation_deg / WRONG_ROTATION_DEG)
         if frame == known[0] or lengths[frame] >= SHORTEST_BASELINE * max(lengths.values()):
-            largest = max(largest, direction_deg / WRONG_DIRECTION_DEG)
-    return largest
+            errors.append(direction_deg / WRONG_DIRECTION_DEG)
+    return max(errors[:3]), max(errors)
 
 
 def fit_motion(

@@ -11,7 +11,7 @@ from slam_init.types.pose import Pose
 from slam_init.window import left_out
 from slam_init.window.left_out import wrong_by_a_half
 from slam_init.window.levels import UNDECIDED
-from slam_init.window.motion import Motion, error_if
+from slam_init.window.motion import Motion, errors_if
 
 
 def hypotheses(seed, baseline, **options):
@@ -39,11 +39,12 @@ def motion(pair=(1.0, 0.0, 0.0), near=(0.1, 0.0, 0.0), near_turned_deg=0.0):
 
 def test_a_motion_errs_by_its_rotations_and_by_the_directions_of_long_baselines():
     right = motion()
-    assert error_if(motion(), right) == pytest.approx(0, abs=1e-6)
-    assert error_if(motion(near=(0.0, 0.1, 0.0)), right) == pytest.approx(0, abs=1e-6)  # a short baseline
-    assert error_if(motion(near=(0.0, 0.4, 0.0)), right) == pytest.approx(90 / 15)
-    assert error_if(motion(near_turned_deg=6.0), right) == pytest.approx(6 / 5)
-    assert error_if(motion(pair=(1.0, np.tan(np.radians(12)), 0.0)), right) == pytest.approx(12 / 15)
+    assert errors_if(motion(), right) == pytest.approx((0, 0), abs=1e-6)
+    assert errors_if(motion(near=(0.0, 0.1, 0.0)), right) == pytest.approx((0, 0), abs=1e-6)  # a short baseline
+    assert errors_if(motion(near=(0.0, 0.4, 0.0)), right) == pytest.approx((0, 90 / 15), abs=1e-6)
+    assert errors_if(motion(near_turned_deg=6.0), right) == pytest.approx((0, 6 / 5), abs=1e-6)
+    turned = motion(pair=(1.0, np.tan(np.radians(12)), 0.0))
+    assert errors_if(turned, right) == pytest.approx((12 / 15, 12 / 15))
 
 
 def test_the_probability_grows_with_the_gain_from_none_to_certainty():
