@@ -125,8 +125,7 @@ def difference_deg(a: Pose, b: Pose) -> tuple[float, float]:
 
 def farthest_deg(one: Motion, other: Motion) -> tuple[float, float]:
     """Largest angles between the rotations and the directions of two motions, over the views that both know."""
-    known = [frame for frame in one.cam_from_world if frame in other.cam_from_world][1:]
-    apart = [(0.0, 0.0), *(difference_deg(one.cam_from_world[frame], other.cam_from_world[frame]) for frame in known)]
+    apart = [(0.0, 0.0), *_differences_deg(one, other).values()]
     return max(rotation for rotation, _ in apart), max(direction for _, direction in apart)
 
 
@@ -135,15 +134,19 @@ def errors_if(one: Motion, right: Motion) -> tuple[float, float]:
 
     The direction of a short baseline is not judged.
     """
-    known = [frame for frame in one.cam_from_world if frame in right.cam_from_world][1:]
-    lengths = {frame: float(np.linalg.norm(one.cam_from_world[frame].t)) for frame in known}
-    errors = [0.0]
-    for frame in known:
-        rotation_deg, direction_deg = difference_deg(one.cam_from_world[frame], right.cam_from_world[frame])
-        errors.append(rotation_deg / WRONG_ROTATION_DEG)
-        if frame == known[0] or lengths[frame] >= SHORTEST_BASELINE * max(lengths.values()):
-            errors.append(direction_deg / WRONG_DIRECTION_DEG)
-    return max(errors[:3]), max(errors)
+    differences_deg = _differences_deg(one, right)
+    lengths = {frame: float(np.linalg.norm(one.cam_from_world[frame].t)) for frame in differences_deg}
+    shortest, errors = SHORTEST_BASELINE * max(lengths.values(), default=0.0), list[float]()
+    for frame, (rotation_deg, direction_deg) in differences_deg.items():
+        is_judged = not errors or lengths[frame] >= shortest  # the pair comes first
+        errors.append(max(rotation_deg / WRONG_ROTATION_DEG, is_judged * direction_deg / WRONG_DIRECTION_DEG))
+    return (errors[0], max(errors)) if errors else (0.0, 0.0)
+
+
+def _differences_deg(one: Motion, other: Motion) -> dict[int, tuple[float, float]]:
+    """Angles of rotation and direction between two motions, for the views that both know but the reference."""
+    known = [frame for frame in one.cam_from_world if frame in other.cam_from_world][1:]
+    return {frame: difference_deg(one.cam_from_world[frame], other.cam_from_world[frame]) for frame in known}
 
 
 def fit_motion(

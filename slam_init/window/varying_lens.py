@@ -74,9 +74,9 @@ def varying_lens(expanded: ExpandedFit) -> VaryingLens:
     if scale_px:
         given = np.linalg.inv(0.5 * (left + left.T) + np.eye(len(left)) / scale_px**2)
     # Given a zoom or a shift, the fields take a part of it back.
-    B = zooms_and_shifts(tracks.camera, views)
-    B -= given @ (left @ B)
-    information, gradient = B.T @ left @ zooms_and_shifts(tracks.camera, views), B.T @ gradient
+    alone = zooms_and_shifts(tracks.camera, views)
+    B = alone - given @ (left @ alone)
+    information, gradient = B.T @ left @ alone, B.T @ gradient
     gradient[::3] += shrunk_noise(expanded.fit)
     J, along = expanded.directions, expanded.directions @ follow
     fixed = J @ covariance @ np.swapaxes(J, 1, 2) + along @ given @ np.swapaxes(along, 1, 2)
