@@ -92,6 +92,17 @@ class SharedEquations(NamedTuple):
     scores: Floats
 
 
+class PoseCauses(NamedTuple):
+    """How far the poses of a map follow each cause of their errors."""
+
+    #: (6 K, 6 K) Noise of the poses, (6 K, 12 K) coefficients of the fields, and (6 K, 4) lens.
+    noise: Floats
+    fields: Floats
+    lens: Floats
+    #: (4, 4) Of the lens itself.
+    of_lens: Floats
+
+
 def covariances(problem: BundleProblem, noise_px: float, shared: SharedErrors | None = None) -> MapCovariances:
     """Marginal covariances at the optimum, in the gauge of the graph.
 
@@ -104,16 +115,11 @@ def covariances(problem: BundleProblem, noise_px: float, shared: SharedErrors | 
     found = shared_equations(problem, noise_px, errors)
     covariance = inverse_of_poses(found.equations.information)
     with single_threaded():
-        follows = -covariance @ found.coupling
-        flat = found.of_points[:, :, :LENS].reshape(-1, LENS)
-        information = found.own[:, :LENS, :LENS].sum(axis=0) - flat.T @ flat
-        information += found.coupling[:, :LENS].T @ follows[:, :LENS]
-        information *= np.outer(errors.lens_fitted, errors.lens_fitted) / errors.excess
-        of_lens = root_of_lens(information, errors.lens_sigmas)
-        causes, direct = [_root(covariance)], []
+        poses = causes_of_poses(found, errors, covariance)
+        causes, direct = [poses.noise], []
         if shared is not None:
-            causes += [shared.field_px * follows[:, LENS:], follows[:, :LENS] @ of_lens]
-            direct += [shared.field_px * found.of_points[:, :, LENS:], found.of_points[:, :, :LENS] @ of_lens]
+            causes += [poses.fields, poses.lens]
+            direct += [shared.field_px * found.of_points[:, :, LENS:], found.of_points[:, :, :LENS] @ poses.of_lens]
         by_causes = np.concatenate(causes, axis=1)
         followed = (found.equations.coupling @ by_causes).reshape(len(problem.points), 3, -1)
     first = 6 * count
@@ -128,9 +134,20 @@ def covariances(problem: BundleProblem, noise_px: float, shared: SharedErrors | 
     return MapCovariances(
         np.asarray(by_view @ np.swapaxes(by_view, 1, 2)),
         *spread_to_points(found.equations.roots, followed, rows, R, seen, 6 * count),
-        of_lens @ of_lens.T,
+        poses.of_lens @ poses.of_lens.T,
         leverage_of_pairs(R_all, t_all, problem.points, *found.observed[:3], covariance),
     )
+
+
+def causes_of_poses(found: SharedEquations, errors: SharedErrors, covariance: Floats) -> PoseCauses:
+    """How far the poses follow each cause, with the covariance (6 K, 6 K) that the noise alone leaves."""
+    follows = -covariance @ found.coupling
+    flat = found.of_points[:, :, :LENS].reshape(-1, LENS)
+    information = found.own[:, :LENS, :LENS].sum(axis=0) - flat.T @ flat
+    information += found.coupling[:, :LENS].T @ follows[:, :LENS]
+    information *= np.outer(errors.lens_fitted, errors.lens_fitted) / errors.excess
+    of_lens = root_of_lens(information, errors.lens_sigmas)
+    return PoseCauses(_root(covariance), errors.field_px * follows[:, LENS:], follows[:, :LENS] @ of_lens, of_lens)
 
 
 def shared_equations(

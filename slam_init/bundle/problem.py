@@ -107,6 +107,21 @@ class BundleProblem:
             lenses=None if self.lenses is None else self.lenses[chosen],
         )
 
+    def with_view(self, frame: int, world_from_cam: Pose, landmarks: Ints, pixels: Floats) -> BundleProblem:
+        """Add a view as the newest one, without virtual cameras.
+
+        Shapes: ``landmarks`` (N,), ``pixels`` (N, 2).
+        """
+        return replace(
+            self,
+            frames=(*self.frames, frame),
+            world_from_cam=(*self.world_from_cam, world_from_cam),
+            views=np.concatenate([self.views, np.full(len(landmarks), len(self.frames))]),
+            landmarks=np.concatenate([self.landmarks, landmarks]),
+            pixels=np.concatenate([self.pixels, pixels]),
+            lenses=None,
+        )
+
     def scaled(self, factor: float) -> BundleProblem:
         """Change the unit of length."""
         poses, expected = (

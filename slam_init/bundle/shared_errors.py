@@ -79,7 +79,7 @@ def error_model(
     residuals = residuals_of(projected, measured)
     by_lens, places = lens_derivatives(camera, projected), orthonormal_polynomials(camera, projected.pixels)
     shared = SharedErrors(by_lens, lens.sigmas, np.array(lens.fitted), places, 0.0)
-    chosen = _chosen_landmarks(projected)
+    chosen = chosen_landmarks(projected, _LANDMARKS)
     kept = chosen[projected.landmarks]
     with single_threaded():
         equations = _Equations(projected.keep(kept), residuals[kept], noise_px, shared.of_observations(kept))
@@ -90,10 +90,10 @@ def error_model(
     return ErrorModel(math.sqrt(by_tracks), shared._replace(field_px=math.sqrt(mean_square), excess=excess))
 
 
-def _chosen_landmarks(problem: BundleProblem) -> Bools:
+def chosen_landmarks(problem: BundleProblem, count: int) -> Bools:
     """Some landmarks (L,), evenly spaced, and all of a view that would be left with too few to fix its pose."""
     chosen = np.zeros(len(problem.points), bool)
-    chosen[evenly_spaced(len(chosen), _LANDMARKS)] = True
+    chosen[evenly_spaced(len(chosen), count)] = True
     seen = np.bincount(problem.views[chosen[problem.landmarks]], minlength=len(problem.frames))
     chosen[problem.landmarks[seen[problem.views] < _LEAST_OF_VIEW]] = True
     return chosen

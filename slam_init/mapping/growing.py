@@ -26,6 +26,7 @@ import numpy as np
 
 from slam_init.bundle.adjustment import solution_of
 from slam_init.bundle.least_squares import minimize, with_lenses
+from slam_init.bundle.located_rotation import LocatedRotation
 from slam_init.bundle.noise import estimate_noise
 from slam_init.bundle.problem import BundleFailure, BundleProblem
 from slam_init.config import MapConfig
@@ -34,6 +35,7 @@ from slam_init.frontend.tracks import History
 from slam_init.mapping.map_building import initial_map
 from slam_init.mapping.resection import resect
 from slam_init.mapping.triangulation import triangulate
+from slam_init.system.linear_algebra import deviations
 from slam_init.types.arrays import Bools, Floats, Image, Ints
 from slam_init.types.frame import Observations
 from slam_init.types.initial_map import InitialMap, Keyframe
@@ -69,8 +71,7 @@ class Located(NamedTuple):
     keyframe: Keyframe
     #: Share of the landmarks of the accepted map that the frame observes within 3 px of their projection.
     survival: float
-    #: Standard deviation of the rotation: of the map where its covariances were last stated, and by the noise of the
-    #: landmarks that agree.
+    #: Standard deviation of the rotation from the first keyframe of the map, with the errors that landmarks share.
     rotation_sigma_deg: float
 
 
@@ -106,9 +107,10 @@ class GrowingMap:
         if tracks.turn_rad_s is not None:
             tracks = self._shutter.corrected(map_.camera, tracks, tracks.turn_rad_s)
         self._views = {tracks.frame: tracks}
-        # Rotation and points of the newest keyframe have errors in common, which the landmarks of a frame do not tell.
-        self._rotation_sigma_rad = _rotation_sigma_rad(map_.pose_covariances)
         self._noise_px = map_.noise_px
+        # The deviation of the rotation of each keyframe when it was the newest one, and what states them.
+        self._sigmas_rad = _rotation_sigmas_rad(map_)
+        self._rotation: LocatedRotation | None = None
         self._guess: Pose | None = None
         self._misses: list[int] = []
 
@@ -132,9 +134,7 @@ class GrowingMap:
             self._extend(seen, i, j)
         world_from_cam = self._guess.inverse()
         keyframe = Keyframe(seen.frame, seen.timestamp_s, seen.name, world_from_cam)
-        by_noise = self._noise_px / self.camera.focal_px / math.sqrt(max(len(i), 1))
-        sigma_deg = math.degrees(math.hypot(self._rotation_sigma_rad, by_noise))
-        return Located(keyframe, self._survival(seen), sigma_deg)
+        return Located(keyframe, self._survival(seen), math.degrees(self._sigma_rad(seen, i, j)))
 
     def grown(self) -> InitialMap:
         """The map as it is now; the accepted map where no keyframe was added."""
@@ -148,7 +148,6 @@ class GrowingMap:
         bundle = solution_of(self.camera, problem, self._config)
         if isinstance(bundle, BundleFailure):
             return accepted
-        self._rotation_sigma_rad = _rotation_sigma_rad(bundle.pose_covariances)
         views = [self._view(frame) for frame in problem.frames]
         made = initial_map(bundle, views, accepted.scene)
         return replace(
@@ -202,6 +201,24 @@ class GrowingMap:
         projected = self.camera.project(self._guess.apply(self._problem.points[accepted][i]))
         error_px = np.linalg.norm(projected - corrected_pixels(self.camera, seen)[j], axis=1)
         return float(np.sum(error_px < _SURVIVAL_PX)) / len(self._accepted.points)
+
+    def _sigma_rad(self, seen: Observations, landmarks: Ints, features: Ints) -> float:
+        """Standard deviation of the rotation of a located frame, by the landmarks that agree."""
+        assert self._guess is not None
+        problem = self._problem
+        # Twice the views know the errors better; to state them takes as long as a frame.
+        if self._rotation is None or len(problem.frames) >= 2 * self._rotation.keyframes:
+            self._rotation = LocatedRotation.of(self.camera, problem, self._config)
+        is_keyframe = problem.frames[-1] == seen.frame
+        if not is_keyframe:
+            pixels = corrected_pixels(self.camera, seen)[features]
+            problem = problem.with_view(seen.frame, self._guess.inverse(), landmarks, pixels)
+        # The window holds its first keyframe, which has an error of its own where older ones have left the window.
+        first = self._sigmas_rad.get(problem.frames[0], 0.0)
+        sigma_rad = min(math.hypot(first, self._rotation.sigma_rad(problem)), math.pi)
+        if is_keyframe:
+            self._sigmas_rad[seen.frame] = sigma_rad
+        return sigma_rad
 
     def _extend(self, seen: Observations, landmarks: Ints, features: Ints) -> None:
         """Make a keyframe of a located frame, with new landmarks, and adjust the window."""
@@ -284,11 +301,12 @@ class GrowingMap:
         return replace(none, frame=frame, timestamp_s=keyframe.timestamp_s, name=keyframe.name)
 
 
-def _rotation_sigma_rad(pose_covariances: Floats) -> float:
-    """Standard deviation of the rotation of the newest keyframe where it is largest; 0 without covariances."""
-    if not len(pose_covariances):
-        return 0.0
-    return math.sqrt(max(float(np.linalg.eigvalsh(pose_covariances[-1, :3, :3])[-1]), 0.0))
+def _rotation_sigmas_rad(map_: InitialMap) -> dict[int, float]:
+    """Standard deviations of the rotations of the keyframes, by their frames; none without covariances."""
+    if not len(map_.pose_covariances):
+        return {}
+    sigmas = deviations(np.linalg.eigvalsh(map_.pose_covariances[:, :3, :3]))[:, -1]
+    return {keyframe.frame: float(sigma) for keyframe, sigma in zip(map_.keyframes, sigmas, strict=True)}
 
 
 def _colors(made: InitialMap, accepted: InitialMap) -> Image:
