@@ -28,6 +28,7 @@ large body, both maps are kept.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -309,7 +310,9 @@ class Initializer:
         with self.stopwatch("refine"):
             located = self._maps.locate(current, revised)
         self.history.forget(keep=())  # no pair needs a candidate any more
-        pose = None if located is None else self._pose.located(map_, located.keyframe, located.rotation_sigma_deg)
+        pose = None
+        if located is not None:
+            pose = self._pose.located(map_, located.keyframe, math.degrees(located.rotation_sigma_rad))
         refining, lost_at = not self._maps.handed_over, self._maps.lost_at
         self.status = replace(self.status, attempt=None, pose=pose, refining=refining, lost_at=lost_at)
         return self.status

@@ -19,8 +19,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -65,14 +65,27 @@ _WINDOW = 24
 _ITERATIONS, _LAST_ITERATIONS, _LAST_TOLERANCE = 4, 20, 1e-6
 
 
-class Located(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Located:
     """A frame that was located."""
 
     keyframe: Keyframe
     #: Share of the landmarks of the accepted map that the frame observes within 3 px of their projection.
     survival: float
-    #: Standard deviation of the rotation from the first keyframe of the map, with the errors that landmarks share.
-    rotation_sigma_deg: float
+    #: The map with the frame as its newest view, and the errors of its observations.
+    problem: BundleProblem
+    errors: LocatedRotation
+    #: Standard deviation of the rotation of the first keyframe, which the map holds: larger than 0 where older ones
+    #: have left the window.
+    first_sigma_rad: float
+
+    @cached_property
+    def rotation_sigma_rad(self) -> float:
+        """Standard deviation of the rotation from the first frame of the map, with the errors that landmarks share.
+
+        It takes half as long as to locate the frame, so it is computed when it is asked for.
+        """
+        return min(math.hypot(self.first_sigma_rad, self.errors.sigma_rad(self.problem)), math.pi)
 
 
 class GrowingMap:
@@ -108,9 +121,9 @@ class GrowingMap:
             tracks = self._shutter.corrected(map_.camera, tracks, tracks.turn_rad_s)
         self._views = {tracks.frame: tracks}
         self._noise_px = map_.noise_px
-        # The deviation of the rotation of each keyframe when it was the newest one, and what states them.
+        # The deviation of the rotation of each keyframe when it was the newest one.
         self._sigmas_rad = _rotation_sigmas_rad(map_)
-        self._rotation: LocatedRotation | None = None
+        self._errors: LocatedRotation | None = None
         self._guess: Pose | None = None
         self._misses: list[int] = []
 
@@ -134,7 +147,10 @@ class GrowingMap:
             self._extend(seen, i, j)
         world_from_cam = self._guess.inverse()
         keyframe = Keyframe(seen.frame, seen.timestamp_s, seen.name, world_from_cam)
-        return Located(keyframe, self._survival(seen), math.degrees(self._sigma_rad(seen, i, j)))
+        located = Located(keyframe, self._survival(seen), *self._with(seen, i, j))
+        if self._problem.frames[-1] == seen.frame:
+            self._sigmas_rad[seen.frame] = located.rotation_sigma_rad
+        return located
 
     def grown(self) -> InitialMap:
         """The map as it is now; the accepted map where no keyframe was added."""
@@ -202,23 +218,19 @@ class GrowingMap:
         error_px = np.linalg.norm(projected - corrected_pixels(self.camera, seen)[j], axis=1)
         return float(np.sum(error_px < _SURVIVAL_PX)) / len(self._accepted.points)
 
-    def _sigma_rad(self, seen: Observations, landmarks: Ints, features: Ints) -> float:
-        """Standard deviation of the rotation of a located frame, by the landmarks that agree."""
+    def _with(
+        self, seen: Observations, landmarks: Ints, features: Ints
+    ) -> tuple[BundleProblem, LocatedRotation, float]:
+        """The map with a located frame as its newest view, its errors, and the deviation of its first keyframe."""
         assert self._guess is not None
         problem = self._problem
         # Twice the views know the errors better; to state them takes as long as a frame.
-        if self._rotation is None or len(problem.frames) >= 2 * self._rotation.keyframes:
-            self._rotation = LocatedRotation.of(self.camera, problem, self._config)
-        is_keyframe = problem.frames[-1] == seen.frame
-        if not is_keyframe:
+        if self._errors is None or len(problem.frames) >= 2 * self._errors.keyframes:
+            self._errors = LocatedRotation.of(self.camera, problem, self._config)
+        if problem.frames[-1] != seen.frame:
             pixels = corrected_pixels(self.camera, seen)[features]
             problem = problem.with_view(seen.frame, self._guess.inverse(), landmarks, pixels)
-        # The window holds its first keyframe, which has an error of its own where older ones have left the window.
-        first = self._sigmas_rad.get(problem.frames[0], 0.0)
-        sigma_rad = min(math.hypot(first, self._rotation.sigma_rad(problem)), math.pi)
-        if is_keyframe:
-            self._sigmas_rad[seen.frame] = sigma_rad
-        return sigma_rad
+        return problem, self._errors, self._sigmas_rad.get(problem.frames[0], 0.0)
 
     def _extend(self, seen: Observations, landmarks: Ints, features: Ints) -> None:
         """Make a keyframe of a located frame, with new landmarks, and adjust the window."""

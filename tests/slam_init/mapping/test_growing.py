@@ -80,7 +80,7 @@ def test_the_deviation_of_a_located_rotation_holds_its_error(grown):
     for one in located:
         truth = first.R.T @ fed.source.groundtruth.at(one.keyframe.timestamp_s).R
         error_deg = np.degrees(rotation_angle(truth.T @ one.keyframe.world_from_cam.R))
-        assert error_deg < 3 * one.rotation_sigma_deg < 3.0
+        assert error_deg < 3 * np.degrees(one.rotation_sigma_rad) < 3.0
 
 
 def test_the_open_tracks_of_a_rolling_shutter_are_corrected_before_they_become_landmarks(room_fed):
