@@ -149,7 +149,8 @@ class GrowingMap:
         keyframe = Keyframe(seen.frame, seen.timestamp_s, seen.name, world_from_cam)
         located = Located(keyframe, self._survival(seen), *self._with(seen, i, j))
         if self._problem.frames[-1] == seen.frame:
-            self._sigmas_rad[seen.frame] = located.rotation_sigma_rad
+            kept = {frame: sigma for frame, sigma in self._sigmas_rad.items() if frame in self._problem.frames}
+            self._sigmas_rad = {**kept, seen.frame: located.rotation_sigma_rad}
         return located
 
     def grown(self) -> InitialMap:
