@@ -76,7 +76,7 @@ class Located:
     problem: BundleProblem
     errors: LocatedRotation
     #: Standard deviation of the rotation of the first keyframe, which the map holds: larger than 0 where older ones
-    #: have left the window.
+    #: have left the window; pi where too few landmarks agree with the pose.
     first_sigma_rad: float
 
     @cached_property
@@ -231,7 +231,9 @@ class GrowingMap:
         if problem.frames[-1] != seen.frame:
             pixels = corrected_pixels(self.camera, seen)[features]
             problem = problem.with_view(seen.frame, self._guess.inverse(), landmarks, pixels)
-        return problem, self._errors, self._sigmas_rad.get(problem.frames[0], 0.0)
+        # Fewer landmarks than a pose needs may agree with a wrong one by chance.
+        first = math.pi if self._misses else self._sigmas_rad.get(problem.frames[0], 0.0)
+        return problem, self._errors, first
 
     def _extend(self, seen: Observations, landmarks: Ints, features: Ints) -> None:
         """Make a keyframe of a located frame, with new landmarks, and adjust the window."""

@@ -120,6 +120,13 @@ def test_the_same_frames_give_the_same_map(room_fed, grown):
     assert np.array_equal(growing.grown().points, grown[2].points)
 
 
+def test_a_pose_that_too_few_landmarks_agree_with_has_no_deviation(room_fed):
+    map_, seen = room_fed.result.map, room_fed.tracker.track(room_fed.following[0])
+    growing, landmarks = GrowingMap(map_), np.flatnonzero(np.isin(seen.track_ids, map_.track_ids))
+    assert growing.locate(seen.at(landmarks[:10])).rotation_sigma_rad == np.pi
+    assert growing.locate(replace(seen, frame=seen.frame + 1)).rotation_sigma_rad < 0.02
+
+
 def test_a_long_way_keeps_a_bounded_number_of_keyframes(room_fed, monkeypatch):
     monkeypatch.setattr(growing_module, "_WINDOW", 3)
     growing = GrowingMap(room_fed.result.map)
