@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 from make_map import make_poses
@@ -64,6 +66,12 @@ def problem(camera, points, poses=None, noise_px=0.0, rng=None) -> BundleProblem
         landmarks=np.tile(np.arange(n), len(poses)),
         pixels=pixels,
     )
+
+
+def with_drawn_lens(camera, sigmas, rng):
+    """A camera whose lens is off as its prior says: log focal length, principal point (2), k1."""
+    focal, x, y, k1 = sigmas * rng.normal(size=4)
+    return replace(camera.refocused(focal, k1), cx=camera.cx + x, cy=camera.cy + y)
 
 
 def between(a: Pose, b: Pose) -> Pose:

@@ -9,7 +9,7 @@ import pytest
 from make_bundle import MAP, ROTATING, SIDEWAYS
 from make_lenses import LENSES
 from make_map import CAMERAS
-from make_scene import CAMERA, cloud, problem
+from make_scene import CAMERA, cloud, problem, with_drawn_lens
 
 from slam_init.bundle.adjustment import adjust
 from slam_init.bundle.covariances import covariances
@@ -58,9 +58,7 @@ def test_a_lens_that_is_off_as_much_as_its_prior_says_is_covered():
     found = []
     for seed in range(40):
         rng = np.random.default_rng(seed)
-        prior = lens_prior(CAMERA, LENS)
-        off = prior.sigmas * rng.normal(size=4)
-        true = replace(CAMERA.refocused(off[0], off[3]), cx=CAMERA.cx + off[1], cy=CAMERA.cy + off[2])
+        true = with_drawn_lens(CAMERA, lens_prior(CAMERA, LENS).sigmas, rng)
         cloud_ = cloud(rng, 80)
         seen = problem(true, cloud_, ROTATING, 0.3, rng)
         solution = adjust(CAMERA, seen, LENS, poses_known=True)
