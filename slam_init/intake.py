@@ -18,6 +18,7 @@ from slam_init.frontend.conventions import check_rays
 from slam_init.frontend.frame_clock import FrameClock
 from slam_init.frontend.matched_tracks import make_tracker
 from slam_init.frontend.matchers import Matcher
+from slam_init.frontend.picture_check import PictureCheck
 from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.frontend.static_overlay import StaticOverlay
 from slam_init.types.arrays import Floats, Image
@@ -69,7 +70,7 @@ class Intake:
         self.history = self.tracker.history
         self.shutter = RollingShutter(self.history.camera)
         self.masked = 0.0
-        self._clock, self._overlay = FrameClock(self.history), StaticOverlay()
+        self._clock, self._overlay, self._pictures = FrameClock(self.history), StaticOverlay(), PictureCheck()
         self._thread: int | None = None
         self._source = ""
         self._gravity_contradicts = False
@@ -127,6 +128,7 @@ class Intake:
             self._clock.give_back()
             raise
         self._overlay.observe(frame, current)
+        self._pictures.observe(frame.gray)
         return current
 
     def check_tracks(
@@ -208,7 +210,8 @@ class Intake:
         """Notes about the time stamps, an estimated readout, and what is in the image and not in the scene."""
         told = "gravity is left out: its directions in the frames contradict the rotations of the map"
         gravity = (told,) if self._gravity_contradicts else ()
-        return (*self._clock.notes, *self._shutter_notes(), *self._overlay.notes, *gravity, *self._depth_notes())
+        images = (*self._overlay.notes, *self._pictures.notes)
+        return (*self._clock.notes, *self._shutter_notes(), *images, *gravity, *self._depth_notes())
 
     def _depth_notes(self) -> tuple[str, ...]:
         """A note where no depth tells anything: a folder of the wrong files looks like one without effect."""

@@ -65,11 +65,25 @@ def camera_of_metadata(source: Source, size: tuple[int, int]) -> Camera | None:
 
     if source.kind not in _WITH_METADATA:
         return None
-    files: Any = source
-    while hasattr(files, "source"):  # frames that are left out, and masks, change no lens
-        files = files.source
+    files = _files_of(source)
     place = getattr(files, "path", None) or next((path.parent for path in getattr(files, "paths", ())), None)
     found = focal_from_metadata(place, size) if isinstance(place, str | os.PathLike) else None
     if found is None:
         return None
     return camera_with_focal(size, found.focal_px, found.sigma_px / found.focal_px, "metadata")
+
+
+def orientation_of(source: Source) -> int:
+    """The EXIF orientation of the images of a source; 1 for an upright one, or where none is stated."""
+    from slam_init.calibration.metadata import photograph_facts
+
+    first = next(iter(getattr(_files_of(source), "paths", ())), None)
+    return 1 if first is None else photograph_facts(first).orientation
+
+
+def _files_of(source: Source) -> Any:
+    """The source of the files: frames that are left out, and masks, change no lens."""
+    files: Any = source
+    while hasattr(files, "source"):
+        files = files.source
+    return files

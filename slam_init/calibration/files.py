@@ -25,6 +25,7 @@ import numpy as np
 
 from slam_init.calibration.formats import parse_colmap, parse_mapping
 from slam_init.calibration.prior import AUTO, FIELDS_DEG, NUMBERS, camera_of_number, prior_camera
+from slam_init.calibration.size_problem import size_remedy
 from slam_init.errors import CalibrationError, plain_line
 from slam_init.system.regular_file import read_regular, user_path
 from slam_init.types.camera import Camera
@@ -41,7 +42,9 @@ _MAX_DEPTH = 20
 _MIN_REACHED = 0.2
 
 
-def load_camera(path: str | os.PathLike[str], image_size: tuple[int, int] | None = None) -> Camera:
+def load_camera(
+    path: str | os.PathLike[str], image_size: tuple[int, int] | None = None, orientation: int = 1
+) -> Camera:
     """Read a calibration of any known format.
 
     Parameters
@@ -52,6 +55,8 @@ def load_camera(path: str | os.PathLike[str], image_size: tuple[int, int] | None
     image_size : (int, int), optional
         Width and height of the images in pixels. If the file states no size, this one is used. If the file states
         another size, it is refused, since the calibration of other images gives a wrong map.
+    orientation : int
+        The EXIF orientation of the images, for the message of this refusal.
 
     Returns
     -------
@@ -80,7 +85,7 @@ def load_camera(path: str | os.PathLike[str], image_size: tuple[int, int] | None
         camera = _parse(path, text, image_size)
     except CalibrationError as error:
         raise CalibrationError(f"{path}: {error}") from None
-    _check(str(path), camera, image_size)
+    _check(str(path), camera, image_size, orientation)
     return replace(camera, source="file")
 
 
@@ -94,14 +99,13 @@ def camera_of(place: str, content: Mapping[str, object], image_size: tuple[int, 
     return replace(camera, source="file")
 
 
-def _check(place: str, camera: Camera, image_size: tuple[int, int] | None) -> None:
+def _check(place: str, camera: Camera, image_size: tuple[int, int] | None, orientation: int = 1) -> None:
     """Refuse a calibration of other images, and distortion coefficients that leave most of the image without rays."""
     if image_size is not None and (camera.width, camera.height) != image_size:
         ours, theirs = f"{camera.width}x{camera.height}", f"{image_size[0]}x{image_size[1]}"
-        raise CalibrationError(
-            f"{place}: calibration is for {ours} images, but the images are {theirs}: "
-            f"give their calibration, or scale fx, fy, cx, cy if the images are resized"
-        )
+        otherwise = "give their calibration, or scale fx, fy, cx, cy if the images are resized"
+        remedy = size_remedy(image_size, (camera.width, camera.height), orientation, otherwise)
+        raise CalibrationError(f"{place}: calibration is for {ours} images, but the images are {theirs}: {remedy}")
     grid = np.stack(np.meshgrid(np.linspace(0, camera.width - 1, 21), np.linspace(0, camera.height - 1, 21)), axis=-1)
     reached = float(np.isfinite(camera.bearings(grid.reshape(-1, 2))).all(axis=1).mean())
     if reached < _MIN_REACHED:

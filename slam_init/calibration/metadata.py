@@ -33,6 +33,7 @@ import os
 import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
@@ -68,7 +69,7 @@ _MAX_FILES = 1_000_000
 _MAX_NAME = 60
 
 # Numbers of EXIF tags.
-_MAKE, _MODEL, _EXIF_IFD = 0x010F, 0x0110, 0x8769
+_MAKE, _MODEL, _ORIENTATION, _EXIF_IFD = 0x010F, 0x0110, 0x0112, 0x8769
 _FOCAL_MM, _WIDTH, _HEIGHT = 0x920A, 0xA002, 0xA003
 _PLANE_X, _PLANE_UNIT = 0xA20E, 0xA210
 _ZOOM, _FOCAL_35MM = 0xA404, 0xA405
@@ -190,6 +191,31 @@ def _exif(path: Path) -> dict[int, Any] | None:
             return None
         except Exception:  # Pillow raises what its parsers raise, for files that are broken
             return {}
+
+
+@dataclass(frozen=True)
+class PhotographFacts:
+    """What EXIF states of a photograph besides its focal length; the defaults where it states nothing."""
+
+    #: From 1 (upright) to 8.
+    orientation: int = 1
+    #: Whether maker or model of the camera are stated.
+    names_camera: bool = False
+
+
+def photograph_facts(path: Path, root: Path | None = None) -> PhotographFacts:
+    """Read what EXIF states of an image. One that cannot be read states nothing: the error comes where it is decoded.
+
+    * ``root``: The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
+    """
+    with suppress(SourceError):
+        if root is not None:
+            check_inside(path, root)
+        tags = _exif(path) or {}
+        stated = tags.get(_ORIENTATION)
+        orientation = stated if isinstance(stated, int) and 1 <= stated <= 8 else 1
+        return PhotographFacts(orientation, bool(_text(tags.get(_MAKE)) or _text(tags.get(_MODEL))))
+    return PhotographFacts()
 
 
 def _statements(tags: Mapping[int, Any], maker: str, model: str, size: tuple[int, int]) -> Iterator[_Statement]:

@@ -7,18 +7,23 @@ import itertools
 import os
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 
+from slam_init.calibration.metadata import photograph_facts
+from slam_init.calibration.size_problem import TURNS, size_remedy
+from slam_init.datasets.even_steps import TRIPLES, steps_are_even
+from slam_init.datasets.grey_levels import SAMPLES, GreyLevels, Pixels
 from slam_init.datasets.inertial import InertialSensor, WithSensor
 from slam_init.datasets.stamps import image_times
 from slam_init.errors import SourceError, check_type
 from slam_init.system.regular_file import check_inside, read_regular
-from slam_init.types.arrays import Floats, Image
+from slam_init.types.arrays import Floats, Image, evenly_spaced
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.pose import Trajectory
@@ -33,6 +38,7 @@ MAX_PIXELS = 2**27
 #: Most frames of a sequence: nine hours at 30 Hz.
 MAX_FRAMES = 200_000
 
+_ALL_LEVELS = GreyLevels()
 _PNG = b"\x89PNG\r\n\x1a\n"
 
 # The size of a JPEG is known after as many bytes: thumbnails, profiles and other segments come before.
@@ -77,28 +83,37 @@ def _image_names(folder: str | os.PathLike[str]) -> Iterator[str]:
 
 
 def read_image(
-    path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None, *, saturates: bool = False
+    path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None, levels: GreyLevels = _ALL_LEVELS
 ) -> Image:
-    """Read one image.
-
-    16-bit images keep their upper eight bits. A transparency channel is dropped, CMYK is converted to BGR. Of a file
-    with several images, or an animated one, the first image is read. An EXIF orientation is not applied, since
-    calibrations refer to pixels as stored. Nothing is decoded before the size in the header is known to be bounded.
+    """Read one image with 8 bits.
 
     Shapes: returns (H, W).
 
     * ``root``: The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
-    * ``saturates``: Whether 16 bits beyond 255 become 255 in place of losing their lower bits, as for a mask.
+    * ``levels``: Of an image with 16 bits, the levels that become black and white.
+    """
+    return levels.reduced(read_pixels(path, root))
+
+
+def read_pixels(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Pixels:
+    """Read one image with 8 or 16 bits, as it is stored.
+
+    A transparency channel is dropped, CMYK is converted to BGR. Of a file with several images, or an animated one, the
+    first image is read. An EXIF orientation is not applied, since calibrations refer to pixels as stored. Nothing is
+    decoded before the size in the header is known to be bounded.
+
+    Shapes: returns (H, W).
+
+    * ``root``: The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
     """
     path = Path(path)
     if root is not None:
         check_inside(path, root)
-    data = read_regular(path, _MAX_BYTES, "an image", SourceError)
-    return decode_image(str(path), data, saturates=saturates)
+    return decode_image(str(path), read_regular(path, _MAX_BYTES, "an image", SourceError))
 
 
-def decode_image(name: str, data: bytes, *, saturates: bool = False) -> Image:
-    """Decode the content of an image file; see :func:`read_image`.
+def decode_image(name: str, data: bytes) -> Pixels:
+    """Decode the content of an image file; see :func:`read_pixels`.
 
     Shapes: returns (H, W).
     """
@@ -117,15 +132,11 @@ def decode_image(name: str, data: bytes, *, saturates: bool = False) -> Image:
         image = None
     if image is None:
         raise SourceError(f"{name}: not a readable image")
-    if image.dtype == np.uint16 and saturates:
-        image = np.minimum(image, 255).astype(np.uint8)
-    elif image.dtype == np.uint16:
-        image = np.right_shift(image, 8, dtype=np.uint16, casting="unsafe").astype(np.uint8)
-    if image.dtype != np.uint8:
+    if image.dtype not in (np.uint8, np.uint16):
         raise SourceError(f"{name}: pixels are {image.dtype}; convert the image to 8 or 16 bits")
     if image.ndim == 3:
         image = image[..., :3] if image.shape[2] >= 3 else image[..., 0]
-    return cast(Image, np.ascontiguousarray(image))
+    return cast(Pixels, np.ascontiguousarray(image))
 
 
 def _has_whole_chunks(png: bytes) -> bool:
@@ -162,19 +173,20 @@ def image_size(path: str | os.PathLike[str], root: str | os.PathLike[str]) -> tu
 
     * ``root``: The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
     """
-    height, width = read_image(path, root).shape[:2]
+    height, width = read_pixels(path, root).shape[:2]
     return width, height
 
 
-def check_size(what: str, size: tuple[int, int], expected: tuple[int, int], of: str) -> None:
+def check_size(what: str, size: tuple[int, int], expected: tuple[int, int], of: str, path: Path | None = None) -> None:
     """Check that an image has the expected size.
 
     * ``of``: Name of the thing that has the expected size, for the message.
+    * ``path``: The file of the image, if there is one.
     """
     if size != expected:
-        raise SourceError(
-            f"{what}: image is {size[0]}x{size[1]}, but {of} is {expected[0]}x{expected[1]}: all sizes must be equal"
-        )
+        orientation = 1 if path is None else photograph_facts(path).orientation
+        remedy = size_remedy(size, expected, orientation, "all sizes must be equal")
+        raise SourceError(f"{what}: image is {size[0]}x{size[1]}, but {of} is {expected[0]}x{expected[1]}: {remedy}")
 
 
 def frame_range(length: int, start: int, max_frames: int | None, name: str) -> range:
@@ -196,7 +208,8 @@ def stored_camera(folder: str | os.PathLike[str], first_image: str | os.PathLike
     if not path.is_file():
         return None
     check_inside(path, folder)
-    return load_camera(path, image_size(first_image, folder))
+    orientation = photograph_facts(Path(first_image), Path(folder)).orientation
+    return load_camera(path, image_size(first_image, folder), orientation)
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,15 +225,27 @@ class ImageFileSource(WithSensor):
     timestamps_s: Floats
     camera: Camera | None = None
     groundtruth: Trajectory | None = None
-    #: What the user should know about the source, for example the unit of its time stamps.
-    notes: tuple[str, ...] = ()
+    #: What the files tell the user, for example the unit of the time stamps.
+    stated_notes: tuple[str, ...] = ()
     #: The folder that no image may lie outside of; None for any.
     root: Path | None = None
     #: Reads the inertial sensor that is fixed to the camera; None for a sequence without one.
     imu: Callable[[], InertialSensor] | None = None
+    _seen: set[str] = field(default_factory=set, init=False, repr=False)
 
     def __len__(self) -> int:
         return len(self.paths)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the user should know, from the files and from the images that were read."""
+        return (*self.stated_notes, *sorted(self._seen))
+
+    @cached_property
+    def _levels(self) -> GreyLevels:
+        """The grey levels of images with 16 bits, by a few of all images: wherever a run starts, they are the same."""
+        chosen = evenly_spaced(len(self.paths), SAMPLES)
+        return GreyLevels.of(read_pixels(self.paths[k], self.root) for k in chosen.tolist())
 
     @cached_property
     def _sensor(self) -> InertialSensor | None:
@@ -234,19 +259,27 @@ class ImageFileSource(WithSensor):
         of = "the camera"
         for index in frame_range(len(self), start, max_frames, self.name):
             path = self.paths[index]
-            image = read_image(path, self.root)
+            pixels, levels = read_pixels(path, self.root), _ALL_LEVELS
+            if pixels.dtype == np.uint16:
+                levels = self._levels
+                self._seen.add(levels.note)
+            image = levels.reduced(pixels)
             size = (image.shape[1], image.shape[0])
             if expected is None:
                 expected, of = size, f"the first ({path.name})"
-            check_size(str(path), size, expected, of)
+            check_size(str(path), size, expected, of, path)
             yield Frame(index, float(self.timestamps_s[index]), os.path.relpath(path, root), image)
 
 
 # -- a plain folder --------------------------------------------------------------------------------
 
 
-#: Frame rate of images whose names are no time stamps.
+_AS_STORED = "a calibration has to be that of the images as they are stored"
+
+#: Nominal rate of a video without times.
 NOMINAL_RATE_HZ = 30.0
+#: Nominal rate of photographs: at the rate of a video, a rolling shutter would be looked for in them.
+PHOTO_RATE_HZ = 1.0
 
 
 def find_images(folder: str | os.PathLike[str]) -> list[Path]:
@@ -270,34 +303,50 @@ def open_folder(folder: str | os.PathLike[str]) -> ImageFileSource:
     paths = find_images(folder)
     if not paths:
         raise SourceError(f"{folder}: holds no image")
-    timestamps_s, notes = _times(paths)
+    timestamps_s, notes = _times(paths, folder)
+    if turn := TURNS.get(photograph_facts(paths[0], folder).orientation):
+        notes += (f"by their EXIF orientation, which is not applied, the images are to be {turn}: {_AS_STORED}",)
     return ImageFileSource(
         folder.resolve().name,
         "images",
         tuple(paths),
         timestamps_s,
         stored_camera(folder, paths[0]),
-        notes=notes,
+        stated_notes=notes,
         root=folder,
     )
 
 
-def _times(paths: list[Path]) -> tuple[Floats, tuple[str, ...]]:
-    """Time stamps in seconds from the names of the images, and notes on their unit; else at the nominal rate.
+def _times(paths: list[Path], root: Path) -> tuple[Floats, tuple[str, ...]]:
+    """Time stamps in seconds from the names of the images, else at a nominal rate; and notes on them.
 
     A name is a time stamp if it is a number with a decimal point, or a whole number of at least 13 digits: a date in
     milliseconds has 13. A shorter whole number is a counter. Names that are no possible time stamps (they do not
     increase, or lie beyond 2^63) are no error, because nobody has said that they are time stamps.
     """
     stems = [path.stem for path in paths]
-    nominal = np.arange(len(paths)) / NOMINAL_RATE_HZ
+    stated: TimeUnit | None = None
     if all(re.fullmatch(r"\d+\.\d+", stem, re.ASCII) for stem in stems):
         stated = TimeUnit.SECONDS
     elif all(re.fullmatch(r"[1-9]\d{12,18}", stem, re.ASCII) for stem in stems):
         stated = TimeUnit.NANOSECONDS
-    else:
-        return nominal, ()
+    if stated is not None:
+        with suppress(SourceError):
+            return image_times([float(stem) for stem in stems], stems, stated)
+    no_times = "the names of the images state no times: they are taken"
+    if _is_video(paths, root):
+        note = f"{no_times} as a video of {NOMINAL_RATE_HZ:g} frames a second, since their steps are small and even"
+        return np.arange(len(paths)) / NOMINAL_RATE_HZ, (note,)
+    note = f"{no_times} as photographs, one a second, without a rolling shutter"
+    return np.arange(len(paths)) / PHOTO_RATE_HZ, (note,)
+
+
+def _is_video(paths: list[Path], root: Path) -> bool:
+    """Whether images are a video, and no photographs. No image is read where EXIF names the camera."""
+    if photograph_facts(paths[0], root).names_camera:
+        return False
     try:
-        return image_times([float(stem) for stem in stems], stems, stated)
-    except SourceError:
-        return nominal, ()
+        firsts = evenly_spaced(max(len(paths) - 2, 0), TRIPLES).tolist()
+        return steps_are_even([read_pixels(path, root) for path in paths[k : k + 3]] for k in firsts)
+    except SourceError:  # of an image that cannot be read, which is told when its frame is asked for
+        return False

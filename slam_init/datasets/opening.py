@@ -7,6 +7,7 @@ function of no arguments (``docs/examples/add_a_data_set.py``).
 
 from __future__ import annotations
 
+import itertools
 import os
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ import numpy as np
 
 from slam_init.datasets.colmap import is_colmap_database, open_colmap_database
 from slam_init.datasets.hloc import is_hdf5, open_hloc
-from slam_init.datasets.image_files import IMAGE_SUFFIXES, holds_images, open_folder
+from slam_init.datasets.image_files import IMAGE_SUFFIXES, holds_images, natural_key, open_folder
 from slam_init.datasets.layouts import LAYOUTS
 from slam_init.datasets.live import is_live
 from slam_init.datasets.live.address import without_password
@@ -89,6 +90,10 @@ _FILES: tuple[Layout, ...] = (
     Layout("ros2", "a ROS 2 bag", lambda path: detect_file(path) == "ros2", lambda path, _: open_ros(path, 2)),
     Layout("video", "a video", lambda _: True, lambda path, _: open_video(path)),
 )
+
+_VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mpeg", ".wmv", ".mts", ".3gp"})
+# Of a folder that is no sequence: how many of its entries are looked at, and how many of its sequences are named.
+_LOOKED_AT, _NAMED = 1000, 3
 
 
 def open_source(text: str | os.PathLike[str], seed: int = 0) -> TimedSource:
@@ -176,5 +181,29 @@ def _first_that_fits(path: Path, layouts: tuple[Layout, ...]) -> tuple[Layout, A
     for layout in layouts:
         if found := layout.find(path):
             return layout, found
+    if sources := _sources_in(path):
+        named, more = ", ".join(sources[:_NAMED]), len(sources) - _NAMED
+        more_text = f" and {more} more" if more > 0 else ""
+        raise SourceError(f"{path}: is not one sequence: give one of those in it: {named}{more_text}")
     looked_for = ", ".join(layout.looked_for for layout in layouts)
     raise SourceError(f"{path}: no sequence in this folder; looked for {looked_for}")
+
+
+def _sources_in(folder: Path) -> list[str]:
+    """The folders and files of a folder that are sources, in the order of their names."""
+    with os.scandir(folder) as entries:
+        names = sorted(
+            (entry.name for entry in itertools.islice(entries, _LOOKED_AT) if not entry.name.startswith(".")),
+            key=natural_key,
+        )
+    return [name for name in names if _is_source(folder / name)]
+
+
+def _is_source(path: Path) -> bool:
+    if path.suffix.lower() in _VIDEO_SUFFIXES:
+        return path.is_file()
+    try:
+        layouts = _FOLDERS if path.is_dir() else _FILES[:-1] if path.is_file() else ()  # any file may be a video
+        return any(layout.find(path) for layout in layouts)
+    except (OSError, SourceError):  # a folder that may not be read
+        return False

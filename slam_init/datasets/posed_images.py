@@ -5,7 +5,7 @@ the files state them. :func:`image_sequence` checks these and makes the source. 
 conventions of the camera axes; :func:`with_axes` converts them to those of this project: x right, y down, z forward.
 
 Photographs and rendered images have no times. :func:`photographs` puts them in the natural order of their names, one a
-second. At the rate of a video, a rolling shutter would be looked for in them.
+second.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from slam_init.datasets.image_files import MAX_FRAMES, ImageFileSource, natural_key
+from slam_init.datasets.image_files import MAX_FRAMES, PHOTO_RATE_HZ, ImageFileSource, natural_key
 from slam_init.datasets.inertial import InertialSensor
 from slam_init.datasets.stamps import image_times, truth_on_clock
 from slam_init.datasets.text import trajectory
@@ -50,9 +50,6 @@ def file_of(*names: str) -> Callable[[Path], Path | None]:
     """Make the search for the first of some files in a folder."""
     return lambda folder: next((folder / name for name in names if (folder / name).is_file()), None)
 
-
-#: Nominal rate of images without times.
-PHOTO_RATE_HZ = 1.0
 
 # A difference of 2 % in the focal length moves a pixel at the border, half a side from the centre, by 1 % of the side.
 # The focal length of a telephone that focuses changes by less.

@@ -15,6 +15,7 @@ from urllib.parse import parse_qsl, urlencode
 
 import numpy as np
 
+from slam_init.datasets.grey_levels import GreyLevels
 from slam_init.datasets.gyroscope import Gyroscope, gyroscope_of
 from slam_init.datasets.image_files import ImageFileSource, check_size, frame_range, read_image
 from slam_init.datasets.inertial import inertial_of
@@ -291,7 +292,7 @@ def read_mask(path: str | os.PathLike[str], root: str | os.PathLike[str] | None 
 
     * ``path``: An image; of a coloured one, pixels that are black in all channels are ignored. Of 16 bits all count.
     """
-    image = read_image(path, root, saturates=True)
+    image = read_image(path, root, GreyLevels(0, 255))
     bright = image if image.ndim == 2 else image.max(axis=2)
     return np.where(bright > 0, np.uint8(255), np.uint8(0))
 

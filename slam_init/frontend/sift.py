@@ -12,6 +12,10 @@ from slam_init.types.arrays import Floats, Image, Ints
 #: Radius of the blob that makes a keypoint, over its diameter as OpenCV states it: OpenCV's diameter is two standard
 #: deviations of the Gaussian, and the difference of Gaussians is zero beyond three.
 _BLOB = 1.5
+#: Least range of an image with keypoints, grey levels. A keypoint needs a difference of Gaussians of 255 * 0.04 / 3, by
+#: the default of OpenCV. That of two Gaussians a third of an octave apart is at most 0.17 times the range, which has to
+#: be 20. Half of this leaves room for the interpolation. SIFT takes as long on a black frame as on others.
+_LEAST_RANGE = 10
 #: Larger images are halved, as often as it takes: their smallest blobs are noise, and they have more than the limit. At
 #: half the size, photographs of 2.5 megapixels have as many matches as before that keep to one epipolar geometry, in a
 #: quarter of the time, and maps with more landmarks. Of 1.6 megapixels, they have .8 to 1.5 times as many, and one
@@ -39,6 +43,8 @@ def detect_sift(gray: Image, limit: int, trackable: Trackable | None = None) -> 
     """
     import cv2
 
+    if int(gray.max()) - int(gray.min()) < _LEAST_RANGE:
+        return SiftFeatures(np.zeros((0, 2)), np.zeros((0, 128)))
     scale = 1
     while gray.size > _MOST_PIXELS:
         # A coarse pixel is the mean of four, so that its centre lies between theirs.

@@ -295,6 +295,9 @@ class Tracker:
         confirmed = self._confirmed(matched, np.flatnonzero(kept), found.pixels[kept])
         more = int(kept.sum()) - len(i_last)
         if more >= 0 and (more > _CHANCE * np.sqrt(kept.sum()) or confirmed.any() or not kept.any()):
+            # The next frame may have lost the flow as well: it matches with these keypoints then.
+            self._sift_frames.clear()
+            self._sift_frames.append(sift)
             return *self._aligned(smooth, found, followed.sought), False
         for old, i_old, i_new in reversed(matches):
             self._join(old, sift, i_old, i_new)

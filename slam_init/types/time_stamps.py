@@ -96,7 +96,9 @@ def problem_of(stamp: float, previous: float | None = None) -> str | None:
         return "is negative: shift the times so that they start at 0 or later"
     if stamp >= LARGEST_STAMP:
         return "is beyond 2^63, more than a counter of nanoseconds holds: give seconds"
-    if previous is not None and stamp <= previous:
+    if stamp == previous:
+        return "does not come after the one before, it is the same: give each frame its own time, with all decimals"
+    if previous is not None and stamp < previous:
         return "does not come after the one before: sort the frames by time, and give each time once"
     return None
 

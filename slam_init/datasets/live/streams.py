@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
 
+from slam_init.datasets.grey_levels import GreyLevels
 from slam_init.datasets.image_files import MAX_PIXELS, decode_image
 from slam_init.errors import SourceError
 from slam_init.types.arrays import Image
@@ -260,7 +261,7 @@ class _JpegStream:
         end = self._end()
         if end is None:
             return None  # the sender has ended within an image
-        image: Image = decode_image(f"{self._name}, image {self._count}", self._data.read(end))
+        image = GreyLevels().reduced(decode_image(f"{self._name}, image {self._count}", self._data.read(end)))
         self._count += 1
         return StreamImage(image, None)
 

@@ -9,9 +9,9 @@ from typing import Any, cast
 import numpy as np
 
 from slam_init.calibration.files import camera_of
+from slam_init.datasets.grey_levels import Pixels
 from slam_init.datasets.image_files import MAX_PIXELS, decode_image
 from slam_init.errors import SourceError
-from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
 
 #: The message types.
@@ -61,8 +61,8 @@ def is_picture(message: Any) -> bool:
     return not str(message.encoding).upper().startswith(("16UC1", "16SC1", "32FC1", "64FC1", "32SC1"))
 
 
-def decode(place: str, message: Any) -> Image:
-    """Decode a message to grey or BGR. Images of 16 bits keep their upper eight bits.
+def decode(place: str, message: Any) -> Pixels:
+    """Decode a message to grey or BGR, with the 8 or 16 bits that it has.
 
     Shapes: returns (H, W).
     """
@@ -87,19 +87,19 @@ def decode(place: str, message: Any) -> Image:
         )
     data = np.pad(data, (0, max(0, step * height - len(data))))  # the last row may end with its last pixel
     rows = data[: step * height].reshape(height, step)[:, :row]
+    pixels: Pixels = np.ascontiguousarray(rows)
     if encoding.wide:
-        upper = 0 if message.is_bigendian else 1
-        rows = rows[:, upper::2]
-    pixels = rows.reshape(height, width, encoding.channels) if encoding.channels > 1 else rows
-    return _bgr(np.ascontiguousarray(pixels), encoding.conversion)
+        pixels = pixels.view(">u2" if message.is_bigendian else "<u2").astype(np.uint16)
+    shape = (height, width, encoding.channels) if encoding.channels > 1 else (height, width)
+    return _bgr(pixels.reshape(shape), encoding.conversion)
 
 
-def _bgr(pixels: Image, conversion: str | None) -> Image:
+def _bgr(pixels: Pixels, conversion: str | None) -> Pixels:
     import cv2
 
     if conversion is None:
         return pixels
-    return cast(Image, np.asarray(cv2.cvtColor(pixels, getattr(cv2, conversion)), np.uint8))
+    return cast(Pixels, cv2.cvtColor(pixels, getattr(cv2, conversion)))
 
 
 def camera_of_info(place: str, info: Any, images: str, image_size: tuple[int, int]) -> Camera | None:

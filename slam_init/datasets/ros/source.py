@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Iterator
 from functools import cached_property
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from slam_init.datasets.grey_levels import SAMPLES, GreyLevels
 from slam_init.datasets.image_files import MAX_FRAMES, check_size, frame_range
 from slam_init.datasets.inertial import InertialSensor, WithSensor
 from slam_init.datasets.ros.bag import Bag, Message
@@ -69,7 +71,12 @@ class RosSource(WithSensor):
             # A recording of a simulation may begin at 0; otherwise 0 means that the driver has set no time.
             self._by_header = header.stamp_s != 0 or first.received_s < 1
             image = decode(self._place(0), bag.decoded(first, self.topic))
-            self._size = (image.shape[1], image.shape[0])
+            self._size, self._levels = (image.shape[1], image.shape[0]), GreyLevels()
+            if image.dtype == np.uint16:
+                some = enumerate(itertools.islice(bag.messages(self.topic.name), SAMPLES))
+                decoded = (decode(self._place(k), bag.decoded(message, self.topic)) for k, message in some)
+                self._levels = GreyLevels.of(decoded)
+                self._notes += (self._levels.note,)
             self._info_topic = info_topic(bag, self.topic, self._frame_id)
             self._truth_topic, truth_notes = truth_topic(bag, truth)
         if not self._by_header:
@@ -133,7 +140,7 @@ class RosSource(WithSensor):
                 if index < wanted.start:
                     continue
                 place = self._place(image_number)
-                image = decode(place, bag.decoded(message, self.topic))
+                image = self._levels.reduced(decode(place, bag.decoded(message, self.topic)))
                 check_size(place, (image.shape[1], image.shape[0]), self._size, "the first image")
                 yield Frame(index, time_s, f"frame-{index:06d}", image)
                 given += 1

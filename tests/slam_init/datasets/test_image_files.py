@@ -19,8 +19,8 @@ from slam_init.errors import SourceError
     ("image", "expected"),
     [
         (picture(channels=4), picture(channels=4)[..., :3]),
-        (picture(channels=1, dtype=np.uint16), (picture(channels=1, dtype=np.uint16) >> 8).astype(np.uint8)),
-        (picture(channels=3, dtype=np.uint16), (picture(channels=3, dtype=np.uint16) >> 8).astype(np.uint8)),
+        (257 * picture(channels=1).astype(np.uint16), picture(channels=1)),
+        (257 * picture(channels=3).astype(np.uint16), picture(channels=3)),
         (picture(channels=1), picture(channels=1)),
     ],
 )

@@ -186,7 +186,7 @@ def test_real_sequences_open_as_they_are():
         assert source.groundtruth.at(frame.timestamp_s) is not None
 
 
-def test_an_image_folder_is_read_in_natural_order_at_a_nominal_rate(tmp_path):
+def test_an_image_folder_is_read_in_natural_order(tmp_path):
     for name in ("img10.png", "img2.png", "img1.jpg", ".hidden.png"):
         write_image(tmp_path / name)
     write(tmp_path / "notes.txt", "no image")

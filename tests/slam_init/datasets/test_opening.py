@@ -1,7 +1,7 @@
 """Detection of the kind of a source, and refusal of texts that name no source."""
 
 import pytest
-from make_files import write_image
+from make_files import write, write_image
 from make_layouts import eth3d
 from path_types import PATH_TYPES, OtherPath
 
@@ -39,6 +39,21 @@ def test_an_invalid_source_is_refused_in_one_line(text, word, tmp_path, monkeypa
     with pytest.raises(SourceError, match=word) as caught:
         open_source(text)
     assert len(str(caught.value).splitlines()) == 1
+
+
+def test_a_folder_of_sequences_or_videos_names_them(tmp_path):
+    eth3d(tmp_path / "runs" / "second")
+    write_image(tmp_path / "runs" / "first" / "0.png")
+    write(tmp_path / "runs" / "notes" / "a.txt", "no sequence")
+    write(tmp_path / "runs" / "notes.txt", "no sequence")
+    for name in ("clip10.mp4", "clip2.MOV", "clip1.avi", "clip3.mkv", "clip4.mp4", "list.csv"):
+        write(tmp_path / "videos" / name, b"\0")
+    for folder, words in (
+        ("runs", r"runs: is not one sequence: give one of those in it: first, second$"),
+        ("videos", r"give one of those in it: clip1.avi, clip2.MOV, clip3.mkv and 2 more$"),
+    ):
+        with pytest.raises(SourceError, match=words):
+            open_source(tmp_path / folder)
 
 
 def test_a_folder_without_a_sequence_is_refused_with_the_known_layouts(tmp_path):

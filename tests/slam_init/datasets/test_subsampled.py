@@ -19,7 +19,7 @@ def source(request, tmp_path):
     if request.param == "video":
         return open_video(write_mp4(tmp_path / "v.mp4", corner_frames(30)))
     for i in range(30):
-        write_image(tmp_path / f"{i}.png", picture(i, (16, 12)))
+        write_image(tmp_path / f"{i / 30:.6f}.png", picture(i, (16, 12)))
     return open_source(str(tmp_path))
 
 

@@ -2,11 +2,13 @@
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from slam_init.frontend import sift as sift_module
 from slam_init.frontend.sift import detect_sift, first_per_cell, match_descriptors
 
 
@@ -18,8 +20,15 @@ def test_a_descriptor_with_two_similar_candidates_is_not_matched():
     assert 0 not in i
 
 
-def test_a_blank_image_has_no_features():
-    assert len(detect_sift(np.zeros((60, 80), np.uint8), 100).pixels) == 0
+def test_an_image_that_is_not_looked_at_has_no_features():
+    """Those of a range below the limit, by OpenCV itself: blocks of all sizes, whose contrast is the whole range."""
+    rng = np.random.default_rng(0)
+    sift = cv2.SIFT.create(enable_precise_upscale=True)
+    for block in (1, 2, 4, 8, 16):
+        image = np.kron(rng.integers(0, 2, (128 // block, 160 // block)), np.ones((block, block)))
+        faint = np.round(100 + (sift_module._LEAST_RANGE - 1) * image).astype(np.uint8)
+        assert not sift.detect(faint, None) and len(detect_sift(faint, 100).pixels) == 0
+        assert len(detect_sift(np.round(200 * image).astype(np.uint8), 100).pixels) > 0
 
 
 @pytest.mark.parametrize(("size", "halved"), [(200, 1), (1501, 2), (3000, 4)])
