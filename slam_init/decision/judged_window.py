@@ -40,6 +40,11 @@ _LENS_MAY_CHANGE = (
 _LENS_MAY_BE_WRONG = (
     "the tracks and the stated lens do not agree: check the calibration, or translate further, best sideways"
 )
+_CHANCE = "the matches scatter by {:.0f} px about any motion: the images are noise, or show different scenes"
+#: Matches that scatter by more are matches by chance: those of images of noise scatter by 3 to 11 px, those of real
+#: sequences by 0.1 to 0.2.
+#: Class: measured.
+_CHANCE_PX = 2.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,6 +202,9 @@ class JudgedWindow:
         # A rotation with a wrong focal length looks like a plane with two motions: then neither motion may be right.
         unlikely = max_risk if planar and risk.rival >= risk.direction else UNDECIDED
         if risk.rotation > unlikely or risk.rotation >= max(risk.rival, risk.direction):
+            noise_px = self.hypotheses.tracks.noise_px
+            if noise_px > _CHANCE_PX:
+                return Verdict.NO_CONSISTENT_MOTION, _CHANCE.format(noise_px)
             return Verdict.PURE_ROTATION, None
         if risk.moving >= max(risk.rival, risk.directions.if_rigid):
             return Verdict.MOVING_BODIES, None

@@ -13,6 +13,7 @@ from slam_init.decision import frame_skipper, window_rule
 from slam_init.decision.screening import LEAST_PARALLAX_SHARE
 from slam_init.decision.window_rule import WindowRule
 from slam_init.frontend.rolling_shutter import RollingShutter
+from slam_init.initializer import Initializer
 from slam_init.types.reasons import Verdict
 from slam_init.types.stopwatch import Stopwatch
 from slam_init.window.motion import OtherMotion
@@ -35,6 +36,13 @@ class Frames:
         """The outcome of frame k, whose pair is chosen or not."""
         pair = preview_of([self.observations[reference], self.observations[k]], self.camera)
         return self.rule.judge(pair if chosen else None, [pair], self.observations[k], Stopwatch())
+
+
+def test_images_of_noise_have_no_consistent_motion():
+    rng, initializer = np.random.default_rng(0), Initializer()
+    for time_s in (0.0, 1.0, 2.0):
+        status = initializer.process(rng.integers(0, 256, (240, 320), np.uint8), time_s)
+    assert status.reason == Verdict.NO_CONSISTENT_MOTION and "noise" in status.advice
 
 
 def test_before_a_motion_is_known_a_frame_without_a_chosen_pair_is_not_judged():
