@@ -128,7 +128,8 @@ class Job:
         parts = self._parts(front, front.turns.reading(frames), memory)
         result = _whole(parts, self.restart)
         # What a source has to tell may change with each frame.
-        notes = (*self.notes, *notes_of(self.source), *reduction.notes, *_focal_notes(result, self.camera))
+        notes = (*self.notes, *notes_of(self.source), *self.camera.notes, *reduction.notes)
+        notes = (*notes, *_focal_notes(result, self.camera))
         result = replace(result, notes=(*notes, *front.turns.notes, *result.notes, *_colmap_notes(result)))
         summary = self._summary(result, parts, hashed)
         appearances = tuple(part.appearance for part in parts if part.appearance is not None)

@@ -1,15 +1,22 @@
-"""The camera of frames: the given one, that of their source, or one whose focal length is to be estimated."""
+"""The camera of frames: the given one, that of their source, or one whose focal length is to be estimated.
+
+The ``camera.txt`` of DSO beside images is read here and not by their source: most state a lens that is an error, and
+whoever gives a camera has no use for it.
+"""
 
 from __future__ import annotations
 
 import os
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from slam_init.calibration.files import load_camera
 from slam_init.calibration.prior import camera_with_focal, prior_camera
 from slam_init.errors import CalibrationError
+from slam_init.system.regular_file import check_inside
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Source
 
@@ -55,8 +62,25 @@ def camera_of_source(source: Source, given: GivenCamera = None, start: int = 0) 
         return source.camera
     image = next(source.frames(start, 1)).image
     size = (image.shape[1], image.shape[0])
-    stated = camera_of_metadata(source, size) if given is None else None
+    stated = None if given is not None else camera_beside(source, size) or camera_of_metadata(source, size)
     return stated or camera_of_size(given, size)
+
+
+def camera_beside(source: Source, size: tuple[int, int]) -> Camera | None:
+    """The camera of the ``camera.txt`` in a folder of images; None where there is none."""
+    root = getattr(_files_of(source), "root", None) if source.kind == "images" else None
+    if root is None or not (path := Path(root) / "camera.txt").is_file():
+        return None
+    check_inside(path, root)
+    return load_camera(path, size)
+
+
+def _files_of(source: Source) -> Any:
+    """The source of the files: frames that are left out, and masks, change no lens."""
+    files: Any = source
+    while hasattr(files, "source"):
+        files = files.source
+    return files
 
 
 def camera_of_metadata(source: Source, size: tuple[int, int]) -> Camera | None:

@@ -1,234 +1,393 @@
-"""The formats of :mod:`slam_init.calibration.files`: one function per format converts a parsed file to a camera.
+"""The formats of calibration files: two tables, each of recognizers and readers.
 
-Error messages name the key; the caller adds the name of the file.
+A text is recognized by its content, whatever the name of the file; its reader makes a mapping of it. A mapping is
+recognized by its keys; its reader takes out the mapping of one camera, which :func:`camera_of_content` converts. A form
+that is known and not read has a reader that raises an error with what to write instead.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
+from typing import NoReturn
+from xml.etree.ElementTree import Element
 
-from slam_init.calibration.colmap_models import COLMAP_PARAMETERS, camera_of_colmap
-from slam_init.calibration.making import camera_of_values, model_named
-from slam_init.calibration.values import Content, Size, integer_size, mapping_of, number_of, numbers_of
+from slam_init.calibration import models
+from slam_init.calibration.syntax import parse_json, parse_xml, parse_yaml
+from slam_init.calibration.values import Content, Section, Size
 from slam_init.errors import CalibrationError
 from slam_init.types.camera import Camera
 
+_MATRICES = ("camera_matrix", "cameramatrix", "intrinsic_matrix", "mtx", "k", "m1", "k1")
+_LISTS = ("intrinsics", "calibration")
+_FOCAL = ("fx", "fy", "cx", "cy")
+_DISTORTION = re.compile(r"d1?|dist|dist_?coeff?s?|distortion\w*")
+# Least displacement over the image by a skew that counts. A calibration of the same images without a skew takes most of
+# the displacement into the principal point and the poses.
+_MAX_SKEW_PX = 1.0
 
-def parse_mapping(content: Content, image_size: Size) -> Camera:
-    """Convert the content of a YAML or XML file. The format is detected by its keys."""
-    for keys, parse in _FORMATS:
-        if any(key in content for key in keys):
-            return _with_readout(content, parse(content, image_size))
-    raise CalibrationError(
-        "no known calibration format: expected fx, fy, cx, cy; camera_matrix or K; Camera.fx; "
-        "cam0 or intrinsics (Kalibr, EuRoC); value0 (Basalt); model_type (camodocal)"
-    )
+_WRITE = "write a YAML with model, width, height, fx, fy, cx, cy, distortion (docs/lenses.md)"
+_OKVIS = (
+    "a list of cameras, the form of OKVIS: write a YAML with resolution (image_dimension), intrinsics (focal_length, "
+    "principal_point), distortion_model (distortion_type) and distortion_coefficients of one camera"
+)
+_OPENSFM = (
+    "the form of OpenSfM, whose numbers are relative to the longer side: multiply focal_x, focal_y, c_x and c_y by it, "
+    f"add (width - 1) / 2 to c_x and (height - 1) / 2 to c_y, and {_WRITE}"
+)
+_KALIBR_RESULTS = (
+    "the results of Kalibr as text, which state no image size: give the *camchain.yaml that Kalibr writes beside them, "
+    f"or {_WRITE}"
+)
+_ZED = f"the settings of a ZED, which have a camera for each resolution and side: with the numbers of one, {_WRITE}"
 
 
-def parse_colmap(text: str) -> Camera:
-    """Convert a COLMAP ``cameras.txt`` with one camera: ``id MODEL width height params``."""
-    lines = [line.split() for line in text.splitlines() if line.strip() and not line.strip().startswith("#")]
-    if len(lines) != 1:
-        raise CalibrationError(f"{len(lines)} cameras: expected a COLMAP cameras.txt with exactly one")
-    fields = lines[0]
-    if len(fields) < 4 or fields[1] not in COLMAP_PARAMETERS:
+# -- one camera ------------------------------------------------------------------------------------
+
+
+def camera_of_content(content: Content, image_size: Size) -> Camera:
+    """Convert the content of a file."""
+    read = next((read for fits, read in _MAPPINGS if fits(content)), None)
+    content = content if read is None else read(content)
+    if not _is_camera(content):
         raise CalibrationError(
-            f"not a COLMAP camera: id, model of {', '.join(COLMAP_PARAMETERS)}, width, height, params"
+            "no known calibration format: expected fx, fy, cx, cy; camera_matrix or K; intrinsics (Kalibr, EuRoC); "
+            "Camera.fx; value0 (Basalt); model_type (camodocal)"
         )
-    size = integer_size({"width": fields[2], "height": fields[3]}, "width", "height", None)
-    names = COLMAP_PARAMETERS[fields[1]].split()
-    names += [f"parameter {i + 1}" for i in range(len(names), len(fields) - 4)]
-    values = [number_of({name: text}, name) for name, text in zip(names, fields[4:], strict=False)]
-    return camera_of_colmap(fields[1], *size, values)
+    section = Section(content)
+    model, size = models.model_of(section), section.size(image_size)
+    shape, focal, after, skew = _intrinsics(section, model)
+    listed = _distortion_list(section)
+    distortion = [*shape, *(listed or after)]
+    if listed is None and not distortion:
+        distortion = models.named_coefficients(section, model)
+    if len(focal) == 4 and focal[0] == focal[1] == 0:
+        raise CalibrationError("the focal lengths are 0: the camera was not calibrated, so calibrate it, or give auto")
+    camera = _without_skew(models.camera_of_values(model, size, focal, distortion), skew)
+    if "focal_sigma" in section.values:
+        camera = replace(camera, focal_sigma=section.number("focal_sigma"))
+    return _with_readout(camera, section)
 
 
-def _own(content: Content, image_size: Size) -> Camera:
-    """The YAML format of this project."""
-    model = _model(content, "distortion_model", "model")
-    size = integer_size(content, "width", "height", image_size)
-    names = ("fx", "fy", "cx", "cy")
-    whole_sphere = model == "equirectangular" and not any(name in content for name in names)
-    focal = () if whole_sphere else tuple(number_of(content, name) for name in names)
-    camera = camera_of_values(model, size, focal, numbers_of(content, "distortion", default=[]))
-    return replace(camera, focal_sigma=number_of(content, "focal_sigma")) if "focal_sigma" in content else camera
+def _has_focal(content: Content) -> bool:
+    """Whether a mapping has the focal lengths itself and not in a part of its own."""
+    values = Section(content).values
+    found = [values[name] for name in (*_MATRICES, *_LISTS, *_FOCAL) if name in values]
+    return any(not isinstance(value, dict) or "data" in value for value in found)
 
 
-def _opencv(content: Content, image_size: Size) -> Camera:
-    """OpenCV's FileStorage, and ROS ``camera_info`` with both spellings of its keys."""
-    key = _first(content, "camera_matrix", "Camera_Matrix", "cameraMatrix", "K", "k", "M1", "K1")
-    K = numbers_of(content, key)
-    if len(K) != 9:
-        raise CalibrationError(f"{key}: expected a 3x3 matrix, found {len(K)} numbers")
-    if K[8] != 1 or any(K[i] != 0 for i in (1, 3, 6, 7)):
-        raise CalibrationError(f"{key}: expected [fx 0 cx, 0 fy cy, 0 0 1]; a skew is not supported")
-    names = ("distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist_coeffs", "D", "d", "D1")
-    distortion_key = next((name for name in names if name in content), None)
-    distortion = numbers_of(content, distortion_key) if distortion_key else []
-    model = _model(content, "distortion_model", "camera_model", "model", "Camera.type")
-    if content.get("fisheye_model") in (1, True):
-        model = "fisheye"
-    width, height = (
-        next((name for name in pair if name in content), pair[0])
-        for pair in (("image_width", "image_Width", "width"), ("image_height", "image_Height", "height"))
-    )
-    return camera_of_values(
-        model, integer_size(content, width, height, image_size), (K[0], K[4], K[2], K[5]), distortion
-    )
+def _is_camera(content: Content) -> bool:
+    return _has_focal(content) or any(map(models.states_model, Section(content).values))
 
 
-def _orb_slam(content: Content, image_size: Size) -> Camera:
-    """ORB-SLAM2 (``Camera.fx``) and ORB-SLAM3 (``Camera1.fx``)."""
-    prefix = "Camera1." if "Camera1.fx" in content else "Camera."
-    kind = str(content.get("Camera.type", "PinHole"))
-    model = {"pinhole": "radtan", "rectified": "pinhole", "kannalabrandt8": "fisheye"}.get(kind.lower())
-    if model is None:
-        raise CalibrationError(f"Camera.type is {kind!r}: use PinHole, Rectified or KannalaBrandt8")
-    names = ("k1", "k2", "k3", "k4") if model == "fisheye" else ("k1", "k2", "p1", "p2", "k3")
-    distortion = [number_of(content, prefix + name, default=0.0) for name in names]
-    focal = tuple(number_of(content, prefix + name) for name in ("fx", "fy", "cx", "cy"))
-    size = integer_size(content, "Camera.width", "Camera.height", image_size)
-    return camera_of_values(model, size, focal, [] if model == "pinhole" else distortion)
+def _intrinsics(section: Section, model: str) -> tuple[list[float], list[float], list[float], float]:
+    """Coefficients of the shape, ``fx fy cx cy``, the coefficients after them, and the skew."""
+    name = section.first(*_MATRICES)
+    if name is not None and isinstance(section.values[name], list | dict):  # k1 may be a coefficient
+        K, key = section.numbers(name), section.key(name)
+        if len(K) != 9:
+            raise CalibrationError(f"{key}: expected a 3x3 matrix, found {len(K)} numbers")
+        if any(K) and (K[8] != 1 or K[3] or K[6] or K[7]):
+            raise CalibrationError(f"{key}: expected [fx 0 cx, 0 fy cy, 0 0 1]")
+        return [], [K[0], K[4], K[2], K[5]], [], K[1]
+    if name := section.first(*_LISTS):
+        names, values = [*models.shape_names(model), *_FOCAL], section.numbers(name)
+        end = len(names)
+        if len(values) < end or (name == "intrinsics" and len(values) > end):
+            expected = ", ".join(names)
+            raise CalibrationError(f"{section.key(name)}: expected [{expected}], found {len(values)} numbers")
+        return values[: end - 4], values[end - 4 : end], values[end:], 0.0
+    if model == "equirectangular" and not section.first(*_FOCAL):
+        return [], [], [], 0.0
+    return [], [section.number(name) for name in _FOCAL], [], section.number("skew", 0.0)
 
 
-def _kalibr(content: Content, image_size: Size) -> Camera:
-    """A Kalibr camchain: its first camera."""
-    camera = content["cam0"]
-    if not isinstance(camera, dict):
-        raise CalibrationError("cam0 is not a camera: expected intrinsics, resolution and so on in it")
-    return _with_readout(camera, _sensor(camera, image_size, "cam0: "))
+def _distortion_list(section: Section) -> list[float] | None:
+    """The list of distortion coefficients; None where there is none."""
+    names = [name for name in section.values if _DISTORTION.fullmatch(name) and not models.states_model(name)]
+    return section.numbers(names[0]) if names else None
 
 
-def _sensor(content: Content, image_size: Size, where: str = "") -> Camera:
-    """One camera of Kalibr, or EuRoC's ``sensor.yaml``: ``intrinsics: [fu, fv, cu, cv]``."""
-    projection = str(content.get("camera_model", "pinhole")).lower()
-    if projection not in _KALIBR:
-        raise CalibrationError(f"{where}camera_model is {projection!r}: use one of {', '.join(_KALIBR)}")
-    names = _KALIBR[projection].split()
-    intrinsics = numbers_of(content, "intrinsics")
-    if len(intrinsics) != len(names):
-        raise CalibrationError(f"{where}intrinsics: expected [{', '.join(names)}], found {len(intrinsics)} numbers")
-    key = "distortion_coeffs" if "distortion_coeffs" in content else "distortion_coefficients"
-    bent, coefficients = _model(content, "distortion_model"), numbers_of(content, key, default=[])
-    size = image_size
-    if "resolution" in content:
-        resolution = numbers_of(content, "resolution")
-        if len(resolution) != 2:
-            raise CalibrationError(f"{where}resolution: expected [width, height]")
-        size = integer_size({"width": resolution[0], "height": resolution[1]}, "width", "height", None)
-    if size is None:
-        raise CalibrationError(f"{where}resolution is missing")
-    *shape, fx, fy, cx, cy = intrinsics
-    focal = fx, fy, cx, cy
-    if projection == "pinhole":
-        return camera_of_values(bent, size, focal, coefficients)
-    allowed = ("pinhole", "radtan") if projection == "omni" else ("pinhole",)
-    if bent not in allowed or len(coefficients) > 4 or (bent == "pinhole" and any(coefficients)):
+def _without_skew(camera: Camera, skew: float) -> Camera:
+    moved_px = abs(skew) * camera.height / camera.fy
+    if moved_px >= _MAX_SKEW_PX:
         raise CalibrationError(
-            f"{where}distortion_model of a camera_model {projection} is {content.get('distortion_model')!r} with "
-            f"{len(coefficients)} coefficients: use {'radtan with 4 or none' if projection == 'omni' else 'none'}"
+            f"a skew of {skew:g} px moves pixels by {moved_px:.1f} px over the image, and no model here has one: "
+            "calibrate without a skew"
         )
-    k = [*shape, *coefficients] if any(coefficients) else shape
-    return camera_of_values(model_named(projection, "camera_model"), size, focal, k)
+    note = f"the skew of the calibration is left out: it moves pixels by {moved_px:.2f} px over the image"
+    return replace(camera, notes=(note,)) if skew else camera
 
 
-def _basalt(content: Content, image_size: Size) -> Camera:
-    """The JSON of Basalt: its first camera."""
-    value = mapping_of(content, "value0", "intrinsics and resolution")
-    cameras, sizes = value.get("intrinsics"), value.get("resolution")
-    if not isinstance(cameras, list) or not cameras or not isinstance(cameras[0], dict):
-        raise CalibrationError("value0: intrinsics is no list of cameras")
-    kind = str(cameras[0].get("camera_type"))
-    if kind not in _BASALT:
-        raise CalibrationError(f"camera_type is {kind[:40]!r}: use one of {', '.join(_BASALT)}")
-    model, names = _BASALT[kind]
-    values = mapping_of(cameras[0], "intrinsics", "fx, fy, cx, cy and so on")
-    focal = tuple(number_of(values, name) for name in ("fx", "fy", "cx", "cy"))
-    size = image_size
-    if isinstance(sizes, list) and sizes:
-        pair = numbers_of({"resolution": sizes[0]}, "resolution")
-        if len(pair) != 2:
-            raise CalibrationError("resolution: expected [width, height] of each camera")
-        size = integer_size({"width": pair[0], "height": pair[1]}, "width", "height", None)
-    if size is None:
-        raise CalibrationError("resolution is missing")
-    k = [number_of(values, name) for name in names.split()]
-    return camera_of_values(model, size, focal, [*k, 1.0] if kind == "ucm" else k)
-
-
-def _camodocal(content: Content, image_size: Size) -> Camera:
-    """The YAML of camodocal, as in VINS-Mono and VINS-Fusion."""
-    kind = str(content["model_type"]).upper()
-    if kind not in _CAMODOCAL:
-        raise CalibrationError(f"model_type is {kind[:40]!r}: use one of {', '.join(_CAMODOCAL)}")
-    model, focal_names = _CAMODOCAL[kind]
-    size = integer_size(content, "image_width", "image_height", image_size)
-    projection = mapping_of(content, "projection_parameters", "focal lengths and principal point")
-    focal = tuple(number_of(projection, name) for name in focal_names.split())
-    if model == "fisheye":
-        return camera_of_values(model, size, focal, [number_of(projection, f"k{i}") for i in range(2, 6)])
-    bent = mapping_of(content, "distortion_parameters", "k1, k2, p1, p2")
-    k = [number_of(bent, name) for name in ("k1", "k2", "p1", "p2")]
-    if model == "omni":
-        k = [number_of(mapping_of(content, "mirror_parameters", "xi"), "xi"), *k]
-    return camera_of_values(model, size, focal, k)
-
-
-def _with_readout(content: Content, camera: Camera) -> Camera:
+def _with_readout(camera: Camera, section: Section) -> Camera:
     """The camera with the readout of its rolling shutter, where the file states it.
 
     It is ``readout_ms`` for all rows, with ``readout_direction``, or ``line_delay`` of Kalibr: seconds for each row.
     """
-    direction = str(content.get("readout_direction", camera.readout_direction))
-    if "readout_ms" in content:
-        return replace(camera, readout_ms=number_of(content, "readout_ms"), readout_direction=direction)
-    if "line_delay" in content:
-        readout_ms = 1e3 * number_of(content, "line_delay") * camera.height
+    direction = str(section.values.get("readout_direction", camera.readout_direction))
+    if "readout_ms" in section.values:
+        return replace(camera, readout_ms=section.number("readout_ms"), readout_direction=direction)
+    if "line_delay" in section.values:
+        readout_ms = 1e3 * section.number("line_delay") * camera.height
         return replace(camera, readout_ms=abs(readout_ms), readout_direction="up" if readout_ms < 0 else "down")
     return camera
 
 
-#: Intrinsics of the camera models of Kalibr.
-_KALIBR = {
-    "pinhole": "fx fy cx cy",
-    "omni": "xi fx fy cx cy",
-    "ds": "xi alpha fx fy cx cy",
-    "eucm": "alpha beta fx fy cx cy",
-}
-#: Model and names of the coefficients of the camera types of Basalt; its unified model is EUCM with a beta of 1.
-_BASALT = {
-    "ds": ("double-sphere", "xi alpha"),
-    "eucm": ("eucm", "alpha beta"),
-    "ucm": ("eucm", "alpha"),
-    "kb4": ("fisheye", "k1 k2 k3 k4"),
-    "fov": ("fov", "w"),
-    "pinhole": ("pinhole", ""),
-    "pinhole-radtan8": ("radtan", "k1 k2 p1 p2 k3 k4 k5 k6"),
-}
-#: Model and names of focal lengths and principal point of the camera types of camodocal.
-_CAMODOCAL = {
-    "PINHOLE": ("radtan", "fx fy cx cy"),
-    "KANNALA_BRANDT": ("fisheye", "mu mv u0 v0"),
-    "MEI": ("omni", "gamma1 gamma2 u0 v0"),
-}
+# -- mappings --------------------------------------------------------------------------------------
 
-# The keys of each format, any of which identifies it, and its parser. The first format that fits is taken.
-_FORMATS: tuple[tuple[tuple[str, ...], Callable[[Content, Size], Camera]], ...] = (
-    (("cam0",), _kalibr),
-    (("value0",), _basalt),
-    (("model_type",), _camodocal),
-    (("Camera.fx", "Camera1.fx"), _orb_slam),
-    (("camera_matrix", "Camera_Matrix", "cameraMatrix", "K", "k", "M1", "K1"), _opencv),
-    (("intrinsics",), _sensor),
-    (("fx", "fy", "cx", "cy", "model", "distortion_model"), _own),
+
+def _refuse(message: str) -> Callable[[object], NoReturn]:
+    """A reader of a form that is not read."""
+
+    def refuse(_: object) -> NoReturn:
+        raise CalibrationError(message)
+
+    return refuse
+
+
+def _parts(content: Content) -> dict[str, Content]:
+    """The mappings in a mapping."""
+    return {key: value for key, value in content.items() if isinstance(value, dict)}
+
+
+def _basalt(content: Content) -> Content:
+    """The JSON of Basalt: its first camera."""
+    value = _parts(content).get("value0", {})
+    cameras, sizes = value.get("intrinsics"), value.get("resolution")
+    if not (isinstance(cameras, list) and cameras and isinstance(cameras[0], dict)):
+        raise CalibrationError("value0: expected intrinsics, a list of cameras, in it")
+    return {
+        **_parts(cameras[0]).get("intrinsics", {}),
+        "camera_type": cameras[0].get("camera_type", "not stated"),
+        "resolution": sizes[0] if isinstance(sizes, list) and sizes else None,
+    }
+
+
+#: What camodocal calls focal lengths and principal point in some of its models.
+_CAMODOCAL = {"mu": "fx", "mv": "fy", "gamma1": "fx", "gamma2": "fy", "u0": "cx", "v0": "cy"}
+
+
+def _camodocal(content: Content) -> Content:
+    """The YAML of camodocal, as in VINS-Mono and VINS-Fusion."""
+    flat = {key: value for key, value in content.items() if key != "fisheye"}  # the flag of VINS is a mask
+    for part in ("mirror_parameters", "distortion_parameters", "projection_parameters"):
+        flat |= _parts({part: flat.pop(part, None)}).get(part, {})
+    if "mu" in flat:  # its coefficients start with that of the angle itself, which is 1
+        flat |= {f"k{i - 1}": flat.get(f"k{i}") for i in range(2, 6)}
+    return {_CAMODOCAL.get(key, key): value for key, value in flat.items()}
+
+
+def _cameras(content: Content) -> list[str]:
+    """The parts of a mapping that are cameras; of Kalibr the first."""
+    if "cam0" in content:
+        return ["cam0"]
+    return [] if _has_focal(content) else [key for key, part in _parts(content).items() if _is_camera(part)]
+
+
+def _part(content: Content) -> Content:
+    """The camera in a part of its own, with what the file states for all."""
+    names, parts = _cameras(content), _parts(content)
+    if len(names) > 1:
+        shown = ", ".join(names)[:80]
+        raise CalibrationError(f"has the cameras {shown}: copy what is below one of them into a file of its own")
+    if names[0] not in parts:
+        raise CalibrationError(f"{names[0]} is not a camera: expected intrinsics, resolution and so on in it")
+    return {key: value for key, value in content.items() if key not in names} | dict(parts[names[0]])
+
+
+#: Recognizers and readers of mappings; the first that fits is taken. A mapping that none fits is a camera itself.
+_MAPPINGS: tuple[tuple[Callable[[Content], object], Callable[[Content], Content]], ...] = (
+    (lambda content: isinstance(content.get("cameras"), list), _refuse(_OKVIS)),
+    (lambda content: any("projection_type" in part for part in _parts(content).values()), _refuse(_OPENSFM)),
+    (lambda content: "value0" in content, _basalt),
+    (lambda content: "model_type" in content or "projection_parameters" in content, _camodocal),
+    (_cameras, _part),
 )
 
 
-def _first(content: Content, *names: str) -> str:
-    return next(name for name in names if name in content)
+# -- texts -----------------------------------------------------------------------------------------
 
 
-def _model(content: Content, *keys: str) -> str:
-    """The model under the first key that is present; ``pinhole`` if none is."""
-    key = next((key for key in keys if content.get(key) is not None), None)
-    return "pinhole" if key is None else model_named(content[key], key)
+def content_of_text(text: str) -> Content:
+    """Read a text of any format."""
+    content = next(read for fits, read in _TEXTS if fits(text))(text)
+    if isinstance(content, list) and content and isinstance(content[0], dict):
+        content = content[0].get("cameras")  # a reconstruction of OpenSfM
+    if not isinstance(content, dict):
+        raise CalibrationError("not a calibration: expected lines of the form key: value")
+    return {str(key): value for key, value in content.items()}
+
+
+def parse_colmap(text: str) -> Camera:
+    """Convert a line of a COLMAP ``cameras.txt``: ``id MODEL width height params``."""
+    return camera_of_content(_colmap(text), None)
+
+
+def _the_only(cameras: list[Content]) -> Content:
+    """One of several cameras that are equal."""
+    if not cameras or any(camera != cameras[0] for camera in cameras):
+        raise CalibrationError(f"{len(cameras)} cameras: give a file with the one that took the images")
+    return cameras[0]
+
+
+def _colmap(text: str) -> Content:
+    return _the_only([_colmap_line(line.split()) for line in _lines(text)])
+
+
+def _colmap_line(fields: list[str]) -> Content:
+    """One camera. Pixel centres of COLMAP lie at .5, those of this project at integers."""
+    if len(fields) < 4 or fields[1] not in models.COLMAP_PARAMETERS:
+        known = ", ".join(models.COLMAP_PARAMETERS)
+        raise CalibrationError(f"not a COLMAP camera: id, model of {known}, width, height, params")
+    names = models.COLMAP_PARAMETERS[fields[1]].split()
+    if len(fields) - 4 != len(names):
+        raise CalibrationError(f"{fields[1]} takes {len(names)} parameters, found {len(fields) - 4}")
+    texts = Section(dict(zip(["width", "height", *names], fields[2:], strict=True)))
+    values = {name: texts.number(name) - 0.5 * (name in ("cx", "cy")) for name in texts.values}
+    if "f" in values:
+        values["fx"] = values["fy"] = values["f"]
+    return {"model": fields[1], "k1": 0.0, **values}
+
+
+def _ost(text: str) -> Content:
+    """The ``ost.txt`` of ROS: each value stands in the lines below its name."""
+    content: dict[str, list[str]] = {}
+    name = ""
+    for line in _lines(text):
+        if _is_numeric(line):
+            content.setdefault(name, []).extend(_fields(line))
+        else:
+            name = line.strip()
+    matrix, distortion = content.get("camera matrix", []), content.get("distortion", [])
+    if len(matrix) > 9:
+        raise CalibrationError("several cameras: keep the lines of the one that took the images")
+    if len(distortion) == 4:
+        raise CalibrationError(
+            "four distortion coefficients without a model, as ROS writes for a fisheye: give ost.yaml, which states it"
+        )
+    found: dict[str, object] = {side: content[side][0] for side in ("width", "height") if side in content}
+    return found | {"K": matrix, "D": distortion}
+
+
+def _rows(text: str) -> Content:
+    """Numbers alone: ``fx fy cx cy``, perhaps with coefficients of OpenCV, or a matrix of 3x3."""
+    values = [float(field) for line in _lines(text) for field in _fields(line)]
+    if len(values) == 9 and not (values[3] or values[6] or values[7]):
+        return {"K": values}
+    if len(values) not in (4, 8, 9):
+        raise CalibrationError(
+            f"{len(values)} numbers: expected fx fy cx cy, perhaps with k1 k2 p1 p2 k3, or a matrix of 3x3"
+        )
+    return {"calibration": values}
+
+
+def _is_dso(text: str) -> bool:
+    """Whether the first line has parameters, perhaps after the name of a model, and the second one an image size."""
+    lines = _lines(text)[:2]
+    if len(lines) < 2 or not re.fullmatch(r"\s*\d+\s+\d+\s*", lines[1]):
+        return False
+    first, *values = _fields(lines[0])
+    return _is_numeric(" ".join(values)) and len(values) + _is_numeric(first) in (4, 5, 8)
+
+
+def _dso(text: str) -> Content:
+    """The ``camera.txt`` of DSO and LSD-SLAM: parameters, then the image size; the rest tells how they rectify."""
+    parameters, sides = map(_fields, _lines(text)[:2])
+    named = [] if _is_numeric(parameters[0]) else [parameters.pop(0)]
+    values = [float(field) for field in parameters]
+    if len(values) == 5 and values[4] == 0:
+        values.pop()
+    model = [*named, {4: "pinhole", 5: "fov", 8: "radtan"}[len(values)]][0].lower()
+    size = width, height = Section({"resolution": sides}).size(None)
+    relative = values[2] < 1 and values[3] < 1
+    if relative:  # pixel centres of relative numbers lie at .5, those of others at integers
+        values[:4] = width * values[0], height * values[1], width * values[2] - 0.5, height * values[3] - 0.5
+    if relative or model == "fov":
+        parts = ["the FOV (atan) lens"] * (model == "fov") + ["numbers relative to the image size"] * relative
+        focal = ", ".join(f"{name}: {value:.6g}" for name, value in zip(_FOCAL, values, strict=False))
+        raise CalibrationError(
+            f"the form of DSO and LSD-SLAM, {' with '.join(parts)}: write a camera.yaml with the lines model: {model}, "
+            f"width: {width}, height: {height}, {focal}, distortion: {values[4:]}"
+        )
+    return {"model": model, "resolution": list(size), "calibration": values}
+
+
+def _xml(text: str) -> Content:
+    """The XML of OpenCV's FileStorage, or of Metashape."""
+    root = parse_xml(text)
+    calibrations = [one for one in root.iter("calibration") if one.find("f") is not None]
+    if calibrations:
+        sensors = [[one for one in sensor.iter("calibration") if one in calibrations] for sensor in root.iter("sensor")]
+        # A camera may have a calibration that somebody stated before one of its images; one of EXIF has no k1.
+        return _the_only(
+            [
+                _metashape(next((one for one in some if one.find("k1") is not None), some[0]))
+                for some in sensors or [calibrations]
+                if some
+            ]
+        )
+    content: dict[str, object] = {}
+    for node in root:
+        data = node.findtext("data")
+        content[node.tag] = (node.text or "").strip().strip('"') if data is None else {"data": data.split()}
+    return content
+
+
+def _metashape(calibration: Element) -> Content:
+    """A calibration of Metashape: the principal point from the centre, p1 and p2 the other way round than in OpenCV."""
+    section = Section({**{node.tag: node.text for node in calibration}, **calibration.attrib})
+    resolution = calibration.find("resolution")
+    width, height = (section if resolution is None else Section(resolution.attrib)).size(None)
+    kind = str(section.values.get("type", section.values.get("projection", "frame")))
+    unread = ["p3", "p4", "k4"][: 2 if kind == "fisheye" else 3]  # k4 is no coefficient of OpenCV's polynomial
+    if kind not in ("frame", "fisheye") or any(section.number(name, 0.0) for name in unread):
+        raise CalibrationError(
+            f"Metashape's type {kind} with {', '.join(unread)}: use frame or fisheye, with 0 for these"
+        )
+    values = {name: section.number(name, 0.0) for name in ("k1", "k2", "k3", "k4")}
+    p1, p2 = section.number("p2", 0.0), section.number("p1", 0.0)
+    model = "radtan" if kind == "frame" else "thin_prism_fisheye" if p1 or p2 else "fisheye"
+    return {
+        "model": model,
+        "width": width,
+        "height": height,
+        "skew": section.number("b2", 0.0),
+        "p1": p1,
+        "p2": p2,
+        "fx": section.number("f") + section.number("b1", 0.0),
+        "fy": section.number("f"),
+        **values,
+        "cx": (width - 1) / 2 + section.number("cx", 0.0),
+        "cy": (height - 1) / 2 + section.number("cy", 0.0),
+    }
+
+
+def _lines(text: str) -> list[str]:
+    """The lines of a table that are neither empty nor comments."""
+    return [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(("#", "%", "//"))]
+
+
+def _fields(text: str) -> list[str]:
+    return re.sub(r"[\[\](),;]", " ", text).split()
+
+
+def _is_numeric(text: str) -> bool:
+    """Whether a text is numbers alone."""
+    number = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)(e[+-]?\d+)?", re.IGNORECASE)
+    fields = [field for line in _lines(text) for field in _fields(line)]
+    return bool(fields) and all(map(number.fullmatch, fields))
+
+
+#: Recognizers and readers of texts; the first that fits is taken.
+_TEXTS: tuple[tuple[Callable[[str], object], Callable[[str], object]], ...] = (
+    (re.compile(r"\s*<").match, _xml),
+    (re.compile(r"^(Calibration results|Camera-system parameters)", re.MULTILINE).search, _refuse(_KALIBR_RESULTS)),
+    (re.compile(r"^\[(LEFT|RIGHT)_CAM_", re.MULTILINE).search, _refuse(_ZED)),
+    (re.compile(r"^[ \t]*camera matrix[ \t]*\r?$", re.MULTILINE).search, _ost),
+    (re.compile(r"^[ \t]*\d+[ \t]+[A-Z_]+[ \t]+\d+[ \t]+\d+", re.MULTILINE).search, _colmap),
+    (_is_dso, _dso),
+    (_is_numeric, _rows),
+    (re.compile(r'\s*(\{\s*("|\}|$)|\[\s*\{)').match, parse_json),
+    (lambda _: True, parse_yaml),
+)

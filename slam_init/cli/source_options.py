@@ -211,12 +211,14 @@ def chosen_camera(arguments: argparse.Namespace, source: Source, start: int) -> 
     frame = next(source.frames(start, 1))
     camera = source.camera if arguments.camera is None else None
     if camera is None:
-        from slam_init.calibration.choosing import camera_of_metadata, orientation_of
+        from slam_init.calibration.choosing import camera_beside, camera_of_metadata, orientation_of
         from slam_init.calibration.files import load_camera
         from slam_init.calibration.prior import AUTO
 
         asked, size = arguments.camera or AUTO[0], (frame.image.shape[1], frame.image.shape[0])
-        if asked in AUTO:
+        if arguments.camera is None:
+            camera = camera_beside(source, size)
+        if camera is None and asked in AUTO:
             camera = camera_of_metadata(source, size)
         camera = camera or load_camera(asked, size, orientation_of(source))
     return camera if arguments.readout is None else _with_readout(camera, arguments.readout)

@@ -105,7 +105,7 @@ def describe(source: TimedSource, camera: Camera | None) -> SourceDescription:
         fps=round((len(times_s) - 1) / duration_s, 3) if duration_s > 0 else None,
         camera=None if camera is None else _describe_camera(camera),
         ground_truth=_describe_truth(source),
-        notes=notes_of(source),
+        notes=(*notes_of(source), *(camera.notes if camera is not None else ())),
         tracks=_describe_tracks(source.table) if isinstance(source, TrackSource) else None,
     )
 

@@ -84,6 +84,8 @@ class Camera(Described):
         time stamps are those of the middle row.
     readout_direction : str
         ``down``, ``up``, ``right`` or ``left``: in which direction of the image rows, or columns, are read.
+    notes : tuple of str
+        What was left out of a calibration that this class cannot express, for the notes of a run.
 
     Raises
     ------
@@ -104,6 +106,7 @@ class Camera(Described):
     focal_sigma: float | None = None
     readout_ms: float | None = None
     readout_direction: str = "down"
+    notes: tuple[str, ...] = field(default=(), compare=False, repr=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, str) or self.model not in COEFFICIENTS:

@@ -5,9 +5,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from make_files import write, write_image
 from make_scene import CAMERA
 
-from slam_init import Camera, Config, Initializer, SlamInitError, prior_camera, run
+from slam_init import Camera, Config, Initializer, SlamInitError, open_source, prior_camera, run
 from slam_init.calibration.choosing import camera_of_size, camera_of_source
 from slam_init.errors import CalibrationError, ConfigError
 from slam_init.recording.recorder import Recorder
@@ -134,3 +135,14 @@ def test_a_frame_of_another_thread_is_refused_while_one_is_processed():
     initializer.process(IMAGE)
     assert told == ["another thread is processing a frame: an Initializer is for one thread at a time"]
     assert initializer.frames_read == 2
+
+
+def test_the_camera_txt_beside_images_is_read_or_named_unless_a_camera_is_given(tmp_path):
+    for k in range(2):
+        write_image(tmp_path / "images" / f"{k}.png")
+    write(tmp_path / "camera.txt", "60 61 31.5 23.5 0\n64 48\nnone\n64 48\n")
+    assert camera_of_source(open_source(tmp_path)) == Camera.from_K(K, (64, 48))
+    write(tmp_path / "camera.txt", "0.5 0.6 0.5 0.5 0.93\n64 48\ncrop\n64 48\n")
+    with pytest.raises(CalibrationError, match=r"camera\.txt: .*FOV"):
+        camera_of_source(open_source(tmp_path))
+    assert camera_of_source(open_source(tmp_path), K) == Camera.from_K(K, (64, 48))

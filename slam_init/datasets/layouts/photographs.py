@@ -36,6 +36,7 @@ from pathlib import Path
 
 import numpy as np
 
+from slam_init.calibration.files import camera_of
 from slam_init.datasets.bounded import JsonObject, json_array, json_number, read_json, read_npy
 from slam_init.datasets.colmap import ColmapImage, model_files, read_cameras, read_images
 from slam_init.datasets.image_files import (
@@ -60,8 +61,16 @@ LLFF_FILE = "poses_bounds.npy"
 
 _TRAKMARK_TABLES = (".txt", ".csv", ".dat")
 _COLMAP_PLACES = ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "colmap")
-_INTRINSICS = ("fl_x", "fl_y", "camera_angle_x", "cx", "cy", "w", "h", "k1", "k2", "k3", "k4", "p1", "p2")
-_PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
+_COEFFICIENTS = ("k1", "k2", "k3", "k4", "p1", "p2")
+_INTRINSICS = (
+    *("fl_x", "fl_y", "camera_angle_x", "cx", "cy", "w", "h", "camera_model", "is_fisheye"),
+    *_COEFFICIENTS,
+)
+# Without the models of spheres and prisms, whose coefficients these files have no keys for.
+_MODELS = {
+    **dict.fromkeys(("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"), "radtan"),
+    "OPENCV_FISHEYE": "fisheye",
+}
 # Images of LLFF are reduced to whole pixels, so that the factors of width and height differ a little.
 _MAX_ASPECT_CHANGE = 0.01
 
@@ -119,13 +128,12 @@ def read_transforms(path: Path, folder: Path) -> Iterator[PosedImage]:
         if len(matrix) not in (3, 4):
             raise SourceError(f"{place}: transform_matrix is not an array of 4x4 finite numbers")
         stated = {key: frame.get(key, content.get(key)) for key in _INTRINSICS}
-        model = frame.get("camera_model", content.get("camera_model", "OPENCV"))
-        key = repr((stated, model))
+        key = repr(stated)
         if key not in cameras:
             if size is None and (stated["w"] is None or stated["h"] is None) and image.is_file():
                 size = image_size(image, folder)
             given: JsonObject = {name: value for name, value in stated.items() if value is not None}
-            cameras[key] = _transforms_camera(place, given, str(model), bool(content.get("is_fisheye")), size)
+            cameras[key] = _transforms_camera(place, given, size)
         yield PosedImage(image, with_axes(pose_from_matrix(place, matrix), "right, up, backward"), cameras[key])
 
 
@@ -135,22 +143,21 @@ def _image_path(folder: Path, text: str) -> Path:
     return path if path.suffix.lower() in IMAGE_SUFFIXES else path.with_name(path.name + ".png")
 
 
-def _transforms_camera(
-    place: str, stated: JsonObject, model: str, fisheye: bool, size: tuple[int, int] | None
-) -> Camera | None:
+def _transforms_camera(place: str, stated: JsonObject, size: tuple[int, int] | None) -> Camera | None:
     """The camera of a frame; None where the file states no focal length."""
     if "fl_x" not in stated and "camera_angle_x" not in stated:
         return None
-    fisheye = fisheye or model == "OPENCV_FISHEYE"
-    if not fisheye and model.upper() not in _PERSPECTIVE:
-        raise CalibrationError(f"{place}: camera_model {model[:40]!r} is not supported: use OPENCV or OPENCV_FISHEYE")
+    name, is_fisheye = str(stated.get("camera_model", "OPENCV")), stated.get("is_fisheye", False)
+    if name.upper() not in _MODELS:
+        raise CalibrationError(f"{place}: camera_model {name[:40]!r} is not supported: use OPENCV or OPENCV_FISHEYE")
+    if is_fisheye not in (False, True):
+        raise CalibrationError(f"{place}: is_fisheye is {str(is_fisheye)[:40]!r}: give true or false")
+    model = "fisheye" if is_fisheye else _MODELS[name.upper()]
     if size is None and not {"w", "h"} <= stated.keys():
         return None  # the image is not in the folder either
     width, height = (
         json_number(place, stated, key, None if size is None else size[i]) for i, key in enumerate(("w", "h"))
     )
-    if width != round(width) or height != round(height):
-        raise CalibrationError(f"{place}: w and h are {width:g} and {height:g}: expected whole pixels")
     if "fl_x" in stated:
         fx = json_number(place, stated, "fl_x")
     else:
@@ -160,18 +167,11 @@ def _transforms_camera(
         fx = 0.5 * width / math.tan(0.5 * angle)
     fy = json_number(place, stated, "fl_y", fx)
     cx, cy = json_number(place, stated, "cx", width / 2) - 0.5, json_number(place, stated, "cy", height / 2) - 0.5
-    names = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2", "k3")
-    distortion = [json_number(place, stated, name, 0.0) for name in names]
-    if not fisheye and json_number(place, stated, "k4", 0.0) != 0:
+    k = {name: json_number(place, stated, name, 0.0) for name in _COEFFICIENTS}
+    if model == "radtan" and k.pop("k4") != 0:
         raise CalibrationError(f"{place}: k4 is not supported for a perspective camera: use k1, k2, k3, p1, p2")
-    kind = "fisheye" if fisheye else ("radtan" if any(distortion) else "pinhole")
-    if not fisheye and distortion[4] == 0:
-        del distortion[4]
-    given = () if kind == "pinhole" else tuple(distortion)
-    try:
-        return Camera(kind, round(width), round(height), fx, fy, cx, cy, given)
-    except CalibrationError as error:
-        raise CalibrationError(f"{place}: {error}") from None
+    content = {"model": model, "width": width, "height": height, "fx": fx, "fy": fy, "cx": cx, "cy": cy, **k}
+    return camera_of(place, content)
 
 
 def open_llff(folder: Path, path: Path) -> ImageFileSource:

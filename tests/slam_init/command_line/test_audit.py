@@ -11,7 +11,7 @@ import pytest
 from make_map import make_map
 
 from slam_init import open_source, write_colmap
-from slam_init.calibration.colmap_models import NUMBERED
+from slam_init.calibration.models import NUMBERED
 from slam_init.cli import main
 from slam_init.datasets.map_files import moves_otherwise, open_map
 from slam_init.output.handover import handover_bytes

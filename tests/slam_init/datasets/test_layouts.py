@@ -11,6 +11,7 @@ from make_layouts import FRAMES, LAYOUTS, POINT
 from paths import DATA
 
 from slam_init.datasets import detect_kind, layouts, open_source
+from slam_init.datasets.layouts.photographs import read_transforms
 from slam_init.datasets.posed_images import common_camera
 from slam_init.errors import CalibrationError, SlamInitError, SourceError
 from slam_init.types.camera import Camera
@@ -269,6 +270,7 @@ def test_images_that_are_not_in_the_folder_are_left_out_and_told(tmp_path):
         ({"fl_x": "wide"}, "fl_x is 'wide'"),
         ({"fl_x": -5}, "focal length"),
         ({"w": 64.5}, "whole pixels"),
+        ({"is_fisheye": "perhaps"}, "is_fisheye is 'perhaps'"),
         ({"k4": 0.1}, "k4 is not supported"),
         ({"frames": []}, "frames is missing or empty"),
         ({"frames": [{"file_path": 3}]}, "frame 0: file_path"),
@@ -283,6 +285,15 @@ def test_an_impossible_value_of_transforms_is_named(tmp_path, change, word):
     with pytest.raises(SlamInitError, match=word) as caught:
         open_source(folder)
     assert "transforms.json" in str(caught.value)
+
+
+def test_a_frame_of_transforms_may_state_a_fisheye_of_its_own(tmp_path):
+    path = make_layouts.transforms(tmp_path) / "transforms.json"
+    content = json.loads(path.read_text())
+    content["frames"] = [frame | {"is_fisheye": k == 1} for k, frame in enumerate(content["frames"])]
+    write(path, json.dumps(content))
+    models = [image.camera.model for image in read_transforms(path, tmp_path)]
+    assert models[1] == "fisheye" and "fisheye" not in models[:1] + models[2:]
 
 
 def test_json_that_is_nested_too_deeply_is_refused(tmp_path):
