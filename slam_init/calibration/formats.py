@@ -22,7 +22,7 @@ from slam_init.types.camera import Camera
 _MATRICES = ("camera_matrix", "cameramatrix", "intrinsic_matrix", "mtx", "k", "m1", "k1")
 _LISTS = ("intrinsics", "calibration")
 _FOCAL = ("fx", "fy", "cx", "cy")
-_DISTORTION = re.compile(r"d1?|dist|dist_?coeff?s?|distortion\w*")
+_DISTORTION = ("distortion", "distcoeffs", "dist_coeffs", "dist", "d", "d1")
 # Least displacement over the image by a skew that counts. A calibration of the same images without a skew takes most of
 # the displacement into the principal point and the poses.
 _MAX_SKEW_PX = 1.0
@@ -58,10 +58,7 @@ def camera_of_content(content: Content, image_size: Size) -> Camera:
     section = Section(content)
     model, size = models.model_of(section), section.size(image_size)
     shape, focal, after, skew = _intrinsics(section, model)
-    listed = _distortion_list(section)
-    distortion = [*shape, *(listed or after)]
-    if listed is None and not distortion:
-        distortion = models.named_coefficients(section, model)
+    distortion = [*shape, *(_distortion_list(section) or after)] or models.named_coefficients(section, model)
     if len(focal) == 4 and focal[0] == focal[1] == 0:
         raise CalibrationError("the focal lengths are 0: the camera was not calibrated, so calibrate it, or give auto")
     camera = _without_skew(models.camera_of_values(model, size, focal, distortion), skew)
@@ -103,10 +100,15 @@ def _intrinsics(section: Section, model: str) -> tuple[list[float], list[float],
     return [], [section.number(name) for name in _FOCAL], [], section.number("skew", 0.0)
 
 
-def _distortion_list(section: Section) -> list[float] | None:
-    """The list of distortion coefficients; None where there is none."""
-    names = [name for name in section.values if _DISTORTION.fullmatch(name) and not models.states_model(name)]
-    return section.numbers(names[0]) if names else None
+def _distortion_list(section: Section) -> list[float]:
+    """The list of distortion coefficients; empty where there is none."""
+    lists = [name for name, value in section.values.items() if isinstance(value, list | dict)]
+    names = [name for name in section.values if name in _DISTORTION or ("distort" in name and name in lists)]
+    names = [name for name in names if not models.states_model(name)]
+    if len(names) > 1:
+        keys = " and ".join(map(section.key, names))
+        raise CalibrationError(f"{keys} both state a distortion: give one list, as in distortion: [k1, k2, p1, p2]")
+    return section.numbers(names[0]) if names else []
 
 
 def _without_skew(camera: Camera, skew: float) -> Camera:
@@ -182,7 +184,8 @@ def _cameras(content: Content) -> list[str]:
     """The parts of a mapping that are cameras; of Kalibr the first."""
     if "cam0" in content:
         return ["cam0"]
-    return [] if _has_focal(content) else [key for key, part in _parts(content).items() if _is_camera(part)]
+    parts = {} if _has_focal(content) else _parts(content)
+    return [key for key in parts if _has_focal(parts[key])] or [key for key in parts if _is_camera(parts[key])]
 
 
 def _part(content: Content) -> Content:

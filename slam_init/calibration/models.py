@@ -46,7 +46,7 @@ _DISTORTION = {
 }  # fmt: skip
 # Keys that state a model, without what is no letter: camera_model, Camera.type, distortionType, model_type, ...
 _MODEL_KEY = re.compile("(camera|cam|distortion|lens|projection|calibration)*(model|type)+")
-_FISHEYE_KEY = re.compile("(is)?fisheye(model)?")
+_FISHEYE_KEY = re.compile("(is|b)?fisheye(model)?")
 _FLAGS = {"true": True, "1": True, "1.0": True, "false": False, "0": False, "0.0": False}
 
 

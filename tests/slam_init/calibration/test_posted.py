@@ -130,6 +130,7 @@ NAMED = {
     "two cameras of ost": (OST + OST, "several cameras"),
     "different cameras of colmap": (COLMAP.format(fy="193"), "2 cameras"),
     "skew": (ROS.replace("MODEL", "plumb_bob").replace("SKEW", "0.5"), "skew"),
+    "two lists": (own(radial_distortion="[0.1, 0.2]", tangential_distortion="[0, 0]"), "radial.*tangential"),
     "numbers": ("1 2 3 4 5\n", "5 numbers"),
     "both": (
         own(model="fisheye", distortion_model="radtan"),
@@ -185,7 +186,15 @@ def test_a_skew_below_a_pixel_over_the_image_is_left_out_with_a_note(tmp_path):
 
 def test_no_value_of_a_key_that_states_a_model_is_passed_over(tmp_path):
     keys = ("model", "type", "Model", "camera_model", "cameraModel", "camera_type", "distortion_type", "lens_model")
-    keys += ("projection_type", "calibration_model", "fisheye", "is_fisheye", "fisheye_model", "distortionModel")
+    keys += (
+        "projection_type",
+        "calibration_model",
+        "fisheye",
+        "is_fisheye",
+        "fisheye_model",
+        "bFishEye",
+        "distortionModel",
+    )
     cases = [own() + f"{key}: squint\n" for key in keys]
     cases += [FLAT.replace("Camera.model", f"Camera.{key}") for key in ("model", "type", "Type", "distortion_model")]
     cases += [NESTED, ROS.replace("SKEW", "0"), "lens_model: squint\n" + NESTED.replace("MODEL", "fisheye")]
