@@ -70,7 +70,7 @@ class WindowTracks:
     pixels: Floats
     #: (V, T)
     seen: Bools
-    #: (T, 3) Unit bearings in the anchor views, by the camera with the lens in use.
+    #: (T, 3) Unit bearings in the anchor views, by the camera with the lens in use; the axis where there is none.
     rays: Floats
     #: (T,) First view that sees a track; -1 for a track that fewer than two views see.
     anchor: Ints
@@ -134,7 +134,11 @@ class WindowTracks:
         anchor = np.where(seen.sum(axis=0) >= 2, np.argmax(seen, axis=0), -1).astype(np.int64)
         first = pixels[np.maximum(anchor, 0), np.arange(pixels.shape[1])]
         rays = measured_rays(camera, first[None], np.ones((1, len(first)), bool))[0]
-        anchor[~np.isfinite(rays).all(axis=1)] = -1
+        has_ray = np.isfinite(rays).all(axis=1)
+        anchor[~has_ray] = -1
+        # A fisheye has no ray for a corner of its image, where a track lies that no view sees. A ray of zero length
+        # would become NaN with the first step, and the places of all tracks with it.
+        rays[~has_ray] = (0.0, 0.0, 1.0)
         sigma_px, whitening = np.full(seen.shape, float(noise_px)), np.broadcast_to(np.eye(2), (*seen.shape, 2, 2))
         if drifts is not None and seen.any():
             sigma_px, whitening, least_noise_px = _noise_with_drifts(seen, noise_px, least_noise_px, drifts)
@@ -145,7 +149,7 @@ class WindowTracks:
             track_ids,
             np.nan_to_num(pixels),
             seen,
-            np.nan_to_num(rays),
+            rays,
             anchor,
             sigma_px,
             whitening,

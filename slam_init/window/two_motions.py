@@ -113,7 +113,10 @@ def _taken_apart(hypotheses: WindowHypotheses) -> _Apart | None:
     one = _cheapest(hypotheses, propose(hypotheses, used), bound)
     if one is None:
         return None
-    one = _refitted(hypotheses, one, used & (costs_at(hypotheses, one.motion) <= bound))
+    follows = used & (costs_at(hypotheses, one.motion) <= bound)
+    if follows.sum() < LEAST_TRACKS:
+        return None
+    one = _refitted(hypotheses, one, follows)
     costs = costs_at(hypotheses, one.motion)
     second = propose(hypotheses, used & (costs > bound))
     two = None if second is None or len(second.tracks) < LEAST_TRACKS else _cheapest(hypotheses, second, bound)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from make_lenses import LENSES
 from make_window import pair_and_further, point_source
 
 from slam_init.types.frame import Observations
@@ -157,3 +158,12 @@ def test_the_polynomials_of_the_fields_are_orthonormal_over_the_image():
     tracks = WindowTracks.gather(camera, (0, 1), np.arange(count), pixels, np.ones((2, count), bool), 0.5)
     values = 0.5 * tracks.places[0]
     np.testing.assert_allclose(values.T @ values / count, np.eye(6), atol=0.01)
+
+
+def test_a_track_has_a_unit_ray_through_any_lens_also_where_no_view_sees_it():
+    for lens in LENSES.values():
+        anywhere = np.array([[0.0, 0.0], [lens.width / 2, lens.height / 2], [1e4, 1e4]])
+        pixels, seen = np.stack([anywhere, anywhere]), np.array([[True, True, False], [True, True, False]])
+        tracks = WindowTracks.gather(lens, (0, 1), np.arange(3), pixels, seen, 0.5)
+        np.testing.assert_allclose(np.linalg.norm(tracks.rays, axis=1), 1.0)
+        assert tracks.anchor[1] == 0 and tracks.anchor[2] == -1

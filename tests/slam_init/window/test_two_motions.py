@@ -43,6 +43,15 @@ def test_a_scene_at_rest_is_not_taken_apart_however_many_outliers_there_are(seed
     assert without_body(hypotheses(seed, outliers=0.4)) is None
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_window_whose_tracks_follow_no_motion_is_not_taken_apart():
+    """Two views have a motion, and no track follows it in the others."""
+    found = hypotheses(0)
+    pixels = found.tracks.pixels.copy()
+    pixels[2:] += np.random.default_rng(0).normal(0, 60, pixels[2:].shape)
+    assert without_body(replace(found, tracks=replace(found.tracks, pixels=pixels))) is None
+
+
 def test_a_body_that_holds_most_of_the_tracks_keeps_the_risk_large_whichever_motion_is_taken_for_the_camera():
     for seed in range(3):
         apart = without_body(hypotheses(seed, **body(0.6)))
