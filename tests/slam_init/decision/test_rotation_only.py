@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from make_scene import CAMERA, CONFIG
+from make_map import make_window_evidence
+from make_pair import preview_of
+from make_scene import CAMERA, CONFIG, observe
 
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.decision.rotation_only import (
@@ -12,8 +14,14 @@ from slam_init.decision.rotation_only import (
     fit_rotation_only,
     rotation_only_evidence,
     suspected_focal_factor,
+    with_established_reason,
 )
+from slam_init.decision.screening import preview_evidence
 from slam_init.types.evidence import RotationOnlyEvidence
+from slam_init.types.gates import GateName, at_most
+from slam_init.types.pose import Pose
+from slam_init.types.reasons import Verdict
+from slam_init.types.result import Attempt
 
 NOISE = 1e-3
 TURN = rotation_from_vector(np.array([0.03, 0.2, 0.01]))
@@ -103,3 +111,34 @@ def test_the_evidence_suspects_the_focal_length_within_noise_and_correlated_erro
     # Half a pixel of a lens that is calibrated carelessly is expected, whatever the noise of the tracks is.
     lens = replace(explains, residual_rad=0.45 / CAMERA.focal_px)
     assert rotation_only_evidence(CAMERA, CONFIG, lens, 0.1 / CAMERA.focal_px).suspected_focal_factor == 1.05
+
+
+def refused(degrees, t, noise_px=0.2, window=None):
+    """The reason of a pair before a frontal wall at the distance 1 that looks like a pure rotation."""
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.uniform([-0.9, -0.7], [0.9, 0.7], (800, 2)), np.ones(800)])
+    poses = [Pose.identity(), Pose(rotation_from_vector(np.array([0.0, np.radians(degrees), 0.0])), np.array(t))]
+    seen = observe(CAMERA, poses, points, noise_px, rng)
+    gate = at_most(GateName.RISK, 1.0, 0.005, Verdict.PURE_ROTATION)
+    attempt = Attempt((0, 1), Verdict.PURE_ROTATION, gates=(gate,), preview=preview_evidence(preview_of(seen)))
+    named = with_established_reason(CAMERA, CONFIG, replace(attempt, window=window))
+    assert named.gates[0].reason is named.verdict and named.gates[0].value == gate.value
+    return named.verdict
+
+
+def test_a_rotation_is_said_once_it_is_established_and_never_of_a_translation():
+    still = (0.0, 0.0, 0.0)
+    assert refused(0.3, still) is Verdict.LOW_PARALLAX
+    assert all(refused(degrees, still) is Verdict.PURE_ROTATION for degrees in (2, 5, 20))
+    for length in (0.003, 0.01, 0.03, 0.1):
+        for degrees in (0, 0.3, 30 * length):  # a wall is the scene that a rotation explains best
+            assert refused(degrees, (length, 0.0, 0.0)) is Verdict.LOW_PARALLAX
+            assert refused(degrees, (0.0, 0.0, length)) is Verdict.LOW_PARALLAX
+
+
+def test_a_rotation_that_the_views_of_the_window_do_not_favour_is_not_said():
+    window = make_window_evidence(0.3)
+    assert refused(10, (0.0, 0.0, 0.0), window=replace(window, risk_rotation=0.9)) is Verdict.PURE_ROTATION
+    assert refused(10, (0.0, 0.0, 0.0), window=replace(window, risk_rotation=0.1)) is Verdict.LOW_PARALLAX
+    noisy = replace(window, noise_px=1.5 * CONFIG.two_view.threshold_px)
+    assert refused(0, (0.1, 0.0, 0.0), window=noisy) is Verdict.NO_CONSISTENT_MOTION
