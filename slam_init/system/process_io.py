@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import _thread
 import os
 import signal
 import sys
@@ -58,8 +59,14 @@ def _drop_stdout() -> None:
     os.close(null)
 
 
+#: A callback has ended after this time, in seconds; else the interrupt comes once more.
+_AGAIN_S = 0.1
+
+
 class InterruptsNoted:
     """A context manager in which SIGTERM and SIGHUP interrupt the program as SIGINT does, by a KeyboardInterrupt.
+
+    Python drops what is raised in a callback of a C library, as those of the compiler. Such an interrupt comes again.
 
     * ``seen``: The first signal that has come since the start of the context; None if none has come.
     """
@@ -67,13 +74,22 @@ class InterruptsNoted:
     def __enter__(self) -> InterruptsNoted:
         self.seen: int | None = None
         self._before = _replace_handlers(self._note, (signal.default_int_handler, signal.SIG_DFL))
+        self._hook_before, sys.unraisablehook = sys.unraisablehook, self._dropped
         return self
+
+    def _dropped(self, what: sys.UnraisableHookArgs) -> None:
+        if self.seen is not None and isinstance(what.exc_value, KeyboardInterrupt):
+            # Not from here: what a handler raises now would be dropped too.
+            threading.Timer(_AGAIN_S, _thread.interrupt_main, (self.seen,)).start()
+        else:
+            self._hook_before(what)
 
     def _note(self, number: int, _: FrameType | None) -> None:
         self.seen = self.seen or number
         raise KeyboardInterrupt
 
     def __exit__(self, *_: object) -> None:
+        sys.unraisablehook = self._hook_before
         _restore_handlers(self._before)
 
 
