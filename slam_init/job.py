@@ -419,7 +419,9 @@ def _initialize(
     from tqdm import tqdm
 
     limits = [limit for limit in (available, max_frames) if limit is not None]
-    with tqdm(total=min(limits, default=None), unit="frame", disable=not progress, leave=False) as bar:
+    # No time that is left: nobody knows the frame of the map, and the first frames may compile.
+    bar_format = "{l_bar}{bar}| {n_fmt}/{total_fmt} [{elapsed}]"
+    with tqdm(total=min(limits, default=None), disable=not progress, leave=False, bar_format=bar_format) as bar:
         for frame in frames:
             status = process(frame)
             bar.set_description(live_text(status), refresh=False)

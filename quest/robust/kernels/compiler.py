@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import hashlib
+import logging
 import pickle
 import sys
 import warnings
@@ -80,6 +81,7 @@ def _without_collector(compile_: Callable[..., object]) -> Callable[..., object]
 
     @wraps(compile_)
     def _compile(*arguments: object) -> object:
+        _tell_once()
         collecting = gc.isenabled()
         gc.disable()
         try:
@@ -89,6 +91,12 @@ def _without_collector(compile_: Callable[..., object]) -> Callable[..., object]
                 gc.enable()
 
     return _compile
+
+
+@cache
+def _tell_once() -> None:
+    """Tell a person who waits that loops are compiled; on stderr, unless the program handles the logger ``quest``."""
+    logging.getLogger("quest").warning("compiling for this machine, once: up to two minutes")
 
 
 class _Cache:

@@ -72,6 +72,17 @@ def test_without_a_writable_folder_each_process_compiles(copied_package):
     assert run(code, cwd=copied_package.parent, env=environment).strip() == str(module)
 
 
+def test_a_person_who_waits_is_told_once_that_loops_compile_and_nothing_where_machine_code_is_on_disk(tmp_path):
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    code = (
+        "import numpy as np; from quest.robust.kernels.small_algebra import tangents;"
+        "tangents(np.eye(3)[2]); tangents(np.eye(3, dtype=np.float32)[2])"
+    )
+    command = [sys.executable, "-c", code]
+    said = [subprocess.run(command, env=environment, capture_output=True, check=True).stderr for _ in range(2)]
+    assert said[0].startswith(b"compiling") and [one.count(b"\n") for one in said] == [1, 0]
+
+
 def test_an_edit_of_a_called_loop_renews_the_machine_code_of_its_callers(copied_package, tmp_path):
     """numba alone compares a function with its own file, and keeps the machine code where a called file changes."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "machine_code")}
