@@ -128,8 +128,7 @@ def _screenshots_at(client: ViewerClient, path: Path, frames: Sequence[int]) -> 
         at = last if frame == -1 else frame
         if not first <= at <= last:
             raise ViewerError(f"{path} has no frame {at}: give one from {first} to {last}")
-        client.set_time("frame", sequence=at)
-        taken[at] = _settled(client)
+        taken[at] = _settled(client, at)
     return taken
 
 
@@ -148,18 +147,23 @@ def _range(client: ViewerClient, path: Path) -> tuple[int, int]:
     raise ViewerError(f"{path}: the viewer found no frames in it: it is cut off, or the run read none")
 
 
-def _settled(client: ViewerClient) -> bytes:
-    """A screenshot once two in a row are equal: images are decoded, and views laid out, in the background."""
+def _settled(client: ViewerClient, frame: int) -> bytes:
+    """A screenshot of a frame once two in a row are equal: images are decoded, and views laid out, in the background.
+
+    The first layout of a recording moves the cursor to its last frame, also after the cursor was set.
+    """
     end = time.monotonic() + _PAINT_S
-    time.sleep(4 * _POLL_S)
-    before = client.take_screenshot()
-    while time.monotonic() < end:
+    before: bytes | None = None
+    while True:
+        client.set_time("frame", sequence=frame)
         time.sleep(2 * _POLL_S)
         after = client.take_screenshot()
-        if after == before:
-            break
-        before = after
-    return before
+        there = any(one.current_time == frame for one in client.get_state().recordings)
+        if there and (after == before or time.monotonic() > end):
+            return after
+        if time.monotonic() > end:
+            raise ViewerError(f"the viewer did not go to frame {frame} within {_PAINT_S:.0f} s: try again")
+        before = after if there else None
 
 
 @contextmanager

@@ -6,11 +6,13 @@ import socket
 import subprocess
 import sys
 import urllib.request
+from types import SimpleNamespace
 from urllib.parse import urlsplit
 
 import pytest
 from paths import ROOT
 
+import slam_init.recording.viewer as viewer_module
 from slam_init.errors import SourceError, ViewerError
 from slam_init.recording.viewer import check_recording, screenshots, serve, show
 from tests.benchmarks.attacks.process_tree import MARK, left_over, new_mark
@@ -61,6 +63,47 @@ def test_a_viewer_that_is_lost_in_between_is_one_line(tmp_path, viewer, end):
     with pytest.raises(ViewerError, match=r"out of memory|took no screenshot.*try again") as raised:
         screenshots(tmp_path / "a.rrd", [-1])
     assert "\n" not in str(raised.value)
+
+
+LISTENS = """
+import socket, sys, time
+server = socket.create_server(("127.0.0.1", int(sys.argv[sys.argv.index("--port") + 1])))
+time.sleep(60)
+"""
+
+
+class Client:
+    """A client of a viewer whose first layouts of a recording of 10 frames move the cursor to the last frame."""
+
+    def __init__(self, moves):
+        self.moves, self.time = moves, None
+
+    def open(self, path):
+        pass
+
+    def set_time(self, timeline, sequence):
+        self.time = sequence
+
+    def take_screenshot(self):
+        self.moves -= 1
+        self.time = 9 if self.moves >= 0 else self.time
+        return bytes([self.time])
+
+    def get_state(self):
+        frames = SimpleNamespace(name="frame", start=0, end=9)
+        return SimpleNamespace(loading=[], recordings=[SimpleNamespace(timelines=[frames], current_time=self.time)])
+
+
+def test_each_picture_is_that_of_its_frame_also_where_the_viewer_moves_the_cursor(tmp_path, viewer, monkeypatch):
+    viewer(LISTENS)
+    monkeypatch.setattr(viewer_module, "_POLL_S", 0.0)
+    for moves in range(4):
+        monkeypatch.setattr(viewer_module, "_client", lambda port, moves=moves: Client(moves))
+        assert screenshots(tmp_path / "a.rrd", [3, 9, 5]) == {frame: bytes([frame]) for frame in (3, 9, 5)}
+    monkeypatch.setattr(viewer_module, "_PAINT_S", 0.1)
+    monkeypatch.setattr(viewer_module, "_client", lambda port: Client(10**9))
+    with pytest.raises(ViewerError, match="did not go to frame 3"):
+        screenshots(tmp_path / "a.rrd", [3])
 
 
 def test_a_window_that_fails_is_told_and_one_that_is_closed_is_not(tmp_path, viewer):
