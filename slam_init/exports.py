@@ -6,8 +6,6 @@ import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from importlib.util import find_spec
 
-import numpy as np
-
 from slam_init.datasets.track_source import TrackSource
 from slam_init.errors import SlamInitError, SourceError, check_type
 from slam_init.frontend.orb import orb_descriptors, orientations
@@ -18,7 +16,7 @@ from slam_init.output.scene import Undistortion, image_name, png, scene_files
 from slam_init.output.stella import Described, stella_bytes, stella_camera
 from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
-from slam_init.types.frame import Frame, Source, check_image
+from slam_init.types.frame import Frame, Source, as_image
 from slam_init.types.initial_map import InitialMap, Keyframe
 
 #: The formats that need the images of the map.
@@ -104,7 +102,7 @@ def stage(
             wanted = views if "scene" in formats else keyframes
             for frame in _frames(images, wanted):
                 size = (map_.camera.width, map_.camera.height)
-                check_image(frame.image, size, f"the image of frame {frame.index}")
+                as_image(frame.image, f"the image of frame {frame.index}", size)
                 if "scene" in formats:
                     name = f"{prefix}{SCENE}/images/{image_name(frame.index)}"
                     _put(out, name, png(undistortion.image(frame.image)))
@@ -135,7 +133,7 @@ def _frames(images: Source | Mapping[int, Image] | None, wanted: Collection[int]
     missing = set(wanted)
     found: Iterator[Frame] = iter(())
     if isinstance(images, Mapping):
-        found = (Frame(i, 0.0, image_name(i), np.asarray(images[i])) for i in sorted(missing) if i in images)
+        found = (Frame(i, 0.0, image_name(i), images[i]) for i in sorted(missing) if i in images)
     elif images is not None:
         if not callable(getattr(images, "frames", None)):
             kind = type(images).__name__

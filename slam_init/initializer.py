@@ -35,6 +35,7 @@ from functools import cache
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.calibration.choosing import GivenCamera
@@ -49,7 +50,7 @@ from slam_init.frontend.keyframes import KeyframeManager, PairPreview
 from slam_init.frontend.matchers import Matcher
 from slam_init.frontend.rolling_shutter import corrected_pixels
 from slam_init.frontend.tracks import History, Tracker
-from slam_init.intake import Intake, Turn, check_gravity
+from slam_init.intake import Intake, Turn
 from slam_init.recording.recorder import Recorder
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera
@@ -178,7 +179,7 @@ class Initializer:
         SlamInitError
             If the array is not such an image, the depth is not one of an image, the gravity is none, the matrix is no
             rotation, or the frame is not later than the last one.
-            The initializer has not changed then, so that the frame can be left out.
+            The initializer has not changed then, so that the frame can be given again, or left out.
         """
         if self._maps.handed_over:
             return self.status
@@ -196,9 +197,11 @@ class Initializer:
 
     def process_tracks(
         self,
-        current: Observations,
-        revised: Sequence[Observations] = (),
+        current: Observations | ArrayLike,
+        pixels: ArrayLike | None = None,
+        timestamp_s: float | None = None,
         *,
+        revised: Sequence[Observations] = (),
         depth: Depth | None = None,
         gravity: Gravity | None = None,
         rotation: Floats | None = None,
@@ -210,9 +213,14 @@ class Initializer:
 
         Parameters
         ----------
-        current : Observations
-            The tracks of the frame. A point of the scene has the same track id in all frames. The frames are in
-            ascending order.
+        current : Observations, or (N,) int
+            The tracks of the frame, or their ids. A point of the scene has the same track id in all frames, from 0 to
+            2^56 - 1. The frames are in ascending order.
+        pixels : (N, 2) array_like, optional
+            With ids: the raw pixels of the tracks. The frame has the next index, and the camera of the initializer
+            gives the rays. Tracks whose pixels have no ray are left out.
+        timestamp_s : float, optional
+            With ids: in seconds. Without it the time of the frame is its index.
         revised : sequence of Observations, optional
             Earlier frames with more tracks than before (see :attr:`slam_init.frontend.tracks.Tracker.revised`). Frames
             that are not in the history are ignored.
@@ -231,18 +239,19 @@ class Initializer:
         Raises
         ------
         SlamInitError
-            If the shapes of the arrays do not fit together, a bearing is not finite or not of length 1, the bearings
-            are not the rays of the pixels (as in other axes than x right, y down, z forward), the matrix is no
-            rotation, or the frame is not later than the last one. The initializer has not changed then.
+            If the arrays are none of tracks, a bearing is not of length 1, the bearings are not the rays of the pixels
+            (as in other axes than x right, y down, z forward), the matrix is no rotation, or the frame is not later
+            than the last one. The initializer has not changed then, so that the frame can be given again.
         """
         if self._maps.handed_over:
             return self.status
         with self.intake.alone():
             turn = Turn.checked(rotation, rotation_sigma_rad)
-            check_gravity(gravity)
-            current, revised = self.intake.check_tracks(current, revised)
-            depths = self.intake.depths(depth, current)
-            return self._step(current, revised, turn, depths, gravity)
+            Gravity.check(gravity)
+            observed = self.intake.observed(current, pixels, timestamp_s)
+            observed, revised = self.intake.check_tracks(observed, revised)
+            depths = self.intake.depths(depth, observed)
+            return self._step(observed, revised, turn, depths, gravity)
 
     def _step(
         self,

@@ -14,14 +14,14 @@ from slam_init.calibration.choosing import GivenCamera, camera_of_size, check_gi
 from slam_init.calibration.prior import prior_camera
 from slam_init.config import TrackingConfig
 from slam_init.errors import SlamInitError, check_type
-from slam_init.frontend.conventions import check_rays
+from slam_init.frontend.conventions import check_pixels, check_rays
 from slam_init.frontend.frame_clock import FrameClock
 from slam_init.frontend.matched_tracks import make_tracker
 from slam_init.frontend.matchers import Matcher
 from slam_init.frontend.picture_check import PictureCheck
 from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.frontend.static_overlay import StaticOverlay
-from slam_init.types.arrays import Floats, Image
+from slam_init.types.arrays import Floats, Image, as_array
 from slam_init.types.attitude import checked_rotation
 from slam_init.types.camera import Camera
 from slam_init.types.depth import Depth, TrackDepths
@@ -41,13 +41,7 @@ class Turn(NamedTuple):
     @staticmethod
     def checked(rotation: Floats | None, sigma_rad: float) -> Turn | None:
         """A measurement; None without one. Raises SlamInitError if the matrix is no rotation."""
-        return None if rotation is None else Turn(checked_rotation(rotation, sigma_rad), sigma_rad)
-
-
-def check_gravity(gravity: object) -> None:
-    """Refuse what is no direction of gravity."""
-    if not isinstance(gravity, Gravity | None):
-        raise SlamInitError(f"gravity is {gravity!r:.60}: give Gravity(down, sigma_deg) in the axes of the camera")
+        return None if rotation is None else Turn(checked_rotation(rotation, sigma_rad), float(sigma_rad))
 
 
 class Intake:
@@ -104,7 +98,6 @@ class Intake:
             frame = replace(frame, depth=depth)
         if gravity is not None:
             frame = replace(frame, gravity=gravity)
-        check_gravity(frame.gravity)
         if frame.depth is not None and (not isinstance(frame.depth, Depth) or np.ndim(frame.depth.values) != 2):
             raise SlamInitError("depth of an image: give a Depth whose values have the shape (H, W)")
         if frame.index <= self.history.newest:
@@ -120,26 +113,40 @@ class Intake:
 
     def track(self, frame: Frame) -> Observations:
         """Follow the tracks into a frame."""
-        self._source = "images"
-        self.masked = 0.0 if frame.mask is None else 1.0 - np.count_nonzero(frame.mask) / frame.mask.size
         try:
             current = self.tracker.track(frame)
         except BaseException:  # of a matcher: the frame may be tried again
             self._clock.give_back()
             raise
+        self._source = "images"
+        self.masked = 0.0 if frame.mask is None else 1.0 - np.count_nonzero(frame.mask) / frame.mask.size
         self._overlay.observe(frame, current)
         self._pictures.observe(frame.gray)
         return current
+
+    def observed(self, tracks: object, pixels: object, timestamp_s: float | None) -> Observations:
+        """Check tracks from elsewhere: observations, or the ids and the pixels of the next frame."""
+        self._check_source("tracks")
+        if self._waits_for_size:
+            raise SlamInitError("tracks tell no size of the images: give the Initializer a Camera (Camera.from_K)")
+        if isinstance(tracks, Observations) and pixels is None and timestamp_s is None:
+            return tracks
+        if isinstance(tracks, Observations) or pixels is None:
+            raise SlamInitError(
+                f"tracks of the type {type(tracks).__name__}: give slam_init.Observations alone, or ids with pixels"
+            )
+        index, camera = self.history.newest + 1, self.history.camera
+        ids = as_array(tracks, np.int64, (None,), f"track_ids of frame {index}")
+        points = as_array(pixels, np.float64, (len(ids), 2), f"pixels of frame {index}")
+        check_pixels(camera, index, points)
+        time_s, order = float(index) if timestamp_s is None else timestamp_s, np.argsort(ids, kind="stable")
+        ahead = np.tile([0.0, 0.0, 1.0], (len(ids), 1))
+        return Observations(index, time_s, f"frame-{index:06d}", ids[order], points[order], ahead).through(camera)
 
     def check_tracks(
         self, current: Observations, revised: Sequence[Observations]
     ) -> tuple[Observations, Sequence[Observations]]:
         """Check the time and the rays of tracks from elsewhere; return them with the rays of the lens in use."""
-        self._check_source("tracks")
-        if self._waits_for_size:
-            raise SlamInitError("tracks tell no size of the images: give the Initializer a Camera (Camera.from_K)")
-        if not isinstance(current, Observations):
-            raise SlamInitError(f"tracks of the type {type(current).__name__}: give slam_init.Observations")
         check_type(revised, (list, tuple), "revised", "a list of Observations of earlier frames")
         for one in revised:
             check_type(one, Observations, "one of the revised frames", "slam_init.Observations")
@@ -177,8 +184,8 @@ class Intake:
         gravity: Gravity | None = None,
     ) -> None:
         """Add the tracks of the next frame to the history."""
-        self._source = self._source or "tracks"
         self.history.add(current, revised)
+        self._source = self._source or "tracks"
         if depths is not None and len(depths.values):
             self._depths_given += 1
             self._depths_known += bool(np.isfinite(depths.values).any())

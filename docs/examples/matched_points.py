@@ -10,17 +10,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from slam_init import Camera, Initializer, Observations, Result
+from slam_init import Camera, Initializer, Result
 
 
 def map_of_matches(views: Sequence[ArrayLike], K: ArrayLike, size: tuple[int, int]) -> Result:
     """Initialize from the pixels (N, 2) of the same N points in each view; size is (width, height)."""
-    camera = Camera.from_K(K, size)
-    initializer = Initializer(camera)
-    for frame, points in enumerate(views):
-        pixels = np.asarray(points, float)
-        bearings, ids = camera.bearings(pixels), np.arange(len(pixels))
-        initializer.process_tracks(Observations(frame, float(frame), f"view-{frame}", ids, pixels, bearings))
+    initializer = Initializer(Camera.from_K(K, size))
+    for pixels in views:
+        initializer.process_tracks(np.arange(np.shape(pixels)[0]), pixels)
     return initializer.finish()
 
 

@@ -17,7 +17,7 @@ from slam_init.errors import SlamInitError
 from slam_init.initializer import Initializer
 from slam_init.types.arrays import Floats, Image, Ints
 from slam_init.types.camera import Camera
-from slam_init.types.frame import Frame, Observations
+from slam_init.types.frame import Frame
 from slam_init.types.result import Result
 
 #: A feature that is lost is searched in this number of frames: a second of video.
@@ -89,11 +89,7 @@ def initialize_from_tracks(camera: Camera, frames: Iterable[Frame]) -> Result:
     initializer, tracks = Initializer(camera), OrbTracks()
     for frame in frames:
         ids, pixels = tracks.track(frame.gray)
-        bearings = camera.bearings(pixels)
-        # Pixels outside the field of view of the lens model have no bearing.
-        seen = np.isfinite(bearings).all(axis=1)
-        observed = Observations(frame.index, frame.timestamp_s, frame.name, ids[seen], pixels[seen], bearings[seen])
-        if initializer.process_tracks(observed):
+        if initializer.process_tracks(ids, pixels, frame.timestamp_s):
             break
     return initializer.finish()
 

@@ -126,7 +126,7 @@ def _run_method(
         if pictures is not None:
             recorder.frame(next(pictures), step.current)
         fed = time.perf_counter()
-        status = initializer.process_tracks(step.current, step.revised)
+        status = initializer.process_tracks(step.current, revised=step.revised)
         frames_ms.append(1e3 * (time.perf_counter() - fed))
         if status.attempt is not None:
             attempts_ms.append(frames_ms[-1])

@@ -42,20 +42,22 @@ def check_lengths(name: str, bearings: Floats) -> None:
         )
 
 
+def check_pixels(camera: Camera, frame: int, pixels: Floats) -> None:
+    """Raise SlamInitError where pixels are far outside of the image."""
+    far = (np.abs(pixels) > _FARTHEST_SIZES * max(camera.width, camera.height)).any(axis=1)
+    if far.any():
+        worst = np.array2string(pixels[int(np.argmax(far))], precision=3)
+        raise SlamInitError(f"frame {frame}: the pixel {worst} is far outside of the image: leave it out")
+
+
 def check_rays(camera: Camera, current: Observations) -> None:
     """Raise SlamInitError where pixels are far outside of the image, or where bearings are not their rays.
 
     The message names the axes of such bearings.
     """
-    bearings = np.asarray(current.bearings, float)
-    if bearings.shape != (len(current.pixels), 3) or not np.isfinite(bearings).all():
-        return  # the history tells what is wrong
+    bearings, pixels = current.bearings, current.pixels
     check_lengths(f"frame {current.frame}", bearings)
-    pixels = np.asarray(current.pixels, float)
-    far = (np.abs(pixels) > _FARTHEST_SIZES * max(camera.width, camera.height)).any(axis=1)
-    if far.any():
-        worst = np.array2string(pixels[int(np.argmax(far))], precision=3)
-        raise SlamInitError(f"frame {current.frame}: the pixel {worst} is far outside of the image: leave it out")
+    check_pixels(camera, current.frame, pixels)
     rays = camera.bearings(pixels)
     known = np.isfinite(rays).all(axis=1)
     if not known.any():

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from numbers import Real
 
 import numpy as np
 
-from slam_init.errors import SlamInitError, check_type
+from slam_init.errors import SlamInitError
 from slam_init.frontend.tracks import History
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.time_stamps import LARGEST_SECONDS, TimeUnit, in_seconds, problem_of, time_unit, unit_notes
@@ -62,7 +61,6 @@ class FrameClock:
     def check_tracks(self, current: Observations) -> None:
         """Check the time of tracks from elsewhere, which is in seconds."""
         time_s = current.timestamp_s
-        check_type(time_s, (Real, np.number), f"the time stamp of frame {current.frame}", "seconds")
         problem = problem_of(time_s, self._last_s)
         if problem is None and time_s >= LARGEST_SECONDS:
             problem = "is no time in seconds: divide nanoseconds by 1e9, milliseconds by 1e3"

@@ -121,7 +121,7 @@ class History:
         * ``revised``: Earlier frames with additional tracks. Frames that are no longer in the history are ignored.
         """
         for one in (observations, *revised):
-            _check(one)
+            check_lengths(f"frame {one.frame}", one.bearings)
         newest = self.newest
         # A tracker that shares this history has already put its own observations here.
         again = observations.frame == newest and self._frames[newest] is not observations
@@ -156,26 +156,6 @@ class History:
     def between(self, first: int, last: int) -> list[Observations]:
         """List the frames strictly between two frames."""
         return [o for f, o in sorted(self._frames.items()) if first < f < last]
-
-
-def _check(observations: Observations) -> None:
-    count, name = len(observations), f"frame {observations.frame}"
-    shapes = (observations.track_ids.shape, observations.pixels.shape, observations.bearings.shape)
-    if shapes != ((count,), (count, 2), (count, 3)):
-        raise SlamInitError(f"{name}: track ids, pixels and bearings of shapes {shapes}: give (N,), (N, 2) and (N, 3)")
-    if len(observations.colors) not in (0, count):
-        raise SlamInitError(f"{name}: {len(observations.colors)} colors for {count} tracks: give one for each, or none")
-    drifts = observations.drifts
-    variances = np.diagonal(drifts, axis1=1, axis2=2) if drifts.shape in ((0, 2, 2), (count, 2, 2)) else np.full(1, -1)
-    if (variances < 0).any() or not np.isfinite(drifts).all():
-        raise SlamInitError(f"{name}: drifts must be finite covariances (N, 2, 2): give one for each track, or none")
-    ids = observations.track_ids
-    # The difference of unsigned integers is never negative.
-    if not (ids[1:] > ids[:-1]).all():
-        raise SlamInitError(f"{name}: track ids must be strictly increasing: sort them, and give each once")
-    if not (np.isfinite(observations.bearings).all() and np.isfinite(observations.pixels).all()):
-        raise SlamInitError(f"{name}: a pixel or bearing is not finite: leave such tracks out")
-    check_lengths(name, observations.bearings)
 
 
 @dataclass(eq=False)

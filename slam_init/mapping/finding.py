@@ -24,7 +24,7 @@ from slam_init.mapping.places import GATE_PX, KEYPOINTS, RATIO, place_of_feature
 from slam_init.mapping.resection import resect
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
-from slam_init.types.frame import Frame, check_image
+from slam_init.types.frame import Frame, as_image
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.place import Place
 from slam_init.types.pose import Pose
@@ -116,13 +116,7 @@ class Finder:
         camera = self._camera
         if not isinstance(frame, Frame):
             raise SlamInitError(f"a {type(frame).__name__} is no frame: give Frame(index, timestamp_s, name, image)")
-        shape = np.shape(frame.image)
-        if len(shape) >= 2 and shape[:2] != (camera.height, camera.width):
-            raise SlamInitError(
-                f"{frame.name}: an image of {shape[1]}x{shape[0]}, and the calibration is of "
-                f"{camera.width}x{camera.height}: give the calibration of these images"
-            )
-        check_image(frame.image, (camera.width, camera.height), f"the image of frame {frame.index}")
+        as_image(frame.image, f"the image of frame {frame.index}", (camera.width, camera.height))
         found = detect_sift(frame.gray, KEYPOINTS)
         rays = camera.bearings(found.pixels)
         known = np.isfinite(rays).all(axis=1)

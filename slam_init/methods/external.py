@@ -133,7 +133,7 @@ class ExternalInitializer:
         self.frames_read += 1
         return self.status
 
-    def process_tracks(self, current: Observations, revised: Sequence[Observations] = ()) -> Status:
+    def process_tracks(self, current: Observations, *, revised: Sequence[Observations] = ()) -> Status:
         """Refuse tracks: an external program needs images."""
         raise SlamInitError(f"{self._command.label} is an external program, which needs images: give no points: source")
 

@@ -93,7 +93,7 @@ class PairInitializer:
         self.recorder.frame(frame, current)
         return self._step(current)
 
-    def process_tracks(self, current: Observations, revised: Sequence[Observations] = ()) -> Status:
+    def process_tracks(self, current: Observations, *, revised: Sequence[Observations] = ()) -> Status:
         """Process the tracks of the next frame; see :meth:`slam_init.initializer.Initializer.process_tracks`."""
         if self.map is not None:
             return self.status

@@ -55,7 +55,7 @@ class FrontEnd(Protocol):
     def process(self, image: Image | Frame, timestamp_s: float | None = None) -> Status:
         """Process the next image (H, W)."""
 
-    def process_tracks(self, current: Observations, revised: Sequence[Observations] = ()) -> Status:
+    def process_tracks(self, current: Observations, *, revised: Sequence[Observations] = ()) -> Status:
         """Process the tracks of the next frame, which were found elsewhere."""
 
     @property

@@ -27,7 +27,7 @@ from slam_init.scale.requests import (
 from slam_init.scale.sensitivity import inverse_depths
 from slam_init.scale.sightings import Sighting, find_board, find_markers
 from slam_init.types.arrays import Floats, Image
-from slam_init.types.frame import check_image
+from slam_init.types.frame import as_image
 from slam_init.types.inertial import InertialRecord
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Trajectory
@@ -70,7 +70,7 @@ def find_scale(
     if images is not None:
         check_type(images, Mapping, "images", "a dict of images by frame")
         for frame, image in _of_keyframes(map_, images).items():
-            check_image(image, (map_.camera.width, map_.camera.height), f"the image of frame {frame}")
+            as_image(image, f"the image of frame {frame}", (map_.camera.width, map_.camera.height))
     for one in located:
         check_type(one, Keyframe, "a located frame", "the Keyframes of frames with known poses")
     if groundtruth is not None:

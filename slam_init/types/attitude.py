@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from numbers import Real
 
 import numpy as np
 
-from slam_init.errors import SlamInitError, check_type
-from slam_init.types.arrays import Floats
+from slam_init.errors import SlamInitError
+from slam_init.types.arrays import Floats, as_array, as_number
 
 #: A matrix that is farther from a rotation was not meant as one: numbers of four digits are nearer.
 _NOT_A_ROTATION = 1e-3
@@ -42,17 +40,11 @@ def checked_rotation(rotation: object, sigma_rad: float) -> Floats:
 
     Shapes: ``rotation`` (3, 3), returns (3, 3).
     """
-    try:
-        R = np.asarray(rotation, float)
-    except (TypeError, ValueError):
-        R = np.zeros(0)
-    if R.shape != (3, 3) or not np.isfinite(R).all():
-        raise SlamInitError("rotation: give a 3x3 matrix that maps directions in the last camera to this one")
+    R = as_array(rotation, np.float64, (3, 3), "rotation", "a 3x3 matrix from the axes of the last camera to these")
     U, _, Vt = np.linalg.svd(R)
     nearest = np.asarray(U @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(U @ Vt)))]) @ Vt)
-    if np.abs(nearest - R).max() > _NOT_A_ROTATION:
+    if not np.abs(nearest - R).max() <= _NOT_A_ROTATION:  # nor NaN, of numbers that are too large
         raise SlamInitError("rotation: the matrix is no rotation: its columns must be orthonormal, its determinant 1")
-    check_type(sigma_rad, Real, "rotation_sigma_rad", "radians from 1e-6 to 1")
-    if not (math.isfinite(sigma_rad) and _SIGMAS_RAD[0] <= sigma_rad <= _SIGMAS_RAD[1]):
+    if not _SIGMAS_RAD[0] <= as_number(sigma_rad, "rotation_sigma_rad", "radians from 1e-6 to 1") <= _SIGMAS_RAD[1]:
         raise SlamInitError(f"rotation_sigma_rad is {sigma_rad!r}: give radians from 1e-6 to 1")
     return nearest

@@ -7,18 +7,16 @@ bearings once; all later stages work on bearings. Bearings may point behind the 
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from quest.display import Described
 from slam_init.errors import CalibrationError
-from slam_init.types.arrays import Floats
+from slam_init.types.arrays import Floats, as_array, as_number
 from slam_init.types.lenses.lens import Lens
 from slam_init.types.lenses.models import COEFFICIENTS, bent_coefficients, check_coefficients, lens_of
 from slam_init.types.lenses.planar import (
@@ -111,14 +109,24 @@ class Camera(Described):
     def __post_init__(self) -> None:
         if not isinstance(self.model, str) or self.model not in COEFFICIENTS:
             raise CalibrationError(f"unknown camera model {self.model!r:.60}: use one of {', '.join(COEFFICIENTS)}")
+        for name in ("width", "height", "fx", "fy", "cx", "cy"):
+            value = as_number(getattr(self, name), f"{name} of the camera", "a number of pixels", CalibrationError)
+            if name in ("width", "height") and not value.is_integer():
+                raise CalibrationError(f"{name} of the camera is {value:g}: give a whole number of pixels")
+            object.__setattr__(self, name, int(value) if name in ("width", "height") else value)
         _check_intrinsics(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
-        if not (isinstance(self.distortion, tuple | list) and all(map(_is_number, self.distortion))):
-            raise CalibrationError(f"distortion is {self.distortion!r:.60}: give a tuple of numbers, () for none")
-        if not all(abs(k) <= _MAX_DISTORTION for k in self.distortion):
+        give = "a tuple of numbers, () for none"
+        distortion = as_array(self.distortion, np.float64, (None,), "distortion", give, CalibrationError)
+        object.__setattr__(self, "distortion", tuple(distortion.tolist()))
+        if (np.abs(distortion) > _MAX_DISTORTION).any():
             raise CalibrationError(
-                f"distortion {list(self.distortion)} holds a number that is not finite, or larger than that of any lens"
+                f"distortion {distortion.tolist()} holds a number that is larger than that of any lens"
             )
         check_coefficients(self.model, self.distortion)
+        for name, unit in (("focal_sigma", "a relative standard deviation"), ("readout_ms", "milliseconds")):
+            if getattr(self, name) is not None:
+                number = as_number(getattr(self, name), f"{name} of the camera", f"{unit}, or None", CalibrationError)
+                object.__setattr__(self, name, number)
         if self.source not in _SOURCES:
             raise CalibrationError(f"unknown source {self.source!r} of a camera: use one of {', '.join(_SOURCES)}")
         if self.focal_sigma is not None and not 0 < self.focal_sigma <= _MAX_FOCAL_SIGMA:
@@ -157,17 +165,13 @@ class Camera(Described):
         CalibrationError
             If this is no calibration matrix, or that of no camera.
         """
-        try:
-            matrix = np.asarray(K, float)
-            width, height = (operator.index(side) for side in size)
-        except (TypeError, ValueError):
-            raise CalibrationError("K or the size is no number: give a matrix (3, 3) and (width, height)") from None
-        if matrix.shape != (3, 3):
-            raise CalibrationError(f"K has the shape {matrix.shape}: give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+        give = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
+        matrix = as_array(K, np.float64, (3, 3), "K", give, CalibrationError)
+        width, height = as_array(size, np.int64, (2,), "the size of the images", "(width, height)", CalibrationError)
         if not (matrix[1, 0] == matrix[0, 1] == 0 and matrix[2].tolist() == [0, 0, 1]):
-            raise CalibrationError("K has a skew, or no last row 0 0 1: give [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
-        fx, fy, cx, cy = (float(matrix[place]) for place in ((0, 0), (1, 1), (0, 2), (1, 2)))
-        return Camera("radtan" if len(distortion) else "pinhole", width, height, fx, fy, cx, cy, tuple(distortion))
+            raise CalibrationError(f"K has a skew, or no last row 0 0 1: give {give}")
+        (fx, _, cx), (_, fy, cy), _ = matrix.tolist()
+        return Camera("radtan" if len(distortion) else "pinhole", width, height, fx, fy, cx, cy, distortion)
 
     @cached_property
     def lens(self) -> Lens | None:
@@ -391,23 +395,11 @@ class Camera(Described):
         return f"{self.model} camera, {self.width}x{self.height}{known}", facts
 
 
-def _is_number(value: object) -> bool:
-    """Whether a value is a real number, of numpy too."""
-    return isinstance(value, Real) and not isinstance(value, bool)
-
-
 def _check_intrinsics(width: int, height: int, fx: float, fy: float, cx: float, cy: float) -> None:
-    """Refuse numbers that no camera has, and what is no number."""
-    given = {"width": width, "height": height, "fx": fx, "fy": fy, "cx": cx, "cy": cy}
-    for name, value in given.items():
-        if not _is_number(value):
-            raise CalibrationError(f"{name} of the camera is {value!r:.60}: give a number of pixels")
+    """Refuse numbers that no camera has."""
     for name, value in (("fx", fx), ("fy", fy)):
-        if not (math.isfinite(value) and value > 0):
+        if value <= 0:
             raise CalibrationError(f"focal length {name} is {value!r}: it must be a positive number of pixels")
-    for name, value in (("cx", cx), ("cy", cy)):
-        if not math.isfinite(value):
-            raise CalibrationError(f"principal point {name} is {value!r}: it must be a finite number of pixels")
     if min(width, height) < _MIN_SIDE:
         raise CalibrationError(f"image size {width}x{height}: both sides must have at least {_MIN_SIDE} pixels")
     side = max(width, height)

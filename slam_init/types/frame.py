@@ -10,16 +10,21 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from slam_init.errors import SlamInitError, check_type
-from slam_init.types.arrays import Floats, Image, Ints
+from slam_init.types.arrays import Floats, Image, Ints, as_array, as_number
+from slam_init.types.inertial import Gravity
 from slam_init.types.pose import Trajectory
 
 if TYPE_CHECKING:
     from slam_init.types.camera import Camera
     from slam_init.types.depth import Depth
-    from slam_init.types.inertial import Gravity
 
 #: A key of gtsam has 56 bits for the index of a frame, or the id of a track.
 MOST_NUMBERS = 2**56
+#: What to do about images of another size than that of their calibration.
+_REMEDY = (
+    "if they are resized, give camera.scaled(FACTOR); if they are cropped, give a Camera of their size, with the "
+    "corner of the crop subtracted from cx and cy"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +58,21 @@ class Frame:
     gravity: Gravity | None = None
 
     def __post_init__(self) -> None:
-        # numpy's integers as well; a number that is none has no index.
         check_type(self.index, (int, np.integer), "the index of a frame", "an integer from 0 on")
         if not 0 <= self.index < MOST_NUMBERS:
             raise SlamInitError(f"the index of a frame is {self.index!r:.60}: give an integer from 0 on, below 2^56")
+        what = f"frame {self.index}"
+        check_type(self.name, str, f"the name of {what}", "text")
+        Gravity.check(self.gravity)
+        image = as_image(self.image, f"the image of {what}")
+        given = {
+            "index": int(self.index),  # an integer of 8 bits would overflow
+            "timestamp_s": as_number(self.timestamp_s, f"the time stamp of {what}", "finite seconds"),
+            "image": image,
+            "mask": None if self.mask is None else _as_mask(self.mask, f"the mask of {what}", image.shape[:2]),
+        }
+        for name, value in given.items():
+            object.__setattr__(self, name, value)
 
     @cached_property
     def gray(self) -> Image:
@@ -68,22 +84,41 @@ class Frame:
         return np.asarray(cv2.cvtColor(self.image, cv2.COLOR_BGR2GRAY), np.uint8)
 
 
-def check_image(image: object, size: tuple[int, int], what: str) -> None:
-    """Refuse what is no image of a size: OpenCV would tell so far from the call, or take it.
+def as_image(image: object, what: str, size: tuple[int, int] | None = None) -> Image:
+    """Make an image of what a caller gave, or tell in one line why it is none: OpenCV would tell far from the call.
 
     Parameters
     ----------
     image : object
         What the caller gave for one.
-    size : (int, int)
-        Width and height of the images of the camera.
     what : str
         The name of the image in the message.
+    size : (int, int), optional
+        Width and height of the images of the camera.
+
+    Returns
+    -------
+    (H, W) or (H, W, 3) uint8
     """
-    shape, kind = getattr(image, "shape", None), getattr(image, "dtype", type(image).__name__)
-    wanted = (size[1], size[0])
-    if not isinstance(image, np.ndarray) or kind != np.uint8 or shape not in (wanted, (*wanted, 3)):
-        raise SlamInitError(f"{what} is {kind} of the shape {shape}: give uint8, {wanted} grey or {(*wanted, 3)} BGR")
+    shape = np.shape(image) if isinstance(image, np.ndarray) else ()
+    wanted = "(H, W)" if size is None else f"({size[1]}, {size[0]})"
+    give = f"uint8, {wanted} grey or {wanted[:-1]}, 3) BGR"
+    if len(shape) not in (2, 3) or shape[2:] not in ((), (3,)) or 0 in shape:
+        raise SlamInitError(
+            f"{what} has the {f'shape {shape}' if shape else f'type {type(image).__name__}'}: give {give}"
+        )
+    array = as_array(image, np.uint8, shape, what, give)
+    if size is not None and shape[1::-1] != size:
+        raise SlamInitError(f"{what} is {shape[1]}x{shape[0]}, but the camera is for {size[0]}x{size[1]}: {_REMEDY}")
+    return array
+
+
+def _as_mask(mask: object, what: str, shape: tuple[int, ...]) -> Image:
+    """Make a mask of what a caller gave, or tell in one line why it is none of an image."""
+    height, width = shape
+    give = f"uint8 or bool, ({height}, {width}), the size of the image; 0 is ignored"
+    values = mask.astype(np.uint8) if isinstance(mask, np.ndarray) and mask.dtype == np.bool_ else mask
+    return as_array(values, np.uint8, (height, width), what, give)
 
 
 class Source(Protocol):
@@ -196,19 +231,36 @@ class Observations:
     exposure_s: float = 0.0
 
     def __post_init__(self) -> None:
-        count = len(self.track_ids) if isinstance(self.track_ids, np.ndarray) else 0
-        for name, shape in (("track_ids", (count,)), ("pixels", (count, 2)), ("bearings", (count, 3))):
-            value = getattr(self, name)
-            if not isinstance(value, np.ndarray) or value.shape != shape:
-                found = f"shape {value.shape}" if isinstance(value, np.ndarray) else f"type {type(value).__name__}"
-                wanted = ", ".join(["N", *map(str, shape[1:])])
-                raise SlamInitError(f"{name} of the observations has the {found}: give an array ({wanted})")
-            kinds, numbers = ("iu", "integers") if name == "track_ids" else ("iuf", "numbers")
-            if value.dtype.kind not in kinds:
-                raise SlamInitError(f"{name} of the observations has the type {value.dtype}: give {numbers}")
         check_type(self.frame, (int, np.integer), "the frame of the observations", "its index, an integer from 0 on")
+        check_type(self.name, str, f"the name of frame {self.frame}", "text")
+        what = f"of frame {self.frame}"
+        ids = as_array(self.track_ids, np.int64, (None,), f"track_ids {what}")
+        count = len(ids)
+        given = {
+            "frame": int(self.frame),
+            "track_ids": ids,
+            "pixels": as_array(self.pixels, np.float64, (count, 2), f"pixels {what}"),
+            "bearings": as_array(self.bearings, np.float64, (count, 3), f"bearings {what}"),
+            "colors": as_array(self.colors, np.uint8, (None, 3), f"colors {what}"),
+            "drifts": as_array(self.drifts, np.float64, (None, 2, 2), f"drifts {what}"),
+        }
+        given["timestamp_s"] = as_number(self.timestamp_s, f"the time stamp {what}", "finite seconds")
+        for name in ("turn_error", "readout_s", "step_px", "exposure_s"):
+            given[name] = as_number(getattr(self, name), f"{name} {what}", "a finite number")
+        if self.turn_rad_s is not None:
+            given["turn_rad_s"] = as_array(self.turn_rad_s, np.float64, (3,), f"turn_rad_s {what}")
+        for name, value in given.items():
+            object.__setattr__(self, name, value)
         for name in ("colors", "drifts"):
-            check_type(getattr(self, name), np.ndarray, f"{name} of the observations", "an array, or leave it out")
+            if len(getattr(self, name)) not in (0, count):
+                raise SlamInitError(f"{name} {what} are not of {count} tracks: give one for each, or none")
+        for name in ("turn_error", "step_px", "exposure_s"):
+            if getattr(self, name) < 0:
+                raise SlamInitError(f"{name} {what} is negative: give a number from 0 on")
+        if (np.diagonal(self.drifts, axis1=1, axis2=2) < 0).any():
+            raise SlamInitError(f"drifts {what} must be covariances: give variances from 0 on")
+        if not (ids[1:] > ids[:-1]).all():
+            raise SlamInitError(f"track_ids {what} must be strictly increasing: sort them, and give each once")
 
     def __len__(self) -> int:
         return len(self.track_ids)
@@ -226,7 +278,8 @@ class Observations:
             Without the tracks whose pixels have no ray.
         """
         rays = camera.bearings(self.pixels)
-        return replace(self, bearings=rays, readout_s=0.0).at(np.flatnonzero(np.isfinite(rays).all(axis=1)))
+        seen = np.flatnonzero(np.isfinite(rays).all(axis=1))
+        return replace(self.at(seen), bearings=rays[seen], readout_s=0.0)
 
     def at(self, positions: Ints) -> Observations:
         """Some of the tracks.

@@ -9,7 +9,7 @@ import numpy as np
 
 from quest.display import Described
 from slam_init.errors import SlamInitError, SourceError
-from slam_init.types.arrays import Floats
+from slam_init.types.arrays import Floats, as_array, as_number
 from slam_init.types.pose import Pose
 
 #: Standard gravity in m/s^2. On the earth it differs by 0.27 % at most at sea level.
@@ -141,16 +141,32 @@ class Gravity(Described):
     sigma_deg: float
 
     def __post_init__(self) -> None:
-        try:
-            down = np.asarray(self.down, float)
-        except (TypeError, ValueError):
-            down = np.zeros(0)
-        length = float(np.linalg.norm(down)) if down.shape == (3,) else math.nan
-        if not (math.isfinite(length) and length > 0):
-            raise SlamInitError("gravity: give a vector of three finite numbers that points down, as (0, 1, 0)")
-        if not 1e-3 <= self.sigma_deg <= 45:
-            raise SlamInitError(f"the deviation of gravity is {self.sigma_deg!r}: give degrees from 0.001 to 45")
+        give = "a vector of three finite numbers that points down, as (0, 1, 0)"
+        down = as_array(self.down, np.float64, (3,), "gravity", give)
+        length = float(np.linalg.norm(down))
+        if not 0 < length < math.inf:
+            raise SlamInitError(f"gravity has the length {length:g}: give {give}")
+        sigma_deg = as_number(self.sigma_deg, "the deviation of gravity", "degrees from 0.001 to 45")
+        if not 1e-3 <= sigma_deg <= 45:
+            raise SlamInitError(f"the deviation of gravity is {sigma_deg!r}: give degrees from 0.001 to 45")
         object.__setattr__(self, "down", down / length)
+        object.__setattr__(self, "sigma_deg", sigma_deg)
+
+    @staticmethod
+    def check(thing: object) -> None:
+        """Refuse what is no direction of gravity.
+
+        Parameters
+        ----------
+        thing : object
+            What the caller gave for one. None is allowed: there is none.
+
+        Raises
+        ------
+        SlamInitError
+        """
+        if not isinstance(thing, Gravity | None):
+            raise SlamInitError(f"gravity is {thing!r:.60}: give Gravity(down, sigma_deg) in the axes of the camera")
 
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
         x, y, z = self.down.tolist()

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from numbers import Real
-
-import numpy as np
 
 from quest.display import Described
-from slam_init.errors import SlamInitError
-from slam_init.types.arrays import Image
+from slam_init.types.arrays import Image, as_number
 from slam_init.types.camera import Camera
 from slam_init.types.camera_pose import CameraPose
 from slam_init.types.evidence import WindowEvidence
-from slam_init.types.frame import Frame
+from slam_init.types.frame import Frame, as_image
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
@@ -111,29 +106,21 @@ def frame_of(
     * ``timestamp_s``: In seconds. If it is None, a frame keeps its own time stamp, and that of an image is its index.
     * ``mask``: Pixels that are 0 are ignored. By default a frame keeps its own mask.
     """
-    if timestamp_s is not None and not (isinstance(timestamp_s, Real) and abs(timestamp_s) <= sys.float_info.max):
-        raise SlamInitError(f"time stamp {timestamp_s!r:.60}: give finite seconds, or None")
-    pixels, size = image.image if isinstance(image, Frame) else image, (camera.height, camera.width)
-    shape, kind = getattr(pixels, "shape", None), getattr(pixels, "dtype", None)
-    if not isinstance(pixels, np.ndarray) or kind != np.uint8 or shape not in (size, (*size, 3)):
-        found = f"of the type {type(pixels).__name__}" if kind is None else f"of shape {shape} and type {kind}"
-        raise SlamInitError(
-            f"image {found}: give uint8, {size} grey or {(*size, 3)} BGR, the size that the camera is calibrated for"
+    time_s = None if timestamp_s is None else as_number(timestamp_s, "the time stamp", "finite seconds, or None")
+    size = (camera.width, camera.height)
+    if not isinstance(image, Frame):
+        return Frame(
+            index,
+            float(index) if time_s is None else time_s,
+            f"frame-{index:06d}",
+            as_image(image, f"the image of frame {index}", size),
+            mask,
         )
-    if isinstance(image, Frame):
-        mask = _checked_mask(image.mask if mask is None else mask, size)
-        if timestamp_s is None and mask is image.mask:
-            return image
-        return replace(image, timestamp_s=image.timestamp_s if timestamp_s is None else float(timestamp_s), mask=mask)
-    time_s = float(index) if timestamp_s is None else float(timestamp_s)
-    return Frame(index, time_s, f"frame-{index:06d}", pixels, _checked_mask(mask, size))
-
-
-def _checked_mask(mask: Image | None, size: tuple[int, int]) -> Image | None:
-    if mask is None:
-        return None
-    shape, kind = getattr(mask, "shape", None), getattr(mask, "dtype", None)
-    if not isinstance(mask, np.ndarray) or shape != size or kind not in (np.uint8, np.bool_):
-        found = f"of the type {type(mask).__name__}" if shape is None else f"of shape {shape} and type {kind}"
-        raise SlamInitError(f"mask {found}: give uint8 or bool, {size}, the size of the image; 0 is ignored")
-    return mask if kind == np.uint8 else mask.astype(np.uint8)
+    as_image(image.image, f"the image of frame {image.index}", size)
+    if time_s is None and mask is None:
+        return image
+    return replace(
+        image,
+        timestamp_s=image.timestamp_s if time_s is None else time_s,
+        mask=image.mask if mask is None else mask,
+    )

@@ -97,13 +97,37 @@ def test_an_image_that_is_none_leaves_the_camera_open():
         ([[60, 0, 32], [0, 60, 24], [0, 0, 2]], (64, 48), "last row"),
         (K, (64,), "width, height"),
         (K, ("a", 48), "width, height"),
-        ("K", (64, 48), "no number"),
-        ([[60, 0, 32], [0, np.nan, 24], [0, 0, 1]], (64, 48), "focal length"),
+        ("K", (64, 48), "K has the type str"),
+        ([[60, 0, 32], [0, np.nan, 24], [0, 0, 1]], (64, 48), "not finite"),
+        (np.array(K).astype(str), (64, 48), "give"),
+        (np.ma.masked_less(K, 50), (64, 48), "masked"),
     ],
 )
 def test_a_matrix_that_is_no_calibration_is_one_line(matrix, size, message):
     with pytest.raises(CalibrationError, match=message):
         Camera.from_K(matrix, size)
+
+
+@pytest.mark.parametrize("kind", [np.matrix, np.longdouble, np.ma.asarray, lambda K: np.array(K).astype(">f4")])
+def test_a_matrix_of_any_type_of_numbers_is_the_same_camera(kind):
+    assert camera_of_size(kind(K), (64, 48)) == Camera.from_K(K, (64, 48))
+
+
+def test_a_matrix_of_images_of_another_size_is_refused_unless_the_size_is_stated():
+    """Resized by a third or more, or cropped on one side by a quarter or more. The frame can be given again."""
+    for shape in ((24, 32), (32, 43), (72, 96), (48, 48), (32, 64)):
+        initializer, image = Initializer(np.array(K)), np.zeros(shape, np.uint8)
+        with pytest.raises(
+            CalibrationError, match=r"K, \(31.5, 23.5\), is that of images of about 64x48.*from_K"
+        ) as told:
+            initializer.process(image)
+        assert "\n" not in str(told.value)
+        initializer.process(IMAGE)
+        assert (initializer.frames_read, initializer.camera) == (1, Camera.from_K(K, (64, 48)))
+        Initializer(Camera.from_K(K, image.shape[::-1])).process(image)
+    stated = Initializer(Camera.from_K(K, (64, 48)))
+    with pytest.raises(SlamInitError, match=r"is 32x24, but the camera is for 64x48: if they are resized.*cropped"):
+        stated.process(np.zeros((24, 32), np.uint8))
 
 
 def test_a_camera_of_a_matrix_has_this_matrix():

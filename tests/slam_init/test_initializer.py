@@ -312,31 +312,8 @@ def test_the_tracks_of_a_tracker_give_the_same_result_as_its_images(room, name, 
     # Each frame has the tracks and the revisions that were known at that frame.
     blind = make_initializer(name, room.camera, CONFIG)
     for current, revised in tracked:
-        blind.process_tracks(current, revised)
+        blind.process_tracks(current, revised=revised)
     assert all_of(seeing.finish()) == all_of(blind.finish())
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"track_ids": np.zeros(120, int)}, "strictly increasing"),
-        ({"track_ids": np.arange(7)}, "give an array"),
-        ({"pixels": np.full((120, 2), np.nan)}, "not finite"),
-        ({"colors": np.zeros((3, 3), np.uint8)}, "colors"),
-        ({"frame": 0}, "ascending"),
-        ({"frame": -4}, "ascending"),
-    ],
-)
-def test_inconsistent_tracks_are_refused_and_change_nothing(change, message):
-    first, second, *_ = seen_from(make_poses(8), count=120)
-    initializer = Initializer(CAMERA)
-    initializer.process_tracks(first)
-    with pytest.raises(SlamInitError, match=message):
-        initializer.process_tracks(replace(second, **change))
-    for wrong, depth, said in ((None, None, "NoneType"), (second, np.ones(120), r"a Depth whose .*\(N,\)")):
-        with pytest.raises(SlamInitError, match=said):
-            initializer.process_tracks(wrong, depth=depth)
-    assert initializer.frames_read == 1
 
 
 def test_a_revision_of_a_frame_that_is_not_in_the_history_is_ignored():

@@ -45,7 +45,7 @@ def test_a_frame_of_another_world_is_not_found():
 
 def test_a_finder_refuses_what_is_no_frame_of_its_camera():
     finder, pixels = Finder(make_place(), CAMERA), np.zeros((240, 320), np.uint8)
-    with pytest.raises(SlamInitError, match="an image of 320x240, and the calibration is of 640x480"):
+    with pytest.raises(SlamInitError, match="is 320x240, but the camera is for 640x480"):
         finder.locate(Frame(0, 0.0, "0", pixels))
     with pytest.raises(SlamInitError, match="is no frame"):
         finder.locate(pixels)

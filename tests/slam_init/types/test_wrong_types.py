@@ -52,8 +52,8 @@ ONE = np.ones((1, 3))
         (lambda: Trajectory(1, 2), "the times as an array"),
         (lambda: Trajectory(np.zeros(2), (Pose.identity(),)), "2 times for 1 poses"),
         (lambda: Trajectory(np.zeros(1), (np.eye(4),)), "give a Pose for each time"),
-        (lambda: Observations(0, 0.0, "", None, None, None), "track_ids of the observations has the type NoneType"),
-        (lambda: Observations(0, 0.0, "", np.arange(1), ONE[:, :2], ONE[:, :2]), r"give an array \(N, 3\)"),
+        (lambda: Observations(0, 0.0, "", None, None, None), "track_ids of frame 0 has the type NoneType"),
+        (lambda: Observations(0, 0.0, "", np.arange(1), ONE[:, :2], ONE[:, :2]), r"give an array \(1, 3\)"),
         (lambda: Observations(0, 0.0, "", np.arange(2), ONE[:, :2], ONE), r"pixels .* shape \(1, 2\)"),
         (lambda: Config(map=5), "map is of the type int: give a MapConfig"),
         (lambda: open_source(5), "type int: give a path"),
@@ -110,44 +110,6 @@ def test_each_door_refuses_what_it_cannot_take(call, words, wrong, monkeypatch, 
     assert list(tmp_path.iterdir()) == []
 
 
-def observed(**changed):
-    ids, rays = np.arange(3), np.tile([0.0, 0.0, 1.0], (3, 1))
-    given = {"frame": 0, "timestamp_s": 0.0, "name": "", "track_ids": ids, "pixels": rays[:, :2] + (31.5, 23.5)}
-    return Observations(**(given | {"bearings": rays} | changed))
-
-
-@pytest.mark.parametrize(
-    ("changed", "words"),
-    [
-        ({"track_ids": np.arange(3) - 5}, "from 0 to 2\\^56"),
-        ({"track_ids": np.arange(3) + 2**56}, "from 0 to 2\\^56"),
-        ({"frame": 2**56}, "from 0 to 2\\^56"),
-        ({"track_ids": np.array([2, 1, 0], np.uint32)}, "strictly increasing"),
-        ({"track_ids": np.arange(3) + 0.5}, "type float64: give integers"),
-        ({"track_ids": np.array(["a", "b", "c"])}, "give integers"),
-        ({"pixels": np.full((3, 2), "1")}, "pixels of the observations has the type .*: give numbers"),
-        ({"pixels": np.ones((3, 2), complex)}, "complex128: give numbers"),
-        ({"frame": 0.5}, "the frame of the observations is of the type float"),
-        ({"frame": "0"}, "the frame of the observations is of the type str"),
-        ({"timestamp_s": None}, "the time stamp of frame 0 is of the type NoneType"),
-        ({"colors": None}, "colors of the observations is of the type NoneType"),
-        ({"drifts": None}, "drifts of the observations is of the type NoneType"),
-        ({"drifts": -np.tile(np.eye(2), (3, 1, 1))}, "drifts must be finite covariances"),
-    ],
-)
-def test_tracks_that_no_map_can_hold_are_refused_before_there_is_one(changed, words):
-    initializer = Initializer(Camera("pinhole", 64, 48, 60.0, 60.0, 31.5, 23.5))
-    with pytest.raises(SlamInitError, match=words):
-        initializer.process_tracks(observed(**changed))
-    initializer.process_tracks(observed())
-    for revised in (None, [3]):
-        with pytest.raises(SlamInitError, match="revised"):
-            initializer.process_tracks(observed(frame=1, timestamp_s=1.0), revised)
-    with pytest.raises(SlamInitError, match="rotation_sigma_rad is of the type str"):
-        initializer.process_tracks(observed(frame=1, timestamp_s=1.0), rotation=np.eye(3), rotation_sigma_rad="1")
-    assert initializer.frames_read == 1
-
-
 WRONG_IMAGES = [None, "a.png", np.zeros((480, 640)), np.zeros((480, 640, 4), np.uint8), np.zeros((48, 64), np.uint8)]
 
 
@@ -156,9 +118,12 @@ def test_an_image_that_is_none_of_the_camera_is_refused(image, room_run, tmp_pat
     map_ = room_run.result.map
     images = {keyframe.frame: image for keyframe in map_.keyframes}
     for kind in ("scene", "stella"):
-        with pytest.raises(SlamInitError, match=r"the image of frame 0 is .*: give uint8, \(480, 640\) grey or"):
+        with pytest.raises(
+            SlamInitError,
+            match=r"the image of frame 0 .*: (give uint8, |if they are)",
+        ):
             export(map_, tmp_path / "out", [kind], images=images)
-    with pytest.raises(SlamInitError, match="the image of frame 0 is"):
+    with pytest.raises(SlamInitError, match="the image of frame 0"):
         find_scale(map_, parse_scale("marker:tag36h11:0.1"), images=images)
     with pytest.raises(SlamInitError, match="image of"):
         Finder(Place.empty(), map_.camera).locate(Frame(0, 0.0, "", image))
