@@ -6,9 +6,10 @@ import argparse
 import sys
 
 from slam_init.cli.parser import DONE, OUT_HELP, Commands, UsageError
-from slam_init.cli.source_options import add_mask, add_topics, view_of, with_topics
+from slam_init.cli.source_options import add_camera, add_mask, add_topics, view_of, with_topics
 from slam_init.cli.trial_options import add_methods, add_processes, check_trials
 from slam_init.system.process_io import tell
+from slam_init.system.regular_file import user_path
 
 _DEFAULT_COMPARISON = "slam-init-compare"
 
@@ -33,6 +34,7 @@ def add_compare(commands: Commands) -> None:
     compare.add_argument("--use-every", type=int, default=1, metavar="N", help="use every N-th frame of each sequence")
     compare.add_argument("--fps", type=float, metavar="F", help="use the frames nearest to F a second, by their times")
     add_mask(compare)
+    add_camera(compare, "'auto' estimates it; for all sources", "that of each source")
     compare.add_argument(
         "--min-left", type=int, default=3, metavar="N", help="start only where N frames are left (default: 3)"
     )
@@ -59,7 +61,9 @@ def _compare(arguments: argparse.Namespace) -> int:
     from slam_init.output.names import COMPARE_FILES
 
     arguments.mask = view_of(arguments, arguments.use_every).mask  # absolute: workers have folders of their own
-    inputs = [*arguments.sources, *([arguments.mask] if arguments.mask is not None else [])]
+    if arguments.camera is not None and user_path(arguments.camera).exists():
+        arguments.camera = str(user_path(arguments.camera).absolute())
+    inputs = [*arguments.sources, *(file for file in (arguments.mask, arguments.camera) if file is not None)]
     out = chosen_folder(arguments.out, "compare", COMPARE_FILES, inputs)
 
     from slam_init.compare.command import run_command

@@ -6,8 +6,8 @@ import argparse
 import re
 import sys
 from collections.abc import Sequence
-from difflib import get_close_matches
 from functools import cached_property
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
@@ -112,19 +112,49 @@ class ListMethods(argparse.Action):
         parser.exit()
 
 
+#: What people call an option elsewhere. None: SOURCE stands without an option.
+_OTHER_NAMES = {
+    **dict.fromkeys(("--calib", "--calibration", "--intrinsics"), "--camera"),
+    **dict.fromkeys(("--output", "--outdir", "--save"), "--out"),
+    **dict.fromkeys(("--frames", "--num-frames", "--limit"), "--max-frames"),
+    **dict.fromkeys(("--skip", "--step", "--stride"), "--every"),
+    **dict.fromkeys(("--show", "--viewer", "--visualize"), "--live"),
+    **dict.fromkeys(("--video", "--input", "--source", "--folder"), None),
+}
+#: The option that takes a file, by the end of its name.
+_OPTION_OF_FILE = {".yaml": "--camera", ".yml": "--camera", ".xml": "--camera", ".toml": "--config", ".csv": "--imu"}
+
+
 def _hint(word: str, parser: argparse.ArgumentParser) -> str:
     """The option that was meant, as the end of a message."""
     options = [option for part in parser._actions for option in part.option_strings]
-    meant = _meant(word.partition("=")[0], options)
-    return f": did you mean {meant[0]}?" if meant else ""
+    name, suffix = word.partition("=")[0], Path(word).suffix.lower()
+    if not word.startswith("-") and _OPTION_OF_FILE.get(suffix) in options:
+        option = _OPTION_OF_FILE[suffix]
+        return f": did you mean {option}{'=' if option in getattr(parser, 'bare_values', {}) else ' '}{word}?"
+    if name in _OTHER_NAMES and name not in options:
+        meant = [_OTHER_NAMES[name]]
+        if meant == [None]:
+            return f": leave {name} out: SOURCE stands without an option"
+    else:
+        meant = _meant(name, options)
+    return f": did you mean {meant[0]}?" if meant and meant[0] in options else ""
 
 
 def _meant(word: str, known: Sequence[str]) -> list[str]:
-    """The name that was meant, if any: a similar one, or the only long option that begins with a letter."""
+    """The name that was meant, if any: one with a slip of the fingers, or the only long option of a letter."""
     if re.fullmatch(r"-\w", word):
         long = [option for option in known if option.startswith(f"-{word}")]
         return long if len(long) == 1 else []
-    return get_close_matches(word, known, n=1)
+    return [name for name in known if _is_slip(word, name)]
+
+
+def _is_slip(word: str, name: str) -> bool:
+    """Whether a letter was added, left out or replaced, or two neighbours were exchanged: the meaning is the same."""
+    same = takewhile(lambda pair: pair[0] == pair[1], zip(word, name, strict=False))
+    first = len(list(same))
+    a, b = word[first:], name[first:]
+    return word != name and (a[1:] == b or a == b[1:] or a[1:] == b[1:] or (a[1::-1], a[2:]) == (b[:2], b[2:]))
 
 
 def at_least(option: str, value: float | None, least: int) -> None:

@@ -41,12 +41,7 @@ def add_source(
     group.add_argument(
         "--images", metavar="FOLDER", help="pictures for a source of matches, by name; with times and ground truth"
     )
-    group.add_argument(
-        "--camera",
-        metavar="FILE",
-        help="calibration, or one number: f=1250 (focal length in pixels), fov=72 (degrees across the longer side); "
-        f"'auto' takes the focal length from the metadata, or estimates it (default: {camera})",
-    )
+    add_camera(group, "'auto' takes the focal length from the metadata, or estimates it", camera)
     group.add_argument(
         "--readout",
         metavar="MS",
@@ -54,6 +49,16 @@ def add_source(
         "columns are read in another direction than down; 'auto' estimates it (default: that of the calibration)",
     )
     add_topics(group)
+
+
+def add_camera(parser: argparse._ActionsContainer, auto: str, default: str) -> None:
+    """Add the option of a calibration, with what it does for ``auto`` and by default."""
+    parser.add_argument(
+        "--camera",
+        metavar="FILE",
+        help="calibration, or one number: f=1250 (focal length in pixels), fov=72 (degrees across the longer side); "
+        f"{auto} (default: {default})",
+    )
 
 
 def add_topics(parser: argparse._ActionsContainer) -> None:

@@ -28,7 +28,7 @@ from slam_init.output.tables import fitted_tables
 #: The options on which the results depend, and their defaults.
 _OPTIONS = (
     ("methods", None), ("every", 10), ("min_left", 3), ("grid", 0), ("limit_frames", 150), ("seed", 0),
-    ("use_every", 1), ("fps", None), ("mask", None),
+    ("use_every", 1), ("fps", None), ("mask", None), ("camera", None),
 )  # fmt: skip
 
 
@@ -36,7 +36,7 @@ def run_command(arguments: argparse.Namespace, out: str | os.PathLike[str], *, p
     """Run a comparison."""
     methods = chosen_methods(arguments.methods, arguments.method)
     texts = [*arguments.sources, *grid_sources(arguments.grid, arguments.seed)]
-    view = SourceView(arguments.use_every, arguments.fps, arguments.mask)
+    view = SourceView(arguments.use_every, arguments.fps, arguments.mask, arguments.camera)
     plan = Plan(
         sources=tuple(describe_sources(texts, view)),
         methods=methods,

@@ -98,7 +98,7 @@ def compare(
 def _paths(plan: Plan) -> list[str]:
     """The files and folders that the trials read."""
     parsed = [SourceView.parse(source.text) for source in plan.sources]
-    texts = {text for _, text in parsed} | {view.mask for view, _ in parsed if view.mask is not None}
+    texts = {text for view, source in parsed for text in (source, view.mask, view.camera) if text is not None}
     return sorted(text for text in texts if Path(text).is_absolute())
 
 

@@ -106,12 +106,7 @@ def open_compared(text: str) -> TimedSource | PointSource:
 def calibration_of(source: TimedSource | PointSource, text: str) -> Camera:
     """Return the camera of a source."""
     if source.camera is None:
-        if source.kind == "video":
-            raise CalibrationError(
-                f"{text}: a video has neither a calibration nor true poses: compare takes folders with both "
-                "(docs/datasets.md); slam-init run needs neither"
-            )
-        raise CalibrationError(f"{text} has no calibration: put a camera.yaml beside its images")
+        raise CalibrationError(f"{text} has no calibration: give --camera (see slam-init compare --help)")
     return source.camera
 
 

@@ -15,6 +15,7 @@ from urllib.parse import parse_qsl, urlencode
 
 import numpy as np
 
+from slam_init.calibration.files import load_camera
 from slam_init.datasets.grey_levels import GreyLevels
 from slam_init.datasets.gyroscope import Gyroscope, gyroscope_of
 from slam_init.datasets.image_files import ImageFileSource, check_size, frame_range, read_image
@@ -297,12 +298,29 @@ def read_mask(path: str | os.PathLike[str], root: str | os.PathLike[str] | None 
     return np.where(bright > 0, np.uint8(255), np.uint8(0))
 
 
+@dataclass(frozen=True, eq=False)
+class CalibratedSource(DerivedSource):
+    """A source with a calibration that is given beside it."""
+
+    given: Camera
+
+    @property
+    def camera(self) -> Camera | None:
+        """The given one."""
+        return self.given
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Those of the source."""
+        return notes_of(self.source)
+
+
 _PREFIX = "view?"
 
 
 @dataclass(frozen=True)
 class SourceView:
-    """The frames and pixels of a source that are used; by default all."""
+    """The frames and pixels of a source that are used, by default all; and their calibration."""
 
     #: Every N-th frame, from the start frame on.
     every: int = 1
@@ -310,6 +328,8 @@ class SourceView:
     fps: float | None = None
     #: A mask for all frames, or a folder of masks.
     mask: str | None = None
+    #: A calibration as of :func:`slam_init.load_camera`, in the place of that of the source.
+    camera: str | None = None
 
     def __post_init__(self) -> None:
         if self.every != 1 and self.fps is not None:
@@ -319,12 +339,18 @@ class SourceView:
         """Limit a source to the frames and pixels that are used."""
         if self.every != 1 or self.fps is not None:
             source = SubsampledSource(source, self.every, self.fps, renumbered)
-        return source if self.mask is None else MaskedSource.open(source, self.mask)
+        if self.mask is not None:
+            source = MaskedSource.open(source, self.mask)
+        if self.camera is None:
+            return source
+        height, width = next(source.frames(0, 1)).image.shape[:2]
+        return CalibratedSource(source, load_camera(self.camera, (width, height)))
 
     @property
     def query(self) -> str:
         """The options that differ from the defaults, as in ``every=3&mask=car.png``; empty where all is used."""
-        options = {"every": None if self.every == 1 else self.every, "fps": self.fps, "mask": self.mask}
+        options = {"every": None if self.every == 1 else self.every, "fps": self.fps}
+        options |= {"mask": self.mask, "camera": self.camera}
         return urlencode({name: value for name, value in options.items() if value is not None})
 
     def text(self, source: str) -> str:
@@ -342,4 +368,5 @@ class SourceView:
         query, _, source = text.removeprefix(_PREFIX).partition(":")  # a colon in a value is written as %3A
         options = dict(parse_qsl(query))
         fps = options.get("fps")
-        return cls(int(options.get("every", 1)), None if fps is None else float(fps), options.get("mask")), source
+        rate = None if fps is None else float(fps)
+        return cls(int(options.get("every", 1)), rate, options.get("mask"), options.get("camera")), source

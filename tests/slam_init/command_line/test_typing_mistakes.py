@@ -7,7 +7,7 @@ import sys
 import cv2
 import numpy as np
 import pytest
-from cli_files import IMAGES, WITH
+from cli_files import CAMERA, IMAGES, WITH
 
 from slam_init.cli import main
 from slam_init.methods.registry import METHODS
@@ -25,6 +25,11 @@ def error_of(words, capsys):
     [
         (["run", "x", "--max-frame", "3"], "did you mean --max-frames? (see slam-init run --help)"),
         (["view", "x", "--webb"], "did you mean --web? (see slam-init view --help)"),
+        (["run", "x", "camera.yaml"], "did you mean --camera camera.yaml? (see slam-init run --help)"),
+        (["run", "x", "--calibration", "c.yaml"], "did you mean --camera? (see slam-init run --help)"),
+        (["run", "--video", "x.mp4"], "--video: leave --video out: SOURCE stands without an option"),
+        (["run", "x", "--overview"], "unrecognized arguments: --overview (see slam-init run --help)"),
+        (["video", "x.mp4"], "'video' (choose from"),
         (["compare", "x", "--xyzxyz"], "--xyzxyz (see slam-init compare --help)"),
         (["rum", "x"], "did you mean run? (see slam-init --help)"),
         (["synth:room"], "did you mean slam-init run synth:room?"),
@@ -79,13 +84,18 @@ def test_a_file_whose_name_is_a_number_is_a_calibration(world, pipeline):
     assert main(["run", IMAGES, "--camera", "615"]) == 0
 
 
-def test_compare_tells_of_a_video_what_it_lacks(tmp_path, capsys):
+def test_compare_takes_a_video_with_a_camera(tmp_path, capsys):
     writer = cv2.VideoWriter("v.mp4", cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"mp4v"), 30, (64, 48))
     for k in range(5):
         writer.write(np.full((48, 64, 3), 20 * k, np.uint8))
     writer.release()
-    error = error_of(["compare", "v.mp4", "--out", "both"], capsys)
-    assert "a video has neither a calibration nor true poses" in error and "camera.yaml" not in error
+    assert "v.mp4 has no calibration: give --camera" in error_of(["compare", "v.mp4", "--out", "both"], capsys)
+    (tmp_path / "c.yaml").write_text(CAMERA)
+    for camera in ("c.yaml", "fov=60"):
+        words = ["compare", "v.mp4", "--camera", camera, "--methods", "essential-5pt", "--jobs", "1", "--out", "both"]
+        assert main(words) == 0
+        report = (tmp_path / "both" / "report.html").read_text()
+        assert "--camera" in report and camera in report
 
 
 @pytest.mark.slow

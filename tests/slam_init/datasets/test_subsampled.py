@@ -71,7 +71,7 @@ def test_an_impossible_rate_is_an_error(source, options):
 
 
 def test_a_view_is_carried_by_a_text():
-    views = (SourceView(), SourceView(every=3), SourceView(fps=7.5, mask="/a: b?&é/m.png"))
+    views = (SourceView(), SourceView(every=3), SourceView(fps=7.5, mask="/a: b?&é/m.png", camera="f=9"))
     for view, text in itertools.product(views, ("/data/a: b", "synth:room?seed=3")):
         assert SourceView.parse(view.text(text)) == (view, text)
     with pytest.raises(SourceError, match="one of both"):
