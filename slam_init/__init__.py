@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from slam_init.exports import export
     from slam_init.initializer import Initializer
     from slam_init.mapping.finding import Finder, Found
+    from slam_init.mapping.follower import Follower
     from slam_init.mapping.joining import join
     from slam_init.output.colmap import pycolmap_reconstruction
     from slam_init.output.results import load_graph, write_colmap, write_results
@@ -53,6 +54,7 @@ __all__ = [
     "Config",
     "ConfigError",
     "Finder",
+    "Follower",
     "Found",
     "Frame",
     "Gate",
@@ -102,6 +104,7 @@ _HOMES = {
     "Config": "config",
     "ConfigError": "errors",
     "Finder": "mapping.finding",
+    "Follower": "mapping.follower",
     "Found": "mapping.finding",
     "Frame": "types.frame",
     "Gate": "types.gates",

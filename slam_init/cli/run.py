@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from slam_init.datasets import TimedSource
     from slam_init.output.summary import Summary
     from slam_init.types.frame import Source
+    from slam_init.types.result import Result
 
 _DEFAULT_SOURCE = "synth:room"
 _DEFAULT_OUT = "slam-init-out"
@@ -211,9 +212,9 @@ def _run(arguments: argparse.Namespace) -> int:
         arguments.live = viewer_url(arguments.live)
     try:
         if live:
-            summary = _run_live(arguments, config, out)
+            result, summary = _run_live(arguments, config, out)
         else:
-            summary = _run_on(_source(arguments, config.seed), arguments, config, out)
+            result, summary = _run_on(_source(arguments, config.seed), arguments, config, out)
     finally:
         if arguments.live is not None:
             leave_open()
@@ -224,7 +225,7 @@ def _run(arguments: argparse.Namespace) -> int:
     elif not arguments.quiet:
         from slam_init.output.report import report_text
 
-        tell(report_text(summary, out))
+        tell(report_text(result, summary, out))
     return DONE if summary.reason is None else NOT_INITIALIZED
 
 
@@ -233,7 +234,7 @@ def _source(arguments: argparse.Namespace, seed: int) -> TimedSource:
     return with_gravity(arguments, with_depth(arguments, opened_source(arguments, seed)))
 
 
-def _run_live(arguments: argparse.Namespace, config: Config, out: Path) -> Summary:
+def _run_live(arguments: argparse.Namespace, config: Config, out: Path) -> tuple[Result, Summary]:
     """Run on a stream. An interrupt ends it as if its data had ended, and the next one ends the program."""
     from slam_init.datasets.live import open_live
     from slam_init.initializer import load_all
@@ -261,7 +262,7 @@ def _run_on(
     config: Config,
     out: Path,
     interrupts: AbstractContextManager[object] | None = None,
-) -> Summary:
+) -> tuple[Result, Summary]:
     camera = chosen_camera(arguments, source, arguments.start)
     from slam_init.datasets.gyroscope import gyroscope_of
     from slam_init.datasets.inertial import inertial_of
@@ -289,7 +290,7 @@ def _run_on(
     from slam_init.runner import run
 
     with interrupts or nullcontext():
-        _, summary = run(
+        return run(
             source,
             camera,
             config,
@@ -306,4 +307,3 @@ def _run_on(
             export=arguments.export,
             place=arguments.place,
         )
-    return summary

@@ -72,6 +72,7 @@ class MatchTracker(Tracker):
 
     def track(self, frame: Frame) -> Observations:
         """Match the frame with earlier ones, and give its tracks."""
+        self._check_size(frame)
         self._trackable, self.revised = self._trackable_of(frame), ()
         new = _Matched(frame, self._trackable)
         # The history has to hold a frame before tracks are added to it.

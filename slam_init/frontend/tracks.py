@@ -32,7 +32,7 @@ from slam_init.types.arrays import Bools, Floats, Image, Ints
 from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
 from slam_init.types.depth import TrackDepths
-from slam_init.types.frame import Frame, Observations
+from slam_init.types.frame import Frame, Observations, as_image
 from slam_init.types.inertial import Gravity
 from slam_init.types.lens_in_use import LensInUse
 
@@ -202,6 +202,7 @@ class Tracker:
         If the frame is linked by descriptors, new tracks may be found in earlier frames as well. They are added to the
         history.
         """
+        self._check_size(frame)
         self._trackable = self._trackable_of(frame)
         gray = frame.gray if self._trackable is None else self._trackable.blanked(frame.gray)
         smooth = smoothed(gray)
@@ -234,6 +235,11 @@ class Tracker:
         self._last_gray, self._last_trackable = gray, self._trackable
         self.history.put(self._last)
         return self._last
+
+    def _check_size(self, frame: Frame) -> None:
+        """Refuse an image of another size than that of the camera, before anything changes."""
+        camera = self.history.camera
+        as_image(frame.image, f"the image of frame {frame.index}", (camera.width, camera.height))
 
     def _trackable_of(self, frame: Frame) -> Trackable | None:
         if frame.mask is None:

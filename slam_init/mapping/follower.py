@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from slam_init.errors import SourceError
+from slam_init.errors import SlamInitError, SourceError, check_type
 from slam_init.frontend.tracks import History
 from slam_init.mapping.growing import GrowingMap
 from slam_init.output.records import ContinuationRecord
@@ -65,16 +65,28 @@ class FrameTracker(Protocol):
 
 
 class Follower:
-    """Locates frames one by one.
+    """Locates the frames after the initialization in a map, one by one. The map stays, and a copy of it grows.
 
-    * ``tracker``: That of the initializer, in its state when the map was accepted.
-    * ``recorder``: Receives a report of each frame.
-    * ``located``: The frames that were located.
-    * ``survival``: For each frame, the share of the landmarks of the map that it observes within 3 px of their
-      projection.
+    Parameters
+    ----------
+    map_ : InitialMap
+    tracker : Tracker
+        That of the initializer (:attr:`slam_init.Initializer.tracker`), in its state when the map was handed over.
+    recorder : Recorder, optional
+        Receives a report of each frame.
+
+    Attributes
+    ----------
+    located : list of Keyframe
+        The frames that were located.
+    survival : list of float
+        For each frame, the share of the landmarks of the map that it observes within 3 px of their projection.
     """
 
     def __init__(self, map_: InitialMap, tracker: FrameTracker, recorder: Recorder | None = None) -> None:
+        InitialMap.check(map_)
+        if not callable(getattr(tracker, "track", None)):
+            raise SlamInitError(f"the tracker is of the type {type(tracker).__name__}: give initializer.tracker")
         self.located: list[Keyframe] = []
         self.survival: list[float] = []
         self._growing, self._count = GrowingMap(map_), len(map_.keyframes)
@@ -97,7 +109,27 @@ class Follower:
         return self._growing.grown()
 
     def locate(self, frame: Frame) -> Keyframe | None:
-        """Locate the next frame."""
+        """Locate the next frame.
+
+        Parameters
+        ----------
+        frame : Frame
+            Of a source, or ``Frame(index, timestamp_s, name, image)``. The frames are in ascending order.
+
+        Returns
+        -------
+        Keyframe or None
+            The frame with its pose ``world_from_cam``; None where it could not be located.
+
+        Raises
+        ------
+        SlamInitError
+            If this is no frame of the camera, or does not come after the last one.
+        """
+        check_type(frame, Frame, "the frame", "Frame(index, timestamp_s, name, image)")
+        newest = self._tracker.history.newest
+        if frame.index <= newest:
+            raise SlamInitError(f"frame {frame.index} comes after frame {newest}: feed frames in ascending order")
         observed = self._tracker.track(frame)
         self._tracker.history.forget(keep=())
         self._recorder.frame(frame, observed)

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import warnings
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import numpy as np
 
 from quest.display import Described
+from slam_init.errors import plain_line
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import (
@@ -265,13 +268,82 @@ class Result(Described, Savable):
         return "initialized" if self.map is not None else "not_initialized"
 
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
-        verdicts = Counter(in_words(attempt.verdict) for attempt in self.attempts)
-        counts = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.most_common(4))
-        attempts = [("attempts", f"{len(self.attempts)} ({counts})" if counts else "0")]
-        notes = [("note", note) for note in self.notes[:1]]
-        if self.map is not None:
-            _, facts = self.map._facts()
-            return f"initialized after {self.frames_to_init} frames", [*facts[:3], *attempts, *notes]
-        title = f"not initialized after {self.frames_read} frames: {self.reason}"
-        kept = [("kept", f"{len(self.hypotheses)} maps, one of them is right")] if self.hypotheses else []
-        return title, [("advice", self.advice), *kept, *attempts, *notes]
+        return report_facts(self)
+
+
+#: The name of a fact and its text.
+_Facts: TypeAlias = list[tuple[str, str]]
+
+
+def report_facts(result: Result, further: Sequence[tuple[str, str]] = ()) -> tuple[str, _Facts]:
+    """The title and the facts (name, text) of the report of a run, as ``print`` and the command line show it.
+
+    * ``further``: What the result does not know, as the errors against the ground truth. It stands behind the map.
+    """
+    if result.map is not None:
+        title, facts = f"initialized after {result.frames_to_init} frames", _map_facts(result, result.map)
+    else:
+        assert result.reason is not None
+        title = f"not initialized: {in_words(result.reason)}"
+        facts = [("advice", result.advice), ("frames read", str(result.frames_read)), *_kept_facts(result)]
+    verdicts = Counter(in_words(attempt.verdict) for attempt in result.attempts)
+    counts = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.most_common())
+    attempts = f"{len(result.attempts)}" + (f" ({counts})" if counts else "")
+    notes = [("note", plain_line(note)) for note in result.notes]
+    return title, [*facts, *further, ("attempts", attempts), *notes]
+
+
+def _kept_facts(result: Result) -> _Facts:
+    """The lines about the two maps of an undecided plane, if there are any."""
+    if not result.hypotheses or result.margin is None:
+        return []
+    frames = ", ".join(str(keyframe.frame) for keyframe in result.hypotheses[0].keyframes)
+    ahead = result.margin.log_likelihood
+    return [
+        ("kept", f"two maps of frames {frames}; the tracks prefer the first by {ahead:.1f} nats"),
+        *_risk_facts(result),
+    ]
+
+
+def _risk_facts(result: Result) -> _Facts:
+    """The line about the risk of the best map, where a window was judged, and the depths of the landmarks."""
+    window = next((attempt.window for attempt in reversed(result.attempts) if attempt.window is not None), None)
+    if window is None:
+        return []
+    direction = "" if window.direction_sigma_deg is None else f", direction +- {window.direction_sigma_deg:.1f} deg"
+    depth_sigma = math.nan if result.map is None else result.map.depth_sigma
+    depths = f", depths +- {depth_sigma:.1%}" if math.isfinite(depth_sigma) else ""
+    return [("risk", f"{window.risk:.2g} that the map is wrong{direction}{depths}")]
+
+
+def _map_facts(result: Result, map_: InitialMap) -> _Facts:
+    """The lines about the map."""
+    frames = ", ".join(str(keyframe.frame) for keyframe in map_.keyframes)
+    facts = [("keyframes", f"{len(map_.keyframes)} (frames {frames})")]
+    if len(map_.points):  # the map of an external program has none
+        facts += [
+            ("landmarks", f"{len(map_.points)}, {map_.scene} scene"),
+            ("parallax", f"{map_.median_parallax_deg:.2f} deg (median)"),
+            ("reprojection", f"{map_.reprojection_rmse_px:.2f} px (rms)"),
+        ]
+    facts += _risk_facts(result)
+    if result.scale is not None:
+        facts.append(("scale", _scale_text(result.scale, map_.depth_sigma)))
+    if map_.gravity is not None:
+        x, y, z = map_.gravity.down
+        down = f"down is ({x:.3f}, {y:.3f}, {z:.3f}) in the world, +- {map_.gravity.sigma_deg:.1g} deg"
+        facts.append(("gravity", down))
+    if map_.focal_factor_sigma is not None:
+        adjusted = f"{map_.focal_factor:.3f} +- {map_.focal_factor_sigma:.3f} times the stated one (adjusted)"
+        estimated = f"{map_.camera.fx:.0f} +- {map_.camera.focal_sigma_px or 0.0:.0f} px, estimated from the motion"
+        facts.append(("focal length", estimated if map_.camera.source == "estimated" else adjusted))
+    return facts
+
+
+def _scale_text(scale: Scale, depth_sigma: float) -> str:
+    if scale.metres_per_unit is None or scale.sigma is None:
+        return f"none found from {scale.origin}: {scale.reason}"
+    # The scale is that of the baselines. A landmark is as uncertain as its own depth.
+    points = f"; the depth of a landmark to +- {depth_sigma:.0%}" if depth_sigma > scale.sigma else ""
+    known = f"1 unit = {scale.metres_per_unit:.4g} m +- {scale.sigma:.1%} ({scale.origin}: {scale.evidence})"
+    return f"{known}{points}; all results in metres"

@@ -2,12 +2,16 @@
 
 from dataclasses import replace
 
+from make_map import make_result
+
 from slam_init.output.summary import SCHEMA, AttemptRecord, CameraRecord, KeyframeRecord, SourceRecord, Summary
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, GroundTruthErrors
 
 IMAGES = "my images é"
 WITH = ["--camera", "good.yaml"]
+#: Stands in for the result of a pipeline that is not run.
+NO_MAP = make_result(None, Verdict.STATIC_CAMERA)
 CAMERA = "model: pinhole\nwidth: 64\nheight: 48\nfx: 60\nfy: 60\ncx: 31.5\ncy: 23.5\n"
 
 

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from cli_files import CAMERA, IMAGES, INITIALIZED
+from cli_files import CAMERA, IMAGES, INITIALIZED, NO_MAP
 
 import slam_init.runner
 
@@ -25,7 +25,7 @@ def pipeline(monkeypatch):
             self.calls.append((source, camera, config, options))
             if self.raises:
                 raise self.raises
-            return None, self.summary
+            return NO_MAP, self.summary
 
     fake = Fake()
     monkeypatch.setattr(slam_init.runner, "run", fake.run, raising=False)

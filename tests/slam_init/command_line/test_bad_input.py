@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 import pytest
-from cli_files import IMAGES, INITIALIZED, WITH
+from cli_files import IMAGES, INITIALIZED, NO_MAP, WITH
 from written import contents
 
 import slam_init.runner
@@ -268,7 +268,7 @@ def test_what_decoders_print_is_silenced_but_not_pythons_stderr(world, pipeline,
     def noisy(*_, **__):
         os.write(2, b"[mjpeg @ 0x1] overread 8\n")
         print("a warning for the user", file=sys.stderr)
-        return None, INITIALIZED
+        return NO_MAP, INITIALIZED
 
     monkeypatch.setattr(slam_init.runner, "run", noisy, raising=False)
     assert main(["run", IMAGES, *WITH, "--quiet"]) == 0

@@ -1,8 +1,12 @@
 """Laws of the frames after the initialization: located in the map by resection, which does not change the map."""
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from continue_with_isam2 import position_errors
 
+from slam_init import Follower, SlamInitError
 from slam_init.errors import SourceError
 from slam_init.mapping.follower import Continuation, follow
 from slam_init.output.records import ContinuationRecord
@@ -39,6 +43,23 @@ def test_the_next_frames_are_located_where_they_were_taken(room_fed):
     errors = position_errors([*room_fed.result.map.keyframes, *continued.keyframes], room_fed.source.groundtruth)
     assert errors.max() < 0.03
     assert all(0.5 < share <= 1 for share in continued.survival)
+
+
+def test_a_follower_locates_the_frames_of_an_initializer_one_by_one(room_fed):
+    """It refuses what is no next frame of the camera, and goes on."""
+    follower, (first, second, *_) = Follower(room_fed.result.map, room_fed.tracker), room_fed.following
+    located = [follower.locate(first)]
+    for wrong in (None, first.image, first, replace(second, image=second.image[::2, ::2])):
+        with pytest.raises(SlamInitError) as told:
+            follower.locate(wrong)
+        assert "\n" not in str(told.value)
+    located.append(follower.locate(second))
+    assert follower.located == located and len(follower.survival) == 2 and follower.lost_at is None
+    assert position_errors([*room_fed.result.map.keyframes, *located], room_fed.source.groundtruth).max() < 0.03
+    assert len(follower.map.points) >= len(room_fed.result.map.points)
+    for wrong in ((None, room_fed.tracker), (room_fed.result, room_fed.tracker), (room_fed.result.map, None)):
+        with pytest.raises(SlamInitError, match="give"):
+            Follower(*wrong)
 
 
 def test_the_map_is_not_changed(room_fed):

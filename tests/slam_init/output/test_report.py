@@ -1,29 +1,35 @@
 """The report for the terminal: the verdict first, then the figures that there are."""
 
+import re
 from dataclasses import fields, replace
 from pathlib import Path
 
+import numpy as np
 from make_map import make_map, make_result
 from make_summary import summarize
 
-from slam_init.output.records import ContinuationRecord, ScaleRecord
+from slam_init.output.records import ContinuationRecord
 from slam_init.output.report import report_text
 from slam_init.types.evidence import Margin, WindowEvidence
 from slam_init.types.reasons import Verdict
-from slam_init.types.result import GroundTruthErrors
-from slam_init.types.scale import ScaleOrigin
+from slam_init.types.result import Attempt, GroundTruthErrors
+from slam_init.types.scale import Scale, ScaleOrigin
 
 
-def lines_of(summary):
-    """The title, and the texts by name."""
-    title, *lines = report_text(summary, Path("out")).splitlines()
-    return title, {line[2:16].strip(): line[16:] for line in lines}
+def lines_of(result, **further):
+    """The title, and the texts by name. The text of the result alone has the same lines, but for what the run knows."""
+    printed = report_text(result, summarize(result, **further), Path("out")).splitlines()
+    title, *lines = (re.sub(r"^(  \S+( \S+)*) +", r"\1  ", line) for line in printed)
+    alone = [re.sub(r"^(  \S+( \S+)*) +", r"\1  ", line) for line in str(result).splitlines()]
+    assert [line for line in (title, *lines) if line in alone] == alone
+    assert len(lines) - (len(alone) - 1) == 1 + len(further)
+    return title, dict(line.strip().split("  ", 1) for line in lines)
 
 
 def test_a_map_is_reported_with_its_quality():
     truth = GroundTruthErrors(rotation_error_deg=0.25, direction_error_deg=None, ate_rmse=0.01, path_length=1.5)
-    summary = summarize(make_result(make_map()), ground_truth=truth, continued=ContinuationRecord(10, 9, 0.8, 0.7))
-    title, lines = lines_of(summary)
+    continued = ContinuationRecord(10, 9, 0.8, 0.7)
+    title, lines = lines_of(make_result(make_map()), ground_truth=truth, continued=continued)
     assert title == "initialized after 22 frames"
     assert lines["keyframes"] == "4 (frames 10, 17, 24, 31)"
     assert lines["landmarks"] == "60, general scene"
@@ -36,15 +42,15 @@ def test_a_map_is_reported_with_its_quality():
 
 def test_the_risk_of_the_last_window_is_reported_with_the_depths_of_the_landmarks():
     """A window has tracks at infinity and outliers, which are no landmarks: their depths are not those of the map."""
-    summary = summarize(make_result(make_map()))
+    result = make_result(make_map())
     zeros = WindowEvidence(**{field.name: 0 for field in fields(WindowEvidence)})
     window = replace(zeros, risk=0.00321, direction_sigma_deg=3.14, depth_sigma=29321.0)
-    summary = replace(summary, attempts=(*summary.attempts[:-1], replace(summary.attempts[-1], window=window)))
-    assert lines_of(summary)[1]["risk"] == "0.0032 that the map is wrong, direction +- 3.1 deg, depths +- 2.0%"
+    result = replace(result, attempts=(*result.attempts[:-1], replace(result.attempts[-1], window=window)))
+    assert lines_of(result)[1]["risk"] == "0.0032 that the map is wrong, direction +- 3.1 deg, depths +- 2.0%"
 
 
 def test_a_refusal_is_reported_with_its_advice():
-    title, lines = lines_of(summarize(make_result(None, Verdict.STATIC_CAMERA)))
+    title, lines = lines_of(make_result(None, Verdict.STATIC_CAMERA))
     assert title == "not initialized: static camera"
     assert lines["advice"] == Verdict.STATIC_CAMERA.advice
     assert lines["frames read"] == "32"
@@ -55,14 +61,30 @@ def test_two_undecided_maps_are_reported_with_their_margin():
     result = replace(
         make_result(None, Verdict.AMBIGUOUS_PLANE), hypotheses=(make_map(), make_map()), margin=Margin(3.0, 1.5)
     )
-    _, lines = lines_of(summarize(result))
+    _, lines = lines_of(result)
     assert lines["kept"] == "two maps of frames 10, 17, 24, 31; the tracks prefer the first by 3.0 nats"
 
 
 def test_a_scale_does_not_hide_that_depths_are_less_certain():
-    origin = ScaleRecord(ScaleOrigin.DISTANCE, "frames 0 and 4", "")
-    summary = summarize(make_result(make_map()))
-    summary = replace(summary, depth_sigma=0.11, scale=2.0, scale_sigma=0.001, scale_origin=origin)
-    assert "+- 0.1% (distance: frames 0 and 4); the depth of a landmark to +- 11%;" in lines_of(summary)[1]["scale"]
-    certain = replace(summary, scale_sigma=0.2)
-    assert "depth of a landmark" not in lines_of(certain)[1]["scale"]
+    map_ = replace(make_map(), depth_sigmas=np.full(len(make_map().points), 0.11))
+    scale = Scale(ScaleOrigin.DISTANCE, 2.0, 0.001, "frames 0 and 4")
+    result = replace(make_result(map_), scale=scale)
+    assert "+- 0.1% (distance: frames 0 and 4); the depth of a landmark to +- 11%;" in lines_of(result)[1]["scale"]
+    assert "depth of a landmark" not in lines_of(replace(result, scale=replace(scale, sigma=0.2)))[1]["scale"]
+
+
+def test_what_a_person_has_to_know_is_reported():
+    """The focal length, all notes and all verdicts."""
+    map_ = replace(make_map(), focal_factor=1.1, focal_factor_sigma=0.02)
+    estimated = replace(map_, camera=replace(map_.camera, source="estimated", focal_sigma=0.02))
+    verdicts = [verdict for verdict in Verdict if verdict != Verdict.ACCEPTED][:6]
+    result = replace(make_result(map_), notes=("one\nnote",), attempts=tuple(Attempt((0, 1), one) for one in verdicts))
+    _, lines = lines_of(result)
+    assert lines["focal length"] == "1.100 +- 0.020 times the stated one (adjusted)"
+    assert lines["note"] == "one\\nnote"
+    assert lines["attempts"].count("1 ") == len(verdicts)
+    _, lines = lines_of(replace(result, map=estimated))
+    assert (
+        lines["focal length"]
+        == f"{map_.camera.fx:.0f} +- {0.02 * map_.camera.focal_px:.0f} px, estimated from the motion"
+    )
