@@ -14,23 +14,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from slam_init.calibration.files import load_camera
+from slam_init.calibration.models import check_centre
 from slam_init.calibration.prior import camera_with_focal, prior_camera
 from slam_init.errors import CalibrationError
 from slam_init.system.regular_file import check_inside
 from slam_init.types.arrays import as_array
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Source
-from slam_init.types.lens_in_use import UNKNOWN_PRINCIPAL_SIGMA
 
 #: What a caller may give: a camera, a calibration matrix K (3, 3), or None where nothing is known.
 GivenCamera: TypeAlias = Camera | ArrayLike | None
 
-#: Largest distance of the principal point of a matrix without a size from the centre: four standard deviations of a
-#: principal point that nobody calibrated. Where images were resized by s, the matrix is off by (1 - s) / 2 s: it is
-#: refused below 0.83 and above 1.25, and where a sixth of a side was cropped. Of the 17 calibrations of the test data
-#: (EuRoC, KITTI, TUM and others) the farthest, a webcam's, is off by 0.036.
-#: Class: level, over the longer side.
-_MAX_CENTRE_OFFSET = 4 * UNKNOWN_PRINCIPAL_SIGMA
 #: The kinds of sources whose files may state a focal length.
 _WITH_METADATA = ("images", "video")
 
@@ -46,7 +40,7 @@ def camera_of_size(given: GivenCamera, size: tuple[int, int]) -> Camera:
         return prior_camera(size)
     check_given(given)
     camera = Camera.from_K(given, size)
-    _check_centre(camera)
+    check_centre(camera)
     return camera
 
 
@@ -55,19 +49,6 @@ def check_given(given: GivenCamera) -> None:
     if given is not None and not isinstance(given, Camera):
         give = "a Camera (slam_init.load_camera), a matrix K (3, 3), or None to have the focal length estimated"
         as_array(given, np.float64, (3, 3), "the camera", give, CalibrationError)
-
-
-def _check_centre(camera: Camera) -> None:
-    """Refuse a matrix whose principal point is far from the centre: it is that of images of another size."""
-    width, height = camera.width, camera.height
-    off = max(abs(camera.cx - (width - 1) / 2), abs(camera.cy - (height - 1) / 2)) / max(width, height)
-    if off > _MAX_CENTRE_OFFSET:
-        likely = f"{round(2 * camera.cx + 1)}x{round(2 * camera.cy + 1)}"
-        raise CalibrationError(
-            f"the principal point of K, ({camera.cx:g}, {camera.cy:g}), is that of images of about {likely}, and these "
-            f"are {width}x{height}: if they are resized, scale K; if they are cropped, subtract the corner of the crop "
-            "from cx and cy; if it is right, give Camera.from_K(K, (width, height))"
-        )
 
 
 def camera_of_source(source: Source, given: GivenCamera = None, start: int = 0) -> Camera:
@@ -120,11 +101,3 @@ def orientation_of(source: Source) -> int:
 
     first = next(iter(getattr(_files_of(source), "paths", ())), None)
     return 1 if first is None else photograph_facts(first).orientation
-
-
-def _files_of(source: Source) -> Any:
-    """The source of the files: frames that are left out, and masks, change no lens."""
-    files: Any = source
-    while hasattr(files, "source"):
-        files = files.source
-    return files

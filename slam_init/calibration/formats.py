@@ -62,6 +62,8 @@ def camera_of_content(content: Content, image_size: Size) -> Camera:
     if len(focal) == 4 and focal[0] == focal[1] == 0:
         raise CalibrationError("the focal lengths are 0: the camera was not calibrated, so calibrate it, or give auto")
     camera = _without_skew(models.camera_of_values(model, size, focal, distortion), skew)
+    if not section.states_size:
+        models.check_centre(camera)
     if "focal_sigma" in section.values:
         camera = replace(camera, focal_sigma=section.number("focal_sigma"))
     return _with_readout(camera, section)

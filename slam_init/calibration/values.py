@@ -64,6 +64,11 @@ class Section:
         flat = [item for row in value for item in (row if isinstance(row, list) else [row])]
         return [_number(self.key(name), item) for item in flat]
 
+    @property
+    def states_size(self) -> bool:
+        """Whether the file states the size of its images."""
+        return self.first(*_PAIRS) is not None or any(side.fullmatch(name) for side in _SIDES for name in self.values)
+
     def size(self, image_size: Size) -> tuple[int, int]:
         """Read width and height, or take those of the images if the file has none."""
         if name := self.first(*_PAIRS):

@@ -8,7 +8,7 @@ import pytest
 from make_files import write, write_image
 from make_scene import CAMERA
 
-from slam_init import Camera, Config, Initializer, SlamInitError, open_source, prior_camera, run
+from slam_init import Camera, Config, Initializer, SlamInitError, load_camera, open_source, prior_camera, run
 from slam_init.calibration.choosing import camera_of_size, camera_of_source
 from slam_init.errors import CalibrationError, ConfigError
 from slam_init.recording.recorder import Recorder
@@ -113,18 +113,20 @@ def test_a_matrix_of_any_type_of_numbers_is_the_same_camera(kind):
     assert camera_of_size(kind(K), (64, 48)) == Camera.from_K(K, (64, 48))
 
 
-def test_a_matrix_of_images_of_another_size_is_refused_unless_the_size_is_stated():
+def test_intrinsics_of_images_of_another_size_are_refused_unless_they_state_the_size(tmp_path):
     """Resized by a third or more, or cropped on one side by a quarter or more. The frame can be given again."""
+    (tmp_path / "without.yaml").write_text("fx: 60\nfy: 61\ncx: 31.5\ncy: 23.5\n")
     for shape in ((24, 32), (32, 43), (72, 96), (48, 48), (32, 64)):
         initializer, image = Initializer(np.array(K)), np.zeros(shape, np.uint8)
-        with pytest.raises(
-            CalibrationError, match=r"K, \(31.5, 23.5\), is that of images of about 64x48.*from_K"
-        ) as told:
+        with pytest.raises(CalibrationError, match=r"images of about 64x48, .*resized.*cropped.*from_K") as told:
             initializer.process(image)
         assert "\n" not in str(told.value)
         initializer.process(IMAGE)
         assert (initializer.frames_read, initializer.camera) == (1, Camera.from_K(K, (64, 48)))
         Initializer(Camera.from_K(K, image.shape[::-1])).process(image)
+        with pytest.raises(CalibrationError, match=r"without.yaml: .*resized.*cropped.*in the file"):
+            load_camera(tmp_path / "without.yaml", image.shape[::-1])
+    assert load_camera(tmp_path / "without.yaml", (64, 48)) == Camera.from_K(K, (64, 48))
     stated = Initializer(Camera.from_K(K, (64, 48)))
     with pytest.raises(SlamInitError, match=r"is 32x24, but the camera is for 64x48: if they are resized.*cropped"):
         stated.process(np.zeros((24, 32), np.uint8))

@@ -139,7 +139,7 @@ def test_a_camera_without_distortion_is_a_pinhole_under_every_model_name(tmp_pat
 
 def test_a_file_without_a_size_takes_that_of_the_images(tmp_path):
     path = write(tmp_path / "orb.yaml", ORB2)
-    assert load_camera(path, (100, 90)).width == 100
+    assert load_camera(path, (750, 490)).width == 750
     with pytest.raises(CalibrationError, match="width"):
         load_camera(path)
 
