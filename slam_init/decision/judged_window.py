@@ -108,7 +108,7 @@ class JudgedWindow:
         reason, advice = self._reason(max_risk)
         if not self.lens.is_unknown:
             return [at_most(GateName.RISK, self.risk.total, max_risk, reason, advice)]
-        lens_advice, unknown = advice_on(self.lens), Verdict.UNKNOWN_FOCAL_LENGTH
+        lens_advice, unknown = advice_on(self.lens, self.focal_sigma), Verdict.UNKNOWN_FOCAL_LENGTH
         if self._held_by_lens(reason, max_risk):
             reason, advice = unknown, lens_advice
         return [

@@ -9,7 +9,7 @@ estimate, and the prior stays where it was: an estimate is never the prior of th
 from __future__ import annotations
 
 from slam_init.config import Config
-from slam_init.types.lens_in_use import CALIBRATED_SIGMA, LensInUse, k1_sigma
+from slam_init.types.lens_in_use import CALIBRATED_SIGMA, MAX_FOCAL_SIGMA, LensInUse, k1_sigma
 from slam_init.window.levels import PRINCIPAL_SIGMA, READOUT_SIGMA_S
 from slam_init.window.state import Priors
 from slam_init.window.uncertainty import CameraEstimate
@@ -18,6 +18,13 @@ from slam_init.window.uncertainty import CameraEstimate
 #: The pinhole model with k1 does not describe such a lens, so that no motion tells its focal length.
 #: Class: assumption, in sides of the image and as k1.
 _WIDE_FOCAL, _WIDE_K1 = 0.5, -0.1
+#: Where a focal length comes from, by ``Camera.source``.
+_ORIGINS = {
+    "stated": "that was given",
+    "file": "of the calibration file",
+    "metadata": "of the images' metadata",
+    "estimated": "that was estimated",
+}
 
 
 def priors_of(lens: LensInUse, config: Config) -> Priors:
@@ -43,13 +50,16 @@ def followed(lens: LensInUse, found: CameraEstimate) -> LensInUse:
     return lens.moved(log_scale, k1) if lens.is_unknown and far else lens
 
 
-def advice_on(lens: LensInUse) -> str | None:
-    """What helps where the focal length stays unknown and the advice of the reason does not."""
+def advice_on(lens: LensInUse, focal_sigma: float) -> str | None:
+    """What helps where the focal length stays unknown and the advice of the reason does not.
+
+    * ``focal_sigma``: Relative standard deviation by the window, which may be larger than the stated one.
+    """
     if lens.stated.source != "prior":
-        percent = 100 * (lens.stated.focal_sigma or 0.0)
         return (
-            f"the given focal length (+- {percent:.2g} %) is not certain enough here: turn the camera while it "
-            "moves, or give the file of a calibration by --camera"
+            f"the focal length {_ORIGINS[lens.stated.source]} is known to {focal_sigma:.1%} here, and at most "
+            f"{MAX_FOCAL_SIGMA:.0%} is needed: turn the camera while it moves, or give the file of a calibration by "
+            "--camera"
         )
     if lens.camera.focal_px < _WIDE_FOCAL * max(lens.camera.width, lens.camera.height) or lens.k1 < _WIDE_K1:
         return "wide lens: give its calibration by --camera FILE, or its field of view by --camera fov=DEGREES"

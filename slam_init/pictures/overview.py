@@ -218,7 +218,7 @@ def _deciding(result: Result) -> list[str]:
         return ["The tracks of A are at rest and those of B move, or the other way round."]
     facts = []
     if result.margin is not None:
-        facts.append(f"The tracks prefer A by {result.margin.log_likelihood:.1f} nats.")
+        facts.append(f"The tracks {result.margin.in_words('A', 'B')}.")
     last = next((one for one in reversed(result.attempts) if one.window is not None), None)
     if last is not None and last.window is not None:
         bound = next((f" (bound {gate.threshold:g})" for gate in last.gates if gate.name is GateName.RISK), "")

@@ -166,6 +166,11 @@ class Margin:
     #: Smallest z that decides the vote. Two equally good maps exceed the default once in 30 000 cases.
     z_needed: float = 4.0
 
+    def in_words(self, first: str, second: str) -> str:
+        """Say which of two maps the tracks prefer, by their names: ``prefer A by 3.0 nats``."""
+        preferred = first if self.log_likelihood >= 0 else second
+        return f"prefer {preferred} by {abs(self.log_likelihood):.1f} nats"
+
     def decides(self) -> bool:
         """Return whether the first map is significantly better.
 

@@ -71,11 +71,14 @@ def test_the_file_is_read_back(tmp_path):
 
 
 def test_the_advice_about_an_unknown_focal_length_does_not_ask_for_what_was_given():
-    given = replace(PRIOR, source="stated", focal_sigma=0.05)
-    advice = advice_on(LensInUse.of(given))
-    assert "fov" not in advice and "f=" not in advice
-    assert advice_on(LensInUse.of(PRIOR)) is None  # that of the reason
-    assert advice_on(LensInUse.of(PRIOR).moved(math.log(0.5), 0.0)).startswith("wide lens: give")
+    origins = {"stated": "given", "metadata": "metadata", "file": "calibration file", "estimated": "estimated"}
+    for source, origin in origins.items():
+        advice = advice_on(LensInUse.of(replace(PRIOR, source=source, focal_sigma=0.036)), 0.071)
+        assert "fov" not in advice and "f=" not in advice
+        # The deviation that is beyond the bound, and not the stated one.
+        assert origin in advice.partition(":")[0] and "7.1%" in advice and "3.6" not in advice
+    assert advice_on(LensInUse.of(PRIOR), 0.2) is None  # that of the reason
+    assert advice_on(LensInUse.of(PRIOR).moved(math.log(0.5), 0.0), 0.2).startswith("wide lens: give")
 
 
 BENT = Camera("radtan", 640, 480, 400.0, 400.0, 319.5, 239.5, (-0.3, 0.1, 0.0, 0.0))
