@@ -5,6 +5,7 @@ import inspect
 import pkgutil
 import re
 import shlex
+import subprocess
 import tomllib
 from contextlib import chdir
 
@@ -40,6 +41,25 @@ def run_command(line, monkeypatch):
     assert words[0] == "slam-init", line
     wanted = re.search(r"# exit code (\d)$", line)
     assert main(words[1:]) == (int(wanted[1]) if wanted else 0), line
+
+
+def test_each_measured_table_names_its_command_and_a_commit_of_the_history():
+    measured = (DOCS / "results.md").read_text(encoding="utf-8").partition("## All tables")[0].splitlines()
+    tables = [k for k, line in enumerate(measured) if re.match(r"\|[-:| ]+\|$", line)]
+    heads = [re.fullmatch(r"Command: `(?:slam-init|python -m) .+`\. Commit: (\w+)\.", measured[k - 3]) for k in tables]
+    assert tables and all(heads), [measured[k - 1] for k, head in zip(tables, heads, strict=True) if not head]
+    shallow = git("rev-parse", "--is-shallow-repository")
+    if shallow.stdout.strip() != "false":
+        pytest.skip("no git, or no whole history")
+    unknown = {head[1] for head in heads if git("merge-base", "--is-ancestor", head[1], "HEAD").returncode}
+    assert not unknown
+
+
+def git(*words):
+    try:
+        return subprocess.run(["git", "-C", str(ROOT), *words], capture_output=True, text=True)
+    except FileNotFoundError:
+        return subprocess.CompletedProcess(words, 1, "", "")
 
 
 @pytest.mark.slow
