@@ -22,7 +22,7 @@ from slam_init.bundle.reprojection import (
     measured_pixels,
     projection,
 )
-from slam_init.errors import SourceError
+from slam_init.errors import SourceError, plain_line
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
@@ -59,6 +59,8 @@ _ASPECT_SIGMA = 1e-5
 _PRINCIPAL, _K1 = [3, 4], 5
 #: A projection of a camera that does not sit on a body differs by rounding.
 _SAME_PX = 1e-3
+#: A point in the frame of a camera that sees it.
+_AHEAD = np.array([0.1, 0.2, 1.0])
 #: The models of gtsam's calibrations, and their distortion in our order.
 _LENSES: dict[str, tuple[str, tuple[str, ...]]] = {
     "Cal3_S2": ("pinhole", ()),
@@ -237,8 +239,16 @@ def map_of_graph(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> Map
     Raises
     ------
     SourceError
-        If the graph has no observation, or cameras that differ, are skewed, or sit on a body.
+        If the graph has no observation, a variable without a value, or cameras that differ, are skewed, or sit on a
+        body.
     """
+    try:
+        return _map_of_graph(graph, values)
+    except RuntimeError as error:  # gtsam's, which has no class of its own in Python
+        raise SourceError(f"the graph and its values do not fit together ({plain_line(str(error))[:200]})") from None
+
+
+def _map_of_graph(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> MapOfGraph:
     import gtsam
 
     poses, rows = dict[int, Pose](), list[tuple[int, int, float, float]]()
@@ -259,10 +269,12 @@ def map_of_graph(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> Map
             raise SourceError(f"the graph has two poses with the number {frame}: give a graph of one camera")
         if frame not in poses:
             poses[frame] = _pose(pose)
-            # The wrapper does not tell where a sensor sits on its body.
-            camera = getattr(gtsam, f"PinholeCamera{kind}")(pose, calibration)
-            at_optimum = camera.project(values.atPoint3(point_key)) - factor.measured()
-            if np.abs(at_optimum - factor.unwhitenedError(values)).max() > _SAME_PX:
+            # The wrapper does not tell where a sensor sits on its body. The point of the graph may lie behind it.
+            ahead = pose.transformFrom(_AHEAD)
+            moved = gtsam.Values(values)
+            moved.update(point_key, ahead)
+            expected = getattr(gtsam, f"PinholeCamera{kind}")(pose, calibration).project(ahead) - factor.measured()
+            if np.abs(expected - _error_of(factor, moved)).max() > _SAME_PX:
                 raise SourceError("the cameras of the graph sit on a body: give the poses of the cameras")
         rows.append((frame, point_key, *factor.measured().tolist()))
     if not rows:
@@ -280,6 +292,14 @@ def map_of_graph(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> Map
         np.array([x, y], float).T.copy(),
         _camera_of(kind, numbers),
     )
+
+
+def _error_of(factor: Any, values: gtsam.Values) -> Floats:
+    """The error of an observation; infinite where the point is behind the camera."""
+    try:
+        return np.asarray(factor.unwhitenedError(values), float)
+    except RuntimeError:
+        return np.full(2, np.inf)
 
 
 def _camera_of(kind: str, numbers: tuple[float, ...]) -> Camera:

@@ -30,21 +30,24 @@ def folders_of(sources: Path) -> tuple[Path, ...]:
     """Where machine code may be, in the order of the search; it is written to the first one that can be written.
 
     * Returns: The folder that ``NUMBA_CACHE_DIR`` names, and no other, if it is set. Otherwise ``__pycache__`` of the
-      sources, then the folder for caches of the user.
+      sources, then the folder for caches of the user, if the user has a home.
     """
     named = os.environ.get("NUMBA_CACHE_DIR")
     if named:
         return (Path(named) / "quest",)
-    return (sources / "__pycache__", _user_folder() / "quest")
+    try:
+        return (sources / "__pycache__", _user_folder().expanduser() / "quest")
+    except RuntimeError:  # no HOME, and a user whom the system does not know, as in a container
+        return (sources / "__pycache__",)
 
 
 def _user_folder() -> Path:
     """The folder of the user for files that a program can make anew."""
     if sys.platform == "win32":
-        return Path(os.environ.get("LOCALAPPDATA") or "~/AppData/Local").expanduser()
+        return Path(os.environ.get("LOCALAPPDATA") or "~/AppData/Local")
     if sys.platform == "darwin":
-        return Path("~/Library/Caches").expanduser()
-    return Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser()
+        return Path("~/Library/Caches")
+    return Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache")
 
 
 def name_of(function: str, parts: Iterable[object]) -> str:

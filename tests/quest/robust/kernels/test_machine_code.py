@@ -98,3 +98,14 @@ def test_a_named_folder_is_the_only_one(monkeypatch, tmp_path):
     first, second = machine_code.folders_of(Path("kernels"))
     assert first == Path("kernels/__pycache__")
     assert second.name == "quest"
+
+
+def test_a_user_without_a_home_has_no_folder(monkeypatch):
+    """As in a container: no HOME, and a number that the system has no user for."""
+
+    def no_home(path):
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setattr(Path, "expanduser", no_home)
+    assert machine_code.folders_of(Path("kernels")) == (Path("kernels/__pycache__"),)
