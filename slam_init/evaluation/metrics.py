@@ -25,6 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quest.geometry.quaternion import rotation_angle
+from slam_init.evaluation.truth_accuracy import position_sigma_m
 from slam_init.types.arrays import Floats
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose, Trajectory
@@ -151,15 +152,18 @@ def compare_with_groundtruth(keyframes: Sequence[Keyframe], trajectory: Trajecto
     true = [first_truth.inverse() @ truth for _, truth in rest]
     rotations_deg = [np.rad2deg(rotation_angle(a.R @ b.R.T)) for a, b in zip(estimated, true, strict=True)]
     direction_error_deg: float | None = None
+    true_direction_sigma_deg: float | None = None
+    true_baseline: float | None = None
     ate: float | None = None
     baselines = [float(np.linalg.norm(pose.t)) for pose in true]
     longest = max(baselines)
     if longest > _STATIC_PATH:
-        direction_error_deg = max(
-            _angle_deg(a.t, b.t)
+        direction_error_deg, true_baseline = max(
+            (_angle_deg(a.t, b.t), baseline)
             for a, b, baseline in zip(estimated, true, baselines, strict=True)
             if baseline >= _SHORT_BASELINE * longest
         )
+        true_direction_sigma_deg = float(np.rad2deg(np.arctan2(position_sigma_m(trajectory), true_baseline)))
         centres = np.array([k.world_from_cam.t for k, _ in pairs]), np.array([truth.t for _, truth in pairs])
         ate = ate_rmse(*centres) if len(pairs) > 2 else None
     path = positions_between(trajectory, first.timestamp_s, pairs[-1][0].timestamp_s)
@@ -168,6 +172,8 @@ def compare_with_groundtruth(keyframes: Sequence[Keyframe], trajectory: Trajecto
         direction_error_deg=direction_error_deg,
         ate_rmse=ate,
         path_length=float(np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1))),
+        true_direction_sigma_deg=true_direction_sigma_deg,
+        true_baseline=true_baseline,
     )
 
 

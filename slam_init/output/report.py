@@ -36,7 +36,11 @@ def _run_facts(summary: Summary) -> list[tuple[str, str]]:
         errors = [f"{name} {value:.3g}{unit}" for name, value, unit in named if value is not None]
         if truth.scale_error is not None:
             errors.append(f"scale {truth.scale_error:+.1%}")
-        facts.append(("ground truth", ", ".join(errors) or "too little motion to compare with"))
+        known = ""
+        if truth.direction_may_be_right:
+            baseline = f"baseline of {100 * (truth.true_baseline or 0.0):.2g} cm"
+            known = f"; the true direction is known to about {truth.true_direction_sigma_deg:.2g} deg ({baseline})"
+        facts.append(("ground truth", ", ".join(errors) + known or "too little motion to compare with"))
     return [*facts, *(_segment_fact(segment) for segment in summary.segments)]
 
 

@@ -153,6 +153,17 @@ class GroundTruthErrors:
     #: Lengths of a map in metres over the true ones, minus 1, by the keyframes and the frames that were located after
     #: the initialization. None for a map without a scale, and where the scale is that of the ground truth.
     scale_error: float | None = None
+    #: Standard deviation of the true direction of the keyframe with the largest error, by the accuracy of the true
+    #: positions over its baseline; 0 where nothing tells that they are measured. None if the true camera is static.
+    true_direction_sigma_deg: float | None = None
+    #: The true baseline of that keyframe, in units of the ground truth.
+    true_baseline: float | None = None
+
+    @property
+    def direction_may_be_right(self) -> bool:
+        """Whether the accuracy of the ground truth explains the error of the direction: within two deviations."""
+        error, sigma = self.direction_error_deg, self.true_direction_sigma_deg
+        return error is not None and sigma is not None and sigma >= 1 and error <= 2 * sigma
 
 
 @dataclass(frozen=True, eq=False)
@@ -298,9 +309,8 @@ def _kept_facts(result: Result) -> _Facts:
     if not result.hypotheses or result.margin is None:
         return []
     frames = ", ".join(str(keyframe.frame) for keyframe in result.hypotheses[0].keyframes)
-    ahead = result.margin.log_likelihood
     return [
-        ("kept", f"two maps of frames {frames}; the tracks prefer the first by {ahead:.1f} nats"),
+        ("kept", f"two maps of frames {frames}; the tracks {result.margin.in_words('the first', 'the second')}"),
         *_risk_facts(result),
     ]
 

@@ -138,6 +138,24 @@ def test_short_baselines_do_not_count_for_the_direction(share, expected):
     assert found.direction_error_deg == pytest.approx(expected)
 
 
+def test_a_measured_truth_knows_the_direction_of_a_short_baseline_less_well():
+    """A noise of .3 mm from pose to pose is that of a motion capture; a rendered truth and photographs tell nothing."""
+    noise = np.random.default_rng(0).normal(scale=3e-4, size=(30, 3))
+    for noisy, rate_hz, baseline, sigma_deg in (
+        (1.0, 30.0, 0.05, 11.3),
+        (1.0, 30.0, 0.5, 1.1),
+        (0.0, 30.0, 0.05, 0.0),
+        (1.0, 1.0, 0.05, 0.0),
+    ):
+        steps = baseline * np.linspace(0, 1, 30)[:, None] * [1.0, 0, 0]
+        poses = [Pose(np.eye(3), t) for t in steps + noisy * noise]
+        truth = Trajectory(np.arange(30) / rate_hz, tuple(poses))
+        first, last = (Keyframe(k, k / rate_hz, str(k), Pose(np.eye(3), steps[k])) for k in (0, 29))
+        found = compare_with_groundtruth([first, last], truth)
+        assert found.true_direction_sigma_deg == pytest.approx(sigma_deg, abs=0.3)
+        assert found.true_baseline == pytest.approx(baseline, rel=0.05)
+
+
 def test_the_direction_error_of_a_reversed_or_missing_translation_is_180_degrees():
     truth = [Pose.identity(), Pose(np.eye(3), np.array([0.0, 0, 1]))]
     for t in ([0, 0, -1], [0, 0, 0]):
