@@ -48,6 +48,7 @@ _ZED = f"the settings of a ZED, which have a camera for each resolution and side
 
 def camera_of_content(content: Content, image_size: Size) -> Camera:
     """Convert the content of a file."""
+    content = _parts(content).get("cameras", content)
     read = next((read for fits, read in _MAPPINGS if fits(content)), None)
     content = content if read is None else read(content)
     if not _is_camera(content):
@@ -187,7 +188,7 @@ def _cameras(content: Content) -> list[str]:
     if "cam0" in content:
         return ["cam0"]
     parts = {} if _has_focal(content) else _parts(content)
-    return [key for key in parts if _has_focal(parts[key])] or [key for key in parts if _is_camera(parts[key])]
+    return [key for key in parts if _has_focal(parts[key])] or [key for key in parts if key.lower() == "camera"]
 
 
 def _part(content: Content) -> Content:
@@ -218,7 +219,7 @@ def content_of_text(text: str) -> Content:
     """Read a text of any format."""
     content = next(read for fits, read in _TEXTS if fits(text))(text)
     if isinstance(content, list) and content and isinstance(content[0], dict):
-        content = content[0].get("cameras")  # a reconstruction of OpenSfM
+        content = content[0]  # a reconstruction of OpenSfM
     if not isinstance(content, dict):
         raise CalibrationError("not a calibration: expected lines of the form key: value")
     return {str(key): value for key, value in content.items()}
@@ -321,17 +322,11 @@ def _dso(text: str) -> Content:
 def _xml(text: str) -> Content:
     """The XML of OpenCV's FileStorage, or of Metashape."""
     root = parse_xml(text)
-    calibrations = [one for one in root.iter("calibration") if one.find("f") is not None]
-    if calibrations:
-        sensors = [[one for one in sensor.iter("calibration") if one in calibrations] for sensor in root.iter("sensor")]
-        # A camera may have a calibration that somebody stated before one of its images; one of EXIF has no k1.
-        return _the_only(
-            [
-                _metashape(next((one for one in some if one.find("k1") is not None), some[0]))
-                for some in sensors or [calibrations]
-                if some
-            ]
-        )
+    if calibrations := list(root.iter("calibration")):
+        cameras = [list(sensor.iter("calibration")) for sensor in root.iter("sensor")] or [calibrations]
+        # One that somebody stated stands before that of the images; one of EXIF has no k1.
+        best = [max(some, key=lambda one: len({"f", "k1"} & {node.tag for node in one})) for some in cameras if some]
+        return _the_only([_metashape(one) for one in best])
     content: dict[str, object] = {}
     for node in root:
         data = node.findtext("data")
@@ -348,7 +343,7 @@ def _metashape(calibration: Element) -> Content:
     unread = ["p3", "p4", "k4"][: 2 if kind == "fisheye" else 3]  # k4 is no coefficient of OpenCV's polynomial
     if kind not in ("frame", "fisheye") or any(section.number(name, 0.0) for name in unread):
         raise CalibrationError(
-            f"Metashape's type {kind} with {', '.join(unread)}: use frame or fisheye, with 0 for these"
+            f"Metashape's type {kind} with {', '.join(unread)} is not read: use frame or fisheye, and 0 for these"
         )
     values = {name: section.number(name, 0.0) for name in ("k1", "k2", "k3", "k4")}
     p1, p2 = section.number("p2", 0.0), section.number("p1", 0.0)

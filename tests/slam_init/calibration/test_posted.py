@@ -80,6 +80,9 @@ ZED = "[LEFT_CAM_VGA]\nfx=192.5\nfy=192\ncx=320\ncy=240\nk1=-0.1\n\n[RIGHT_CAM_V
 READ = {
     "openvslam fisheye": (FLAT.replace("MODEL", "fisheye"), "fisheye", (0.02, -0.01, 0.003, -0.001)),
     "stella fisheye": (NESTED.replace("MODEL", "fisheye"), "fisheye", (0.02, -0.01, 0.003, -0.001)),
+    "stella beside parts with types": (
+        NESTED.replace("MODEL", "fisheye") + "Feature:\n  type: ORB\n", "fisheye", (0.02, -0.01, 0.003, -0.001),
+    ),
     "openvslam perspective": (
         re.sub("Camera.k[34].*", "", FLAT.replace("MODEL", "perspective")), "radtan", (0.02, -0.01, 0, 0),
     ),
@@ -98,6 +101,11 @@ READ = {
     "metashape": (METASHAPE.replace("TYPE", "frame"), "radtan", (0.02, -0.01, 0.002, 0.001)),
     "metashape fisheye": (
         METASHAPE.replace("TYPE", "fisheye"), "thin-prism-fisheye", (0.02, -0.01, 0.002, 0.001, 0, 0, 0, 0),
+    ),
+    "metashape with a calibration of EXIF before the adjusted one": (
+        "<document><sensor><calibration><width>640</width><height>480</height><f>300</f></calibration>"
+        + METASHAPE.partition("\n")[2].replace("TYPE", "frame") + "</sensor><sensor/></document>",
+        "radtan", (0.02, -0.01, 0.002, 0.001),
     ),
     "matrix": (MATRIX, "pinhole", ()),
     "matrix of numpy": ("[[192.5, 0, 319.5],\n [0, 192, 239.5],\n [0, 0, 1]]", "pinhole", ()),
@@ -125,6 +133,7 @@ NAMED = {
     "okvis": (OKVIS, "OKVIS"),
     "zed": (ZED, "ZED"),
     "left and right": (LEFT_RIGHT, "left, right"),
+    "left and right below cameras": ("cameras:\n" + re.sub("(?m)^", "  ", LEFT_RIGHT), "left, right"),
     "zeros": ("width: 640\nheight: 480\nk: [0, 0, 0, 0, 0, 0, 0, 0, 0]\n", "not calibrated"),
     "fisheye of ost": (OST.replace(" 0.002 0.000000", " 0.002"), "ost.yaml"),
     "two cameras of ost": (OST + OST, "several cameras"),
