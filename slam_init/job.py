@@ -419,9 +419,11 @@ def _initialize(
     from tqdm import tqdm
 
     limits = [limit for limit in (available, max_frames) if limit is not None]
-    # No time that is left: nobody knows the frame of the map, and the first frames may compile.
-    bar_format = "{l_bar}{bar}| {n_fmt}/{total_fmt} [{elapsed}]"
-    with tqdm(total=min(limits, default=None), disable=not progress, leave=False, bar_format=bar_format) as bar:
+    total = min(limits, default=None)
+    # No time that is left: nobody knows the frame of the map, and the first frames may compile. They tell so within
+    # the first second, before there is a bar.
+    shown = "{l_bar}{bar}| {n_fmt}/{total_fmt} [{elapsed}]"
+    with tqdm(total=total, disable=not progress, leave=False, bar_format=shown, delay=1.0) as bar:
         for frame in frames:
             status = process(frame)
             bar.set_description(live_text(status), refresh=False)

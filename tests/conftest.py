@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +17,9 @@ from hypothesis import settings
 from make_source import KeptSource, synth
 from runs import Fed, Run
 
+from quest.robust.kernels import machine_code
 from sequences_synth.texture import Texture
+from slam_init import window
 from slam_init.bundle.focal import camera_with_focal_factor
 from slam_init.config import Config
 from slam_init.initializer import Initializer
@@ -32,6 +35,17 @@ def pytest_configure() -> None:
     """Workers start with one thread each: further threads of libraries wait for one another, and double the work."""
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Tell a person who waits that the first tests may compile: what the tests and their workers write is not shown."""
+    reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+    kernels = Path(machine_code.__file__).parent
+    sources = [*kernels.glob("*.py"), *Path(window.__file__).parent.glob("*.py")]
+    kept = [path for folder in machine_code.folders_of(kernels) for path in folder.glob("*.code")]
+    newest_source, newest = (max((path.stat().st_mtime for path in some), default=0.0) for some in (sources, kept))
+    if reporter is not None and newest < newest_source:
+        reporter.write_line("the first tests compile for this machine, once: up to two minutes")
 
 
 def pytest_collection_finish() -> None:
