@@ -132,12 +132,12 @@ def _hint(word: str, parser: argparse.ArgumentParser) -> str:
     if not word.startswith("-") and _OPTION_OF_FILE.get(suffix) in options:
         option = _OPTION_OF_FILE[suffix]
         return f": did you mean {option}{'=' if option in getattr(parser, 'bare_values', {}) else ' '}{word}?"
+    meant = _meant(name, options)
     if name in _OTHER_NAMES and name not in options:
-        meant = [_OTHER_NAMES[name]]
-        if meant == [None]:
+        other = _OTHER_NAMES[name]
+        if other is None:
             return f": leave {name} out: SOURCE stands without an option"
-    else:
-        meant = _meant(name, options)
+        meant = [other]
     return f": did you mean {meant[0]}?" if meant and meant[0] in options else ""
 
 

@@ -11,9 +11,16 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from slam_init.datasets.image_files import MAX_FRAMES, MAX_PIXELS, ImageFileSource, check_size, frame_range, natural_key
+from slam_init.datasets.image_files import (
+    MAX_FRAMES,
+    MAX_PIXELS,
+    PHOTO_RATE_HZ,
+    ImageFileSource,
+    check_size,
+    frame_range,
+    natural_key,
+)
 from slam_init.datasets.match_chains import TrackTable
-from slam_init.datasets.posed_images import PHOTO_RATE_HZ
 from slam_init.datasets.text import trajectory
 from slam_init.errors import SourceError
 from slam_init.types.arrays import Floats, Image, Ints

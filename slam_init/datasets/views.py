@@ -349,8 +349,8 @@ class SourceView:
     @property
     def query(self) -> str:
         """The options that differ from the defaults, as in ``every=3&mask=car.png``; empty where all is used."""
-        options = {"every": None if self.every == 1 else self.every, "fps": self.fps}
-        options |= {"mask": self.mask, "camera": self.camera}
+        every = None if self.every == 1 else self.every
+        options = {"every": every, "fps": self.fps, "mask": self.mask, "camera": self.camera}
         return urlencode({name: value for name, value in options.items() if value is not None})
 
     def text(self, source: str) -> str:

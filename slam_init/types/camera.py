@@ -171,7 +171,7 @@ class Camera(Described):
         if not (matrix[1, 0] == matrix[0, 1] == 0 and matrix[2].tolist() == [0, 0, 1]):
             raise CalibrationError(f"K has a skew, or no last row 0 0 1: give {give}")
         (fx, _, cx), (_, fy, cy), _ = matrix.tolist()
-        return Camera("radtan" if len(distortion) else "pinhole", width, height, fx, fy, cx, cy, distortion)
+        return Camera("radtan" if len(distortion) else "pinhole", width, height, fx, fy, cx, cy, tuple(distortion))
 
     @cached_property
     def lens(self) -> Lens | None:
