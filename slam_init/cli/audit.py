@@ -29,7 +29,7 @@ def add_audit(commands: Commands) -> None:
         "map",
         metavar="MAP",
         help="handover.npz, the folder of a run, the folder of a COLMAP model, gtsam's graph.txt, nerfstudio's "
-        "transforms.json, or a trajectory in TUM's format (ORB-SLAM's keyframes)",
+        "transforms.json, or a trajectory: columns with a header, TUM's format (ORB-SLAM's keyframes), or KITTI's",
     )
     audit.add_argument(
         "--images",
@@ -54,6 +54,7 @@ def _audit(arguments: argparse.Namespace) -> int:
     from slam_init.datasets.map_files import moves_otherwise, open_map, tracked_by
     from slam_init.datasets.track_source import KnowsTracks
     from slam_init.decision.audit import audit
+    from slam_init.decision.readings import fitting_reading
     from slam_init.output.folder import OutputFolder, chosen_folder
     from slam_init.output.plain_json import plain_fields
     from slam_init.output.results import publish_files
@@ -82,13 +83,22 @@ def _audit(arguments: argparse.Namespace) -> int:
         raise SourceError(f"{arguments.map}: a trajectory has no tracks: give the images by --images")
     if camera is None:
         raise CalibrationError(f"{arguments.map}: has no calibration: give --camera FILE")
-    poses, views = (map_.poses, map_.tracks(camera)) if source is None else tracked_by(map_, source, camera, config)
+    poses, views, notes = map_.poses, map_.tracks(camera), tuple[str, ...]()
+    if source is not None:
+        poses, views, notes = tracked_by(map_, source, camera, config)
     try:
-        found = audit(poses, views, camera, config)
+        fitting = fitting_reading(poses, views, camera, config)
+        taken = fitting if map_.is_trajectory else None
+        found = audit(poses, views, camera, config) if taken is None else taken.audit
     except SlamInitError as error:
         raise SourceError(f"{arguments.map}: {error}") from None
-    if not found and source is not None and moves_otherwise(map_, poses, views, found.pair):
+    if taken is not None:
+        notes = (*notes, f"the poses were read as {taken.reading}, since the tracks contradict world_from_cam")
+    elif not found and fitting is not None:
+        found = replace(found, reason=None, advice=f"the poses fit as {fitting.reading}: convert them")
+    elif not found and source is not None and moves_otherwise(map_, poses, views, found.pair):
         found = replace(found, reason=None, advice=_OTHER_IMAGES)
+    found = replace(found, notes=notes)
     # The matches are those of the picture.
     record = {name: value for name, value in plain_fields(found).items() if name != "matches"}
     text = json.dumps(record, indent=2, allow_nan=False) + "\n"

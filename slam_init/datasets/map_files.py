@@ -4,7 +4,8 @@
 * the folder of a COLMAP model, text or binary, with the observations of its points;
 * ``graph.txt`` of gtsam with ``values.txt`` beside it, or their folder, with the measurements of its factors;
 * ``transforms.json`` of nerfstudio: poses and the names of their images;
-* a trajectory in the format of TUM RGB-D, as ORB-SLAM writes of its keyframes: poses and no tracks.
+* a trajectory: poses and no tracks. Its columns are those that a header names, otherwise those of TUM RGB-D, as
+  ORB-SLAM writes of its keyframes, or the matrices of KITTI, a line for each image.
 
 The tracks of the points of a map are those that the map has kept. Those of a source, its images or its matches, are not
 chosen by the map, so that a wrong map is found more often.
@@ -28,8 +29,8 @@ from slam_init.datasets.image_files import ImageFileSource, natural_key
 from slam_init.datasets.layouts.photographs import TRANSFORMS, find_colmap, read_transforms
 from slam_init.datasets.match_chains import TrackTable
 from slam_init.datasets.posed_images import common_camera
-from slam_init.datasets.stamps import truth_on_clock
-from slam_init.datasets.text import pose_from_matrix, read_trajectory
+from slam_init.datasets.stamps import line_by_line, truth_on_clock
+from slam_init.datasets.text import TUM_COLUMNS, pose_from_matrix, read_poses, stamps_of, trajectory
 from slam_init.datasets.track_source import KnowsTracks, TrackSource
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.frontend.tracks import Tracker
@@ -62,7 +63,7 @@ class MapFile:
 
     path: Path
     world_from_cam: tuple[Pose, ...]
-    #: The frames of the poses; empty where only times are known.
+    #: The frames of the poses, or the lines of a trajectory without times; empty where only times are known.
     frames: tuple[int, ...] = ()
     #: The images of the poses; empty where the frames are those of a source, or only times are known.
     names: tuple[str, ...] = ()
@@ -73,6 +74,11 @@ class MapFile:
     trajectory: Trajectory | None = None
     #: Holds the images that the map names; None where it names none.
     images: Path | None = None
+
+    @property
+    def is_trajectory(self) -> bool:
+        """Whether the file has poses alone: no format states what they mean."""
+        return self.table is None and not self.names
 
     @property
     def poses(self) -> dict[int, Pose]:
@@ -124,11 +130,14 @@ def open_map(path: Path) -> MapFile:
 
 def tracked_by(
     map_: MapFile, source: TimedSource, camera: Camera, config: Config
-) -> tuple[dict[int, Pose], list[Observations]]:
-    """The poses of a map by the frames of a source, and the tracks of the source from the first of them on."""
-    poses = _in_source(map_, source)
+) -> tuple[dict[int, Pose], list[Observations], tuple[str, ...]]:
+    """The poses of a map by the frames of a source, the tracks of the source from the first of them on, and notes."""
+    poses, notes = _in_source(map_, source)
     if len(poses) < 2:
-        raise SourceError(f"{map_.path}: {len(poses)} of its poses belong to images of {source.name}: give its images")
+        clocks = "" if map_.trajectory is None else f" ({_clocks(map_.trajectory.timestamps_s, source.timestamps_s)})"
+        raise SourceError(
+            f"{map_.path}: {len(poses)} of its poses belong to images of {source.name}{clocks}: give its images"
+        )
     tracker = Tracker(camera, config.tracking, history_limit=_MOST_FRAMES)
     views = []
     for frame in source.frames(min(poses), _MOST_FRAMES):
@@ -137,7 +146,7 @@ def tracked_by(
         else:
             _check_size(source, frame, camera)
             tracker.track(frame)
-    return poses, views or list(tracker.history)
+    return poses, views or list(tracker.history), notes
 
 
 def moves_otherwise(
@@ -185,17 +194,17 @@ def _check_size(source: TimedSource, frame: Frame, camera: Camera) -> None:
         )
 
 
-def _in_source(map_: MapFile, source: TimedSource) -> dict[int, Pose]:
+def _in_source(map_: MapFile, source: TimedSource) -> tuple[dict[int, Pose], tuple[str, ...]]:
     """The poses of a map by the frames of a source: by time, by the names of the images, or by their numbers."""
     if map_.trajectory is not None:
-        stamped = truth_on_clock(map_.trajectory, source.timestamps_s)[0] or map_.trajectory
-        # A pose belongs to one image: at 60 images a second the next ones are near in time as well.
-        apart_s = np.abs(source.timestamps_s[:, None] - stamped.timestamps_s)
-        frames = apart_s.argmin(axis=0)
-        near = zip(frames.tolist(), apart_s.min(axis=0).tolist(), stamped.world_from_cam, strict=True)
-        return {frame: pose for frame, time_s, pose in near if time_s <= _SAME_TIME_S}
+        return _by_time(map_.trajectory, source.timestamps_s)
     if not map_.names:
-        return {frame: pose for frame, pose in map_.poses.items() if frame < len(source)}
+        if map_.is_trajectory and len(map_.frames) != len(source):
+            raise SourceError(
+                f"{map_.path}: {len(map_.frames)} poses without times for {len(source)} images: state the time of "
+                "each pose, or give a pose for each image"
+            )
+        return {frame: pose for frame, pose in map_.poses.items() if frame < len(source)}, ()
     names, found = _names_of(source), dict[int, Pose]()
     for name, pose in zip(map_.names, map_.world_from_cam, strict=True):
         # The folders of the images may have another place: the longest common end decides.
@@ -203,7 +212,31 @@ def _in_source(map_: MapFile, source: TimedSource) -> dict[int, Pose]:
         longest = max(shared, default=0)
         if longest and shared.count(longest) == 1:
             found[shared.index(longest)] = pose
-    return found
+    return found, ()
+
+
+def _by_time(known: Trajectory, times_s: Floats) -> tuple[dict[int, Pose], tuple[str, ...]]:
+    """The poses by the images of their times. Clocks that differ by an offset, and numbers of images, are noted."""
+    stamped, notes = truth_on_clock(known, times_s)
+    stamped = stamped or known
+    # A pose belongs to one image: at 60 images a second the next ones are near in time as well.
+    apart_s = np.abs(times_s[:, None] - stamped.timestamps_s)
+    frames, near = apart_s.argmin(axis=0), apart_s.min(axis=0) <= _SAME_TIME_S
+    stamps, clocks = known.timestamps_s, _clocks(known.timestamps_s, times_s)
+    if not near.all() and line_by_line(stamps, times_s):
+        frames, near, notes = np.arange(len(stamps)), np.ones(len(stamps), bool), (f"{clocks}: taken line by line",)
+    elif near.sum() < 2 and not (stamps % 1).any() and stamps[0] >= 0 and stamps[-1] < len(times_s):
+        frames, near, notes = stamps.astype(int), np.ones(len(stamps), bool), (f"{clocks}: taken as numbers of images",)
+    elif not near.all():
+        notes = (*notes, f"{(~near).sum()} of {len(near)} poses have the time of no image ({clocks})")
+    found = zip(frames.tolist(), near.tolist(), known.world_from_cam, strict=True)
+    return {frame: pose for frame, belongs, pose in found if belongs}, notes
+
+
+def _clocks(stamps: Floats, times_s: Floats) -> str:
+    return (
+        f"time stamps of {stamps[0]:.12g} to {stamps[-1]:.12g}, and images of {times_s[0]:.12g} to {times_s[-1]:.12g} s"
+    )
 
 
 def _common_end(name: str, other: str) -> int:
@@ -220,10 +253,14 @@ def _names_of(source: TimedSource) -> list[str]:
 
 
 def _trajectory(path: Path) -> MapFile:
-    found = read_trajectory(path)
-    if found is None:
-        raise SourceError(f"{path}: holds no pose: give a map, or a trajectory: timestamp tx ty tz qx qy qz qw")
-    return MapFile(path, found.world_from_cam, trajectory=found)
+    rows = list(read_poses(path, None, TUM_COLUMNS))
+    if not rows:
+        raise SourceError(f"{path}: holds no pose: give a map, or a trajectory: {TUM_COLUMNS}")
+    stamps, poses = stamps_of(rows), tuple(row.pose for row in rows)
+    if stamps is None or 2 * len(set(stamps)) <= len(stamps):  # equal stamps are no times
+        return MapFile(path, poses, tuple(range(len(poses))))
+    found = trajectory(list(zip(stamps, poses, strict=True)))
+    return MapFile(path, poses, trajectory=found)
 
 
 def _transforms(path: Path) -> MapFile:
@@ -231,7 +268,7 @@ def _transforms(path: Path) -> MapFile:
     camera, kept, _ = common_camera([image.camera for image in images], str(path))
     images = [image for image, keep in zip(images, kept, strict=True) if keep]
     poses = tuple(image.world_from_cam for image in images if image.world_from_cam is not None)
-    names = tuple(image.path.relative_to(path.parent).as_posix() for image in images)
+    names = tuple(image.path.as_posix() for image in images)
     return MapFile(path, poses, tuple(range(len(images))), names, camera, images=path.parent)
 
 

@@ -72,6 +72,17 @@ def truth_on_clock(
     return trajectory(list(zip(stamps, truth.world_from_cam, strict=True))), notes
 
 
+def line_by_line(stamps: Floats, timestamps_s: Floats) -> bool:
+    """Whether the stamps of poses, in any unit, differ from the times of the images by an offset alone.
+
+    Shapes: ``stamps`` (M,), ``timestamps_s`` (N,).
+    """
+    if len(stamps) != len(timestamps_s):
+        return False
+    passed_s, since_first = timestamps_s - timestamps_s[0], stamps - stamps[0]
+    return any((np.abs(in_seconds(since_first, unit) - passed_s) <= _TOLERANCE_S).all() for unit in TimeUnit)
+
+
 def _matched(truth_s: Floats, timestamps_s: Floats) -> int:
     """How many images have a true pose near in time."""
     after = np.searchsorted(truth_s, timestamps_s)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -91,7 +92,10 @@ def pose_from_quaternion(row: Row, t: list[float], q_wxyz: list[float]) -> Pose:
     """Make a pose from a translation and a quaternion of a file."""
     # Files print 4 to 9 digits. A norm further from 1 means that the columns hold something else.
     if abs(math.hypot(*q_wxyz) - 1) > 0.01:
-        raise SourceError(f"{row[0]}: quaternion {q_wxyz} is not of unit norm")
+        raise SourceError(
+            f"{row[0]}: quaternion {q_wxyz} is not of unit norm: name the columns in a first line, for example "
+            f"# {TUM_COLUMNS}"
+        )
     return Pose.from_quaternion(np.array(q_wxyz), _position(row[0], np.array(t)))
 
 
@@ -101,10 +105,14 @@ def pose_from_matrix(place: str, matrix: Floats) -> Pose:
     Shapes: ``matrix`` (3, 4).
     """
     R = matrix[:3, :3]
-    # The first condition holds back numbers whose squares overflow.
-    if not ((np.abs(R) < 2).all() and np.allclose(R @ R.T, np.eye(3), atol=0.01) and np.linalg.det(R) > 0):
+    if not _is_rotation(R):
         raise SourceError(f"{place}: the 3x3 part of the pose is not a rotation")
     return Pose.from_quaternion(quaternion_from_matrix(R), _position(place, matrix[:3, 3]))
+
+
+def _is_rotation(R: Floats) -> bool:
+    # The first condition holds back numbers whose squares overflow.
+    return bool((np.abs(R) < 2).all() and np.allclose(R @ R.T, np.eye(3), atol=0.01) and np.linalg.det(R) > 0)
 
 
 def _position(place: str, t: Floats) -> Floats:
@@ -114,34 +122,96 @@ def _position(place: str, t: Floats) -> Floats:
     return t
 
 
+#: The columns of the format of TUM RGB-D.
+TUM_COLUMNS = "timestamp tx ty tz qx qy qz qw"
+#: Words before the axis in the names of columns, such as ``p_RS_R_x [m]``, ``q_w`` and ``pose.orientation.w``.
+_WORDS = {
+    "t": {"t", "p", "tran", "trans", "translation", "pos", "position", "location"},
+    "q": {"q", "quat", "quaternion", "rot", "rotation", "ori", "orient", "orientation"},
+}
+_PARTS = ("tx", "ty", "tz", "qw", "qx", "qy", "qz")
+
+
 @dataclass(frozen=True, eq=False)
 class PoseRow:
     """A line of a table of poses."""
 
     #: The line, for messages.
     row: Row
-    #: Its numbers by the names of the columns.
-    values: dict[str, float]
+    #: None where the table has no column of time stamps.
+    stamp: float | None
     pose: Pose
 
 
 def read_poses(path: str | os.PathLike[str], root: str | os.PathLike[str] | None, columns: str) -> Iterator[PoseRow]:
-    """Read a table of poses whose columns are separated by commas or white space.
+    """Read a table of poses. The names of its header win over the positions that its format states.
 
-    * ``columns``: Their names. Those of the pose are ``tx ty tz`` and ``qw qx qy qz``, in any order. Further columns
-      are ignored, and a line of names is skipped.
+    A line without a header may hold the seven numbers of a pose alone, or a matrix of 3x4 or 4x4 numbers, perhaps with
+    a time stamp before it.
+
+    * ``columns``: The names by position where no line names them. Those of the pose are ``tx ty tz`` and
+      ``qw qx qy qz``, in any order. Further columns are ignored.
     """
-    names = columns.split()
-    for row in read_rows(path, root):
-        if not row[1].startswith(names[0]):
-            values = dict(zip(names, numbers(row, fields_of(row), len(names), columns), strict=True))
-            t, q_wxyz = [values[f"t{axis}"] for axis in "xyz"], [values[f"q{part}"] for part in "wxyz"]
-            yield PoseRow(row, values, pose_from_quaternion(row, t, q_wxyz))
+    names, named = columns.split(), False
+    for row in read_lines(path, root):
+        header = _names_in(row[1])
+        if header:
+            names, named = header, True
+        elif row[1] and row[1][0] not in "#%":
+            matrix = None if named else _matrix_row(row)
+            yield _named_row(row, names, named) if matrix is None else matrix
+
+
+def _names_in(line: str) -> list[str]:
+    """The columns that a header names, other ones as empty text; none for a line that names no pose."""
+    if "w" not in line.lower():
+        return []
+    without_units = re.sub(r"[\[(].*?[\])]", "", line.lower().lstrip("#% "))
+    words = fields_of(("", without_units))
+    names = [_name_of(word) for word in words]
+    if not set(_PARTS) <= set(names):
+        return []
+    timed = (k for k, word in enumerate(words) if "time" in word or "stamp" in word)
+    first = next(timed, 0)
+    return [name or ("timestamp" if k == first else "") for k, name in enumerate(names)]
+
+
+def _name_of(word: str) -> str:
+    """A name of :data:`_PARTS` for the name of a column; empty for a column of something else."""
+    before = set(re.findall("[a-z]+", word[:-1])) or {"t"}
+    kind = next((kind for kind, words in _WORDS.items() if before & words), "")
+    return kind + word[-1] if kind + word[-1:] in _PARTS else ""
+
+
+def _named_row(row: Row, names: list[str], named: bool) -> PoseRow:
+    fields = fields_of(row)
+    if named and len(fields) != len(names):
+        raise SourceError(f"{row[0]}: has {len(fields)} columns, and the header names {len(names)}: name each column")
+    if len(fields) == len(_PARTS) and not named:
+        names = [name for name in names if name in _PARTS]
+    wanted = [name for name in ("timestamp", *_PARTS) if name in names]
+    chosen = [fields[names.index(name)] for name in wanted if names.index(name) < len(fields)]
+    values = dict(zip(wanted, numbers(row, chosen, len(wanted), " ".join(names)), strict=True))
+    t, q_wxyz = [values[name] for name in _PARTS[:3]], [values[name] for name in _PARTS[3:]]
+    return PoseRow(row, values.get("timestamp"), pose_from_quaternion(row, t, q_wxyz))
+
+
+def _matrix_row(row: Row) -> PoseRow | None:
+    """The pose of a line that is a matrix (3, 4) or (4, 4), as in KITTI; None for another line."""
+    fields = fields_of(row)
+    if len(fields) not in (12, 13, 16, 17):
+        return None
+    stamped, what = len(fields) % 4, "a matrix of 3x4 or 4x4 numbers"
+    matrix = np.array(numbers(row, fields[stamped:], 12, what)).reshape(3, 4)
+    if not _is_rotation(matrix[:, :3]):
+        return None
+    return PoseRow(row, numbers(row, fields, 1, what)[0] if stamped else None, pose_from_matrix(row[0], matrix))
 
 
 def fields_of(row: Row) -> list[str]:
-    """Split a line at its commas, or at white space where it has none."""
-    return [field.strip() for field in row[1].split(",")] if "," in row[1] else row[1].split()
+    """Split a line at its semicolons or commas, or at white space where it has none."""
+    separator = next((one for one in ";," if one in row[1]), None)
+    return [field.strip() for field in row[1].split(separator)]
 
 
 def check_count(table: str | os.PathLike[str], rows: Sequence[object], what: str, paths: Sequence[Path]) -> None:
@@ -165,7 +235,7 @@ def pinhole(place: str, size: tuple[int, int], fx: float, fy: float, cx: float, 
 def read_trajectory(
     path: str | os.PathLike[str],
     root: str | os.PathLike[str] | None = None,
-    columns: str = "timestamp tx ty tz qx qy qz qw",
+    columns: str = TUM_COLUMNS,
     body_from_cam: Pose | None = None,
 ) -> Trajectory | None:
     """Read a trajectory; by default in the format of TUM RGB-D.
@@ -176,6 +246,17 @@ def read_trajectory(
     * Returns: Time stamps as they stand in the file and poses world_from_cam in the unit of the file; None if the file
       holds no pose.
     """
-    rows = read_poses(path, root, columns)
-    stamped = ((row.values["timestamp"], row.pose) for row in rows)
-    return trajectory([(stamp, pose @ body_from_cam if body_from_cam else pose) for stamp, pose in stamped])
+    rows = list(read_poses(path, root, columns))
+    if not rows:
+        return None
+    stamps = stamps_of(rows)
+    if stamps is None:
+        raise SourceError(f"{path}: its {len(rows)} poses have no time stamps: state the time of each")
+    poses = (row.pose @ body_from_cam if body_from_cam else row.pose for row in rows)
+    return trajectory(list(zip(stamps, poses, strict=True)))
+
+
+def stamps_of(rows: Sequence[PoseRow]) -> list[float] | None:
+    """The time stamps of poses; None where they have none."""
+    stamps = [row.stamp for row in rows if row.stamp is not None]
+    return stamps if len(stamps) == len(rows) else None

@@ -247,15 +247,15 @@ def _matches(known: Mapping[int, Pose], window: JudgedWindow) -> AuditedMatches:
     return AuditedMatches(
         size=(camera.width, camera.height),
         pixels2=pair.pixels2,
-        map_px=camera.focal_px * _off_plane(given, pair.rays1, pair.rays2),
-        best_px=lens.focal_px * _off_plane(best.cam2_from_cam1, *fitted),
+        map_px=camera.focal_px * off_plane(given, pair.rays1, pair.rays2),
+        best_px=lens.focal_px * off_plane(best.cam2_from_cam1, *fitted),
         points=points,
         map_centres=np.array([(known[first].inverse() @ known[frame]).t / unit for frame in frames]),
         best_centres=np.array([motion[frame].inverse().t / length for frame in frames]),
     )
 
 
-def _off_plane(pose: Pose, rays1: Floats, rays2: Floats) -> Floats:
+def off_plane(pose: Pose, rays1: Floats, rays2: Floats) -> Floats:
     """Angles (N,) between the rays of the second view and the epipolar planes of those of the first."""
     normals = np.cross(pose.t, rays1 @ pose.R.T)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)

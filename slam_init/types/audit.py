@@ -89,6 +89,8 @@ class Audit(Described):
         What would tell; empty for a sound map.
     matches : AuditedMatches
         What the picture of the audit shows.
+    notes : tuple of str
+        How the poses of a file were read, where its form does not state it.
     """
 
     verdict: AuditVerdict
@@ -110,6 +112,7 @@ class Audit(Described):
     reason: Verdict | None
     advice: str
     matches: AuditedMatches
+    notes: tuple[str, ...] = ()
 
     def __bool__(self) -> bool:
         return self.verdict is AuditVerdict.SOUND
@@ -124,4 +127,5 @@ class Audit(Described):
             ("direction", f"{self.direction_deg:.3g} deg from the best motion, +- {self.direction_sigma_deg:.2g} deg"),
             ("rotation", f"{self.rotation_deg:.3g} deg from the best motion, +- {self.rotation_sigma_deg:.2g} deg"),
             *([("what tells", f"{reason}{self.advice}")] if self.advice else []),
+            *(("note", note) for note in self.notes),
         ]

@@ -42,6 +42,7 @@ from slam_init.datasets.text import (
     pose_from_quaternion,
     read_poses,
     read_rows,
+    stamps_of,
     trajectory,
 )
 from slam_init.datasets.video import open_video
@@ -143,9 +144,10 @@ def open_stray_scanner(folder: Path, _: bool) -> TimedSource:
     """Open a recording of Stray Scanner."""
     table = folder / "odometry.csv"
     rows = list(read_poses(table, folder, "timestamp frame tx ty tz qx qy qz qw"))
-    if not rows:
-        raise SourceError(f"{table}: holds no pose")
-    stamps, poses = [(one.row[0], one.values["timestamp"]) for one in rows], [one.pose for one in rows]
+    times = stamps_of(rows)
+    if not rows or times is None:
+        raise SourceError(f"{table}: holds no poses with a time stamp each")
+    stamps, poses = [(one.row[0], time) for one, time in zip(rows, times, strict=True)], [one.pose for one in rows]
     if not (folder / "rgb.mp4").is_file():
         paths = images_of(folder / "rgb")
         check_count(table, rows, "poses", paths)

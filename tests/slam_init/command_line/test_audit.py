@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from make_map import make_map
 
-from slam_init import open_source, write_colmap
+from slam_init import Pose, open_source, write_colmap
 from slam_init.calibration.models import NUMBERED
 from slam_init.cli import main
 from slam_init.datasets.map_files import moves_otherwise, open_map
+from slam_init.datasets.posed_images import with_axes
 from slam_init.output.handover import handover_bytes
 from slam_init.output.nerfstudio import opengl_matrix
 from slam_init.output.results import tum_text
@@ -84,6 +85,25 @@ def test_a_trajectory_is_audited_by_the_images(moved, code, tmp_path, capsys):
     (tmp_path / "poses.txt").write_text(tum_text(keyframes))
     assert main(["audit", str(tmp_path / "poses.txt"), "--images", ROOM]) == code
     assert ("sound" if code == 0 else "what tells") in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_a_trajectory_in_another_convention_is_the_same_map(tmp_path, capsys):
+    """A note says which convention it is. Other programs state theirs: there it is an advice."""
+    truth = open_source(ROOM).groundtruth
+    others = {
+        "cam_from_world": Pose.inverse,
+        "quaternions with w first": lambda pose: Pose.from_quaternion(np.roll(pose.q_wxyz, 1), pose.t),
+        "camera axes right, up, backward": lambda pose: with_axes(pose, "right, up, backward"),
+    }
+    for name, other in others.items():
+        poses = [other(pose) for pose in truth.world_from_cam]
+        keyframes = [Keyframe(k, truth.timestamps_s[k], str(k), pose) for k, pose in enumerate(poses)]
+        (tmp_path / "poses.txt").write_text(tum_text(keyframes))
+        code, found = told([str(tmp_path / "poses.txt"), "--images", ROOM], capsys)
+        assert (code, found["verdict"]) == (0, "sound")
+        (note,) = found["notes"]
+        assert f"read as {name}," in note
 
 
 @pytest.mark.slow

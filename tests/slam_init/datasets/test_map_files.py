@@ -68,6 +68,15 @@ def observation(frame, calibration, *body_from_cam, name="x"):
     return gtsam.GenericProjectionFactorCal3_S2(np.ones(2), noise, *keys, calibration, False, False, *body_from_cam)
 
 
+def test_a_graph_with_points_anywhere_is_read(tmp_path):
+    """Points behind a camera have no projection."""
+    for depth in (3.0, 0.0, -3.0):
+        values = gtsam.Values()
+        values.insert(gtsam.symbol("x", 0), gtsam.Pose3())
+        values.insert(gtsam.symbol("l", 0), np.array([0.1, 0.2, depth]))
+        assert open_map(graph_of(tmp_path / f"{depth}", observation(0, CAL), values=values)).frames == (0,)
+
+
 @pytest.mark.parametrize(
     ("factors", "said"),
     [
@@ -75,6 +84,7 @@ def observation(frame, calibration, *body_from_cam, name="x"):
         (lambda: [observation(0, gtsam.Cal3_S2(50, 50, 1, 32, 24))], "skew"),
         (lambda: [observation(k, gtsam.Cal3_S2(50 + k, 50, 0, 32, 24)) for k in (0, 1)], "2 calibrations"),
         (lambda: [observation(0, CAL), observation(0, CAL, name="y")], "two poses"),
+        (lambda: [observation(2, CAL)], 'the key "x2"'),
         (lambda: [observation(0, CAL, gtsam.Pose3(gtsam.Rot3(), np.array([0.1, 0, 0])))], "sit on a body"),
     ],
 )
@@ -101,6 +111,67 @@ def test_a_keyframe_belongs_to_one_image(unit, sequence):
     assert {frame: pose.t[0] for frame, pose in found.items()} == {2: 2, 7: 7}
 
 
+def rows_of(form, stamps, poses):
+    """The lines of a trajectory in a form; each pose is world_from_cam."""
+    for k, (stamp, pose) in enumerate(zip(stamps, poses, strict=True)):
+        (w, x, y, z), t, matrix = pose.q_wxyz, pose.t, pose.matrix()
+        yield form(k, float(stamp), [*t], [x, y, z, w], [w, x, y, z], [*matrix[:3].ravel()], [*matrix.ravel()])
+
+
+EUROC = (
+    "#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z [], v_RS_R_x"
+)
+ROS = "%time;field.header.frame_id;" + ";".join(
+    [f"field.pose.orientation.{axis}" for axis in "wxyz"] + [f"field.pose.position.{axis}" for axis in "xyz"]
+)
+#: The header, the separator, and the numbers of a line.
+FORMS = {
+    "TUM": ("# a comment", " ", lambda k, s, t, xyzw, *_: [s, *t, *xyzw]),
+    "names": ("stamp tx ty tz q_w q_x q_y q_z", "\t", lambda k, s, t, xyzw, wxyz, *_: [s, *t, *wxyz]),
+    "EuRoC": (EUROC, ", ", lambda k, s, t, xyzw, wxyz, *_: [1e9 * s, *t, *wxyz, 7]),
+    "ROS": (ROS, ";", lambda k, s, t, xyzw, wxyz, *_: [1e9 * s, "map", *wxyz, *t]),
+    "matrix": ("", " ", lambda k, s, t, xyzw, wxyz, matrix, square: matrix),
+    "square matrix": ("", " ", lambda k, s, t, xyzw, wxyz, matrix, square: [s, *square]),
+    "equal stamps": ("", " ", lambda k, s, t, xyzw, *_: [3.5, *t, *xyzw]),
+    "seven numbers": ("", ",", lambda k, s, t, xyzw, *_: [*t, *xyzw]),
+    "no stamps": ("# tx ty tz qx qy qz qw", " ", lambda k, s, t, xyzw, *_: [*t, *xyzw]),
+    "another clock": ("", " ", lambda k, s, t, xyzw, *_: [s - 1.6e9, *t, *xyzw]),
+    "a late clock": ("", " ", lambda k, s, t, xyzw, *_: [s + 0.05, *t, *xyzw]),
+    "numbers": ("", " ", lambda k, s, t, xyzw, *_: [k, *t, *xyzw]),
+}
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_a_trajectory_is_the_same_in_all_forms(name, sequence):
+    header, separator, form = FORMS[name]
+    rng = np.random.default_rng(1)
+    poses = [Pose.from_quaternion(rng.normal(size=4), rng.normal(size=3)) for _ in range(COUNT)]
+    lines = [separator.join(map(str, row)) for row in rows_of(form, sequence.stamps, poses)]
+    path = sequence.folder / "poses.txt"
+    path.write_text("\n".join([header, *lines]))
+    found = poses_in(open_map(path), sequence)
+    assert sorted(found) == list(range(COUNT))
+    for frame, pose in found.items():
+        np.testing.assert_allclose(pose.matrix(), poses[frame].matrix(), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("{k} 0 0 0 1 1 0 1", "name the columns"),
+        ("1 0 0 0 0 1 0 0 0 0 1 0", "5 poses without times for 12 images"),
+        ("{k}.5 0 0 0 0 0 0 1", "time stamps of 0.5 to 4.5, and images of 1700000000 to 1700000000.11"),
+        ("# tx ty tz qx qy qz qw\n{k} 0 0 0 0 0 0 1", "has 8 columns, and the header names 7"),
+    ],
+)
+def test_a_trajectory_of_unknown_form_is_told_in_one_line(line, said, sequence):
+    path = sequence.folder / "poses.txt"
+    path.write_text("".join(line.format(k=k) + "\n" for k in range(5)))
+    with pytest.raises(SourceError) as error:
+        poses_in(open_map(path), sequence)
+    assert said in str(error.value) and "\n" not in str(error.value)
+
+
 def transforms(folder, names):
     frames = [
         {"file_path": name, "transform_matrix": opengl_matrix(Pose(np.eye(3), np.array([k, 0.0, 0.0]))).tolist()}
@@ -111,9 +182,10 @@ def transforms(folder, names):
     return path
 
 
-def test_the_images_of_nerfstudio_are_found_by_the_ends_of_their_names(sequence, tmp_path):
+@pytest.mark.parametrize("root", ["images", "/elsewhere", "../above"])
+def test_the_images_of_nerfstudio_are_found_by_the_ends_of_their_names(root, sequence, tmp_path):
     (tmp_path / "other").mkdir()
-    path = transforms(tmp_path / "other", ["images/0003.png", "images/rgb/0009.png", "images/absent.png"])
+    path = transforms(tmp_path / "other", [f"{root}/0003.png", f"{root}/rgb/0009.png", f"{root}/absent.png"])
     map_ = open_map(path)
     assert map_.camera.fx == 60 and map_.images == path.parent
     assert {frame: pose.t[0] for frame, pose in poses_in(map_, sequence).items()} == {3: 0, 9: 1}
