@@ -307,12 +307,14 @@ class Initializer:
         """The status after a frame that was judged or left out, with the pose of its camera."""
         attempt, motion = (None, None) if outcome is None else (outcome.attempt, outcome.motion)
         pose = self._pose.update(self.history, current, motion, self.map)
+        wrong_focal = self._attempts.wrong_focal
         if self.map is not None:
-            return replace(Status.initialized(attempt), pose=pose, refining=not self._maps.handed_over)
+            status = replace(Status.initialized(attempt), wrong_focal=wrong_focal)
+            return replace(status, pose=pose, refining=not self._maps.handed_over)
         if pose is not None:
             self.recorder.waiting(pose)
         self._attempts.forget_progress(keep=self.keyframes.candidates)
-        return replace(self.status.after(attempt, self._attempts.best_progress), pose=pose)
+        return replace(self.status.after(attempt, self._attempts.best_progress, wrong_focal), pose=pose)
 
     def _grow(self, map_: InitialMap, current: Observations, revised: Sequence[Observations]) -> Status:
         """Locate a frame in the accepted map, which grows by it."""
@@ -381,7 +383,8 @@ class Initializer:
         Result
         """
         self._maps.hand_over()
-        self.status = replace(self.status, refining=False)
+        self._attempts.add_free_focal(self._window.end())
+        self.status = replace(self.status, refining=False, wrong_focal=self._attempts.wrong_focal)
         return self.result
 
     def reset(self, since: int | None = None) -> None:

@@ -20,7 +20,7 @@ from slam_init.compare.rows import Key, Outcome, TrialRow
 from slam_init.compare.sources import ComparedSource, calibration_of, open_compared
 from slam_init.compare.trajectories import write_trajectory
 from slam_init.config import Config, ExternalConfig
-from slam_init.decision.attempt_log import reported_distortion, reported_focal_factor
+from slam_init.decision.attempt_log import reported_distortion
 from slam_init.decision.audit import audit
 from slam_init.errors import SlamInitError
 from slam_init.methods.external_command import is_external
@@ -221,7 +221,7 @@ def result_row(
         attempts=len(result.attempts),
         strict=False,
         suspected_focal_factor=_rounded(_suspected_focal_factor(result)),
-        reported_focal_factor=_rounded(reported_focal_factor(result.attempts)),
+        reported_focal_factor=_rounded(None if result.wrong_focal is None else result.wrong_focal.factor),
         reported_distortion=_rounded(reported_distortion(result.attempts)),
     )
     if result.map is None:

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from slam_init.config import MapConfig
+from slam_init.types.evidence import FreeFocal
 from slam_init.types.gates import Stage
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.reasons import Verdict
@@ -24,10 +25,9 @@ _VERDICTS = tuple(Verdict)
 #: Class: budget.
 ATTEMPTS_KEPT = 1000
 
-#: A single pair may look like a rotation-only camera by chance, so at least two suspicions are required. The focal
-#: factors of a camera that really only rotates agree to a hundredth.
+#: A distortion is reported if so many windows suspect it.
 #: Class: assumption.
-_LEAST_SUSPICIONS, _ALIKE = 2, 0.015
+_LEAST_SUSPICIONS = 2
 
 
 class AttemptLog:
@@ -43,12 +43,14 @@ class AttemptLog:
         self._kept: deque[Attempt] = deque(maxlen=limit)
         self._verdicts = bytearray()
         self._progress: dict[int, float] = {}  # by reference frame
+        self._free_focal: FreeFocal | None = None
 
     def __len__(self) -> int:
         return len(self._verdicts)
 
     def add(self, attempt: Attempt) -> None:
         """Add an attempt."""
+        self.add_free_focal(attempt.free_focal)
         none, no = np.zeros((0, 2)), np.zeros(0, bool)
         self._kept.append(replace(attempt, pixels1=none, pixels2=none, inliers=no, moving=no))
         self._verdicts.append(_VERDICTS.index(attempt.verdict))
@@ -62,6 +64,17 @@ class AttemptLog:
             attempt.verdict,
             f" ({attempt.advice})" if attempt.advice else "",
         )
+
+    def add_free_focal(self, free: FreeFocal | None) -> None:
+        """Take a free fit of the focal length, if it is more certain than those before."""
+        if free is not None and (self._free_focal is None or free.sigma < self._free_focal.sigma):
+            self._free_focal = free
+
+    @property
+    def wrong_focal(self) -> FreeFocal | None:
+        """The free focal length of the most certain fit, if it contradicts the stated one."""
+        free = self._free_focal
+        return free if free is not None and free.contradicts else None
 
     def forget_progress(self, keep: Iterable[int]) -> None:
         """Drop the progress of all pairs but those with these reference frames."""
@@ -91,20 +104,18 @@ class AttemptLog:
         return _VERDICTS[min(counts, key=lambda verdict: (-counts[verdict], verdict))]
 
     def advice(self, reason: Verdict) -> str:
-        """Return the advice of the last kept attempt that was refused for a reason."""
+        """Return what to do about a reason: check a wrong calibration, else the advice of the last attempt with it."""
+        if self.wrong_focal is not None:
+            return self.wrong_focal.note
         return next((a.advice for a in reversed(self._kept) if a.verdict == reason), reason.advice)
 
     def notes(self) -> tuple[str, ...]:
-        """Write notes for the user about a suspected focal length and about attempts that are not kept."""
+        """Write notes for the user about a wrong calibration and about attempts that are not kept."""
         notes = []
-        factor = reported_focal_factor(self._kept)
-        if factor is not None:
-            notes.append(
-                f"the matches look like those of a camera that only rotated, with a focal length {factor:.2f} times "
-                "the stated one: check the calibration"
-            )
         k1 = reported_distortion(self._kept)
-        if k1 is not None:
+        if self.wrong_focal is not None:
+            notes.append(self.wrong_focal.note)
+        elif k1 is not None:  # a wrong focal length bends the rays too
             notes.append(
                 f"the lens bends the image by a radial distortion k1 of {k1:+.2f} beyond the stated one: calibrate the "
                 "camera, and give its distortion"
@@ -112,24 +123,6 @@ class AttemptLog:
         if len(self) > len(self._kept):
             notes.append(f"{len(self)} attempts were made; the last {len(self._kept)} are listed")
         return tuple(notes)
-
-
-def reported_focal_factor(attempts: Iterable[Attempt]) -> float | None:
-    """Return the focal factor that most checks of the calibration suspect.
-
-    A wrong focal length is wrong in each pair. Therefore at least two checks, and more than half of all checks, have to
-    suspect it, and their factors have to agree.
-
-    * Returns: The true focal length divided by the stated one; None if the stated one is not suspected.
-    """
-    checked = [a.rotation_only for a in attempts if a.rotation_only is not None]
-    factors = [e.suspected_focal_factor for e in checked if e.suspected_focal_factor is not None]
-    if len(factors) < _LEAST_SUSPICIONS or 2 * len(factors) <= len(checked):
-        return None
-    factor = float(np.median(factors))
-    first, second = np.triu_indices(len(factors), 1)
-    alike = np.median(np.abs(np.array(factors)[first] - np.array(factors)[second])) < _ALIKE
-    return factor if alike else None
 
 
 def reported_distortion(attempts: Iterable[Attempt]) -> float | None:

@@ -16,18 +16,16 @@ from slam_init.decision.lens import advice_on, followed
 from slam_init.decision.pose_so_far import WindowMotion
 from slam_init.decision.two_views import MatchedPair
 from slam_init.types.arrays import Bools
-from slam_init.types.evidence import RotationOnlyEvidence, WindowEvidence
+from slam_init.types.evidence import WindowEvidence
 from slam_init.types.gates import Gate, GateName, at_most
-from slam_init.types.lens_in_use import CALIBRATED_SIGMA, MAX_FOCAL_SIGMA, LensInUse
+from slam_init.types.lens_in_use import MAX_FOCAL_SIGMA, LensInUse
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.levels import (
-    DOUBTFUL_SIGMAS,
     EVEN_ODDS,
     FLOOR,
-    TOLD_FOCAL_ERROR,
     UNDECIDED,
 )
 from slam_init.window.motion import FittedMotion
@@ -36,9 +34,6 @@ from slam_init.window.risk import WindowRisk
 _LENS_MAY_CHANGE = (
     "the tracks do not tell this motion from a lens that focuses, or from images that are stabilized: translate "
     "further, best sideways, or set acceptance.lens_changes to 0 if focus and image are fixed"
-)
-_LENS_MAY_BE_WRONG = (
-    "the tracks and the stated lens do not agree: check the calibration, or translate further, best sideways"
 )
 _CHANCE = "the matches scatter by {:.0f} px about any motion: the images are noise, or show different scenes"
 #: Matches that scatter by more are matches by chance: those of images of noise scatter by 3 to 11 px, those of real
@@ -120,18 +115,6 @@ class JudgedWindow:
         """Add what the window found to its attempt: figures, inliers, and tracks with a motion of their own."""
         moving = np.isin(self.pair.track_ids, self.risk.other.track_ids)
         return replace(attempt, window=self._evidence(), inliers=self._inliers(), moving=moving)
-
-    def rotation_evidence(self) -> RotationOnlyEvidence | None:
-        """The focal length of the rotation-only camera, and whether it casts doubt on the stated one.
-
-        * Returns: None where the camera rotated too little to tell a focal length that is off by five hundredths.
-        """
-        log_scale, sigma = self.hypotheses.focal_of_rotation
-        doubtful = abs(log_scale) >= 0.5 * CALIBRATED_SIGMA and abs(log_scale) > DOUBTFUL_SIGMAS * sigma
-        if not doubtful and DOUBTFUL_SIGMAS * sigma > TOLD_FOCAL_ERROR:
-            return None
-        factor = math.exp(self.lens.log_scale + log_scale)
-        return RotationOnlyEvidence(factor, factor if doubtful else None)
 
     def _evidence(self) -> WindowEvidence:
         hypotheses, risk, lens = self.hypotheses, self.risk, self.lens
@@ -215,6 +198,6 @@ class JudgedWindow:
         if risk.directions.if_lens_fixed <= max_risk:
             return Verdict.LOW_PARALLAX, _LENS_MAY_CHANGE
         if not self.lens.is_unknown and risk.directions.if_lens_right <= max_risk:
-            return Verdict.LOW_PARALLAX, _LENS_MAY_BE_WRONG
+            return Verdict.LOW_PARALLAX, None
         # A rigid scene with these tracks would be known well enough.
         return (Verdict.LOW_PARALLAX if risk.directions.if_rigid > max_risk else Verdict.MOVING_BODIES), None

@@ -134,6 +134,7 @@ class MapsSoFar:
             margin=self.margin,
             segments=self.segments,
             camera=camera,
+            wrong_focal=attempts.wrong_focal,
             method=self._config.method,
             seed=self._config.seed,
         )

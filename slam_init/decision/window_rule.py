@@ -41,7 +41,7 @@ from slam_init.frontend.static_tracks import static_tracks, without
 from slam_init.frontend.tracks import History
 from slam_init.mapping.views import further_views
 from slam_init.types.camera import Camera
-from slam_init.types.evidence import MapEvidence
+from slam_init.types.evidence import FreeFocal, MapEvidence
 from slam_init.types.frame import Observations
 from slam_init.types.gates import Gate, GateName, Stage, at_least
 from slam_init.types.pose import Pose
@@ -97,7 +97,7 @@ class WindowRule:
         self._third_view = third_view
         self._estimate = propose or pose_at_fitting_threshold
         self._live = LiveHypotheses(config.map.min_noise_px)
-        self._focal_check = FocalCheck(config)
+        self._focal_check = FocalCheck()
         self._threshold_rad = config.two_view.threshold_px / history.camera.focal_px
         self._reference: int | None = None
         self._rotates = False
@@ -140,10 +140,11 @@ class WindowRule:
             outcome = Outcome(refused_at(attempt, Verdict.PURE_ROTATION, Stage.MOTION))
         else:
             outcome = self._propose_and_fit(chosen, views, attempt, stopwatch)
-        if self._history.camera.focal_sigma is None:  # a focal length that is no calibration needs no suspicion
-            checked = self._focal_check(outcome.attempt, pairs, self._history, current)
-            outcome = replace(outcome, attempt=checked)
         return replace(outcome, attempt=with_established_reason(self._history.camera, self._config, outcome.attempt))
+
+    def end(self) -> FreeFocal | None:
+        """End the frames: the free fit of the focal length in the last window, if it is due."""
+        return self._focal_check.at_end()
 
     def provisional(self) -> ProvisionalMap | None:
         """Build the map of the best motion of the last window.
@@ -204,7 +205,9 @@ class WindowRule:
         self._last, self._rotates = window, window.only_rotates
         outcome = self._accept_or_refuse(window, window.with_evidence(attempt))
         self._live.change_lens(window.lens, outcome.lens or window.lens)
-        return replace(outcome, motion=window.motion, margin=risk.margin)
+        free = self._focal_check(window, accepted=outcome.accepted is not None)
+        checked = replace(outcome.attempt, free_focal=free)
+        return replace(outcome, attempt=checked, motion=window.motion, margin=risk.margin)
 
     def _estimated(self, views: _Views) -> tuple[WindowHypotheses, WindowRisk, bool] | None:
         """The hypotheses of a window, the risk of the best one, and whether it was small before the last look.
@@ -243,8 +246,6 @@ class WindowRule:
         attempt, maps = with_gates(attempt, gates), self._maps(window)
         if not all(gate.passes() for gate in gates):
             refused = refused_by(attempt, Stage.MAP, gates)
-            if refused.verdict == Verdict.PURE_ROTATION:
-                refused = replace(refused, rotation_only=window.rotation_evidence())
             return Outcome(refused, hypotheses=maps.undecided(refused.verdict), lens=window.next_lens)
         bundle, table = maps.candidate()
         attempt = replace(attempt, frames=table.frames)

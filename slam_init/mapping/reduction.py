@@ -76,6 +76,11 @@ class Reduction:
         if self.factor == 1:
             return result
         maps = {id(one): self._map(one) for one in (result.map, *result.hypotheses) if one is not None}
+        if result.wrong_focal is not None:
+            wrong = result.wrong_focal.enlarged(self.factor)
+            before, text = result.wrong_focal.note, wrong.note
+            notes = tuple(note.replace(before, text) for note in result.notes)
+            result = replace(result, wrong_focal=wrong, notes=notes, advice=result.advice.replace(before, text))
         return replace(
             result,
             map=None if result.map is None else maps[id(result.map)],

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from slam_init.types.camera import Camera
-from slam_init.types.evidence import MapEvidence, PreviewEvidence, RotationOnlyEvidence, TwoViewEvidence, WindowEvidence
+from slam_init.types.evidence import FreeFocal, MapEvidence, PreviewEvidence, TwoViewEvidence, WindowEvidence
 from slam_init.types.gates import Direction, Gate, GateName, Stage
 from slam_init.types.inertial import Gravity
 from slam_init.types.initial_map import InitialMap, Keyframe
@@ -161,8 +161,8 @@ class AttemptRecord:
     preview: PreviewEvidence | None
     #: Figures of the relative pose.
     two_view: TwoViewEvidence | None
-    #: Figures of the explanation by a rotation-only camera.
-    rotation_only: RotationOnlyEvidence | None
+    #: The focal length by the tracks alone, where they contradict the stated one.
+    free_focal: FreeFocal | None
     #: Figures of the joint estimate of all views.
     window: WindowEvidence | None
     #: Figures of bundle adjustment.

@@ -28,14 +28,14 @@ from slam_init.output.records import (
     SourceRecord,
 )
 from slam_init.types.camera import Camera
-from slam_init.types.evidence import Margin
+from slam_init.types.evidence import FreeFocal, Margin
 from slam_init.types.frame import Source
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import GroundTruthErrors, Result
 from slam_init.types.stopwatch import StageTimes
 
 #: Version of the layout. It is raised when a key of ``summary.json`` changes its name, its place or its meaning.
-SCHEMA = 2
+SCHEMA = 3
 
 #: Name of the JSON Schema of the summary, beside this file.
 SCHEMA_FILE = "summary.schema.json"
@@ -79,6 +79,8 @@ class Summary:
     scene: str | None
     #: The focal length, if bundle adjustment adjusted it.
     focal_length: FocalLengthRecord | None
+    #: The focal length by the tracks alone, where they contradict the stated one.
+    wrong_focal: FreeFocal | None
     #: Metres in a unit of the map of bundle adjustment, the median depth. Lengths of this summary and of all files are
     #: metres where it is given; None where no scale was found or looked for.
     scale: float | None
@@ -153,6 +155,7 @@ def summary_of(
         reprojection_rmse_px=None if map_ is None else _known(map_.reprojection_rmse_px),
         scene=None if map_ is None else map_.scene,
         focal_length=None if map_ is None else FocalLengthRecord.describe(map_),
+        wrong_focal=result.wrong_focal,
         scale=None if result.scale is None else result.scale.metres_per_unit,
         scale_sigma=None if result.scale is None else result.scale.sigma,
         scale_origin=ScaleRecord.describe(result.scale),

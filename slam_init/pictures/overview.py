@@ -15,6 +15,7 @@ from slam_init.pictures.style import (
     FAINT,
     INK,
     INLIER,
+    OUTLIER,
     VERDICT_COLORS,
     canvas,
     gate_words,
@@ -91,6 +92,8 @@ def _draw_title(axes: Axes, result: Result, summary: Summary) -> None:
     write(axes, 0.012, 0.47, wrapped(_subtitle(result), 150, 1), 13, INK)
     origin = f"source {summary.source.name}, method {summary.method}, seed {summary.seed}"
     write(axes, 0.012, 0.17, wrapped(origin, 190, 1), 9.5, FAINT)
+    if result.wrong_focal is not None:
+        write(axes, 0.5, 0.9, wrapped(result.wrong_focal.note, 100, 1), 11.5, OUTLIER, "bold")
 
 
 def _subtitle(result: Result) -> str:

@@ -51,6 +51,8 @@ def attempt_markdown(attempt: Attempt) -> str:
     lines = [f"**{verdict}**, frames {_frames(attempt)}", ""]
     if attempt.advice:
         lines += [attempt.advice, ""]
+    if attempt.free_focal is not None and attempt.free_focal.contradicts:
+        lines += [f"**{attempt.free_focal.note}**", ""]
     if attempt.gates:
         lines += ["| gate | value | needs | |", "|---|---:|---:|---|"]
         lines += [_gate_row(gate) for gate in attempt.gates]
@@ -114,7 +116,8 @@ def legend_markdown(arrow_factor: int) -> str:
 def advice_markdown(summary: Summary) -> str:
     """Write the result of a run in large letters: initialized, or why not and what to do."""
     if summary.reason is None:
-        return f"# Initialized after {summary.frames_to_init} frames"
+        wrong = [] if summary.wrong_focal is None else ["", f"# {summary.wrong_focal.note}"]
+        return "\n".join([f"# Initialized after {summary.frames_to_init} frames", *wrong])
     said, _, advice = summary.advice.partition(": ")
     title = f"# No map after {summary.frames_read} frames: {in_words(summary.reason)}"
     return "\n".join([title, "", said, "", f"# {advice or said}"])
@@ -168,8 +171,8 @@ def _evidence(attempt: Attempt) -> dict[str, Json]:
         rows |= {f"two_view_{name}": value for name, value in figures.items()}
         if isinstance(statistics, Mapping):
             rows |= {f"two_view_{name}": value for name, value in statistics.items()}
-    if attempt.rotation_only is not None:
-        rows |= {f"rotation_only_{name}": value for name, value in plain_fields(attempt.rotation_only).items()}
+    if attempt.free_focal is not None:
+        rows |= {f"free_focal_{name}": value for name, value in plain_fields(attempt.free_focal).items()}
     if attempt.window is not None:
         rows |= plain_fields(attempt.window)
     if attempt.map is not None:

@@ -55,14 +55,36 @@ class TwoViewEvidence:
 
 
 @dataclass(frozen=True)
-class RotationOnlyEvidence:
-    """The best explanation of the matches by a camera that only rotates, with a free focal length."""
+class FreeFocal:
+    """The focal length by the tracks of a window alone, where they contradict the stated one."""
 
-    #: Focal length of that camera divided by the stated one.
-    focal_factor: float
-    #: The same factor if the stated focal length is suspected to be wrong: the rotation-only camera explains the
-    #: matches, and the free focal length explains them clearly better than the stated one. Else None.
-    suspected_focal_factor: float | None = None
+    #: stated_px, estimated_px: The stated focal length and that of the tracks.
+    stated_px: float
+    estimated_px: float
+    #: Standard deviation of the estimate.
+    sigma_px: float
+    #: Whether both differ by more than chance.
+    contradicts: bool
+
+    @property
+    def factor(self) -> float:
+        """The estimated focal length over the stated one."""
+        return self.estimated_px / self.stated_px
+
+    @property
+    def sigma(self) -> float:
+        """Relative standard deviation of the estimate."""
+        return self.sigma_px / self.estimated_px
+
+    def enlarged(self, factor: float) -> FreeFocal:
+        """The same for images of another size."""
+        return FreeFocal(factor * self.stated_px, factor * self.estimated_px, factor * self.sigma_px, self.contradicts)
+
+    @property
+    def note(self) -> str:
+        """What to tell the user where both contradict one another."""
+        estimate = f"{self.estimated_px:.0f} +- {self.sigma_px:.0f}"
+        return f"stated f = {self.stated_px:.0f} does not fit these tracks; free estimate {estimate}: check --camera"
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,10 @@ from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import (
     FreeEvidence,
+    FreeFocal,
     MapEvidence,
     Margin,
     PreviewEvidence,
-    RotationOnlyEvidence,
     TwoViewEvidence,
     WindowEvidence,
 )
@@ -63,8 +63,8 @@ class Attempt(Described):
         Figures before any epipolar geometry; None for the rules of another method.
     two_view : TwoViewEvidence or None
         Figures of the relative pose; None if the pair was refused before.
-    rotation_only : RotationOnlyEvidence or None
-        Figures of the explanation by a rotation-only camera; None if it was not fitted.
+    free_focal : FreeFocal or None
+        The focal length by the tracks alone; None if they do not contradict the stated one, or it was not fitted.
     window : WindowEvidence or None
         Figures of the joint estimate of all views; None if no motion was known, and for the rules of another method.
     map : MapEvidence or None
@@ -85,7 +85,7 @@ class Attempt(Described):
     moving: Bools = field(default_factory=lambda: np.zeros(0, bool))
     preview: PreviewEvidence | None = None
     two_view: TwoViewEvidence | None = None
-    rotation_only: RotationOnlyEvidence | None = None
+    free_focal: FreeFocal | None = None
     window: WindowEvidence | None = None
     map: MapEvidence | None = None
     method_evidence: FreeEvidence = field(default_factory=dict)
@@ -104,18 +104,19 @@ class Attempt(Described):
     @property
     def suspected_focal_factor(self) -> float | None:
         """The suspected true focal length divided by the stated one; None if the stated one is not suspected."""
-        return None if self.rotation_only is None else self.rotation_only.suspected_focal_factor
+        free = self.free_focal
+        return free.factor if free is not None and free.contradicts else None
 
     @property
     def evidence(self) -> dict[str, float | int | str]:
         """Deprecated: all figures by name; use the typed fields and :attr:`gates`."""
         warnings.warn(
-            "Attempt.evidence is deprecated: use the fields preview, two_view, rotation_only, window, map and gates",
+            "Attempt.evidence is deprecated: use the fields preview, two_view, free_focal, window, map and gates",
             DeprecationWarning,
             stacklevel=2,
         )
         figures: dict[str, float | int | str] = dict(self.method_evidence)
-        for part in (self.preview, self.two_view, self.rotation_only, self.window, self.map):
+        for part in (self.preview, self.two_view, self.free_focal, self.window, self.map):
             for item in dataclasses.fields(part) if part is not None else ():
                 value = getattr(part, item.name)
                 if isinstance(value, float | int | str):
@@ -249,6 +250,9 @@ class Result(Described, Savable):
         All maps in time order, if the initializer started anew; else empty.
     camera : Camera or None
         The stated camera of the initializer.
+    wrong_focal : FreeFocal or None
+        The focal length by the tracks alone, where they contradict the stated one: check the calibration. A note says
+        the same in words.
     method : str
         As of :attr:`slam_init.Config.method`.
     seed : int
@@ -267,6 +271,7 @@ class Result(Described, Savable):
     scale: Scale | None = None
     segments: tuple[Segment, ...] = ()
     camera: Camera | None = None
+    wrong_focal: FreeFocal | None = None
     method: str = "quest"
     seed: int = 0
 

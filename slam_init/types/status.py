@@ -9,7 +9,7 @@ from quest.display import Described
 from slam_init.types.arrays import Image, as_number
 from slam_init.types.camera import Camera
 from slam_init.types.camera_pose import CameraPose
-from slam_init.types.evidence import WindowEvidence
+from slam_init.types.evidence import FreeFocal, WindowEvidence
 from slam_init.types.frame import Frame, as_image
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
@@ -44,6 +44,8 @@ class Status(Described):
         What the joint estimate of the last judged window says: the risk that its map is wrong with the terms of the
         risk, and the standard deviations of rotation, direction and depth. It stays while no frame is judged; None
         before the first, and for methods that state no risk.
+    wrong_focal : FreeFocal or None
+        The focal length by the tracks alone, where they contradict the stated one: check the calibration.
     pose : CameraPose or None
         The pose of the newest camera from the first one: its rotation from the second frame on, and its centre where a
         motion is known. None for the first frame, where too few tracks go on, and for methods without a window.
@@ -59,6 +61,7 @@ class Status(Described):
     advice: str = Verdict.TOO_FEW_FRAMES.advice
     attempt: Attempt | None = None
     window: WindowEvidence | None = None
+    wrong_focal: FreeFocal | None = None
     pose: CameraPose | None = None
     refining: bool = False
     lost_at: int | None = None
@@ -71,7 +74,7 @@ class Status(Described):
     def __bool__(self) -> bool:
         return self.state == State.INITIALIZED
 
-    def after(self, attempt: Attempt | None, progress: float) -> Status:
+    def after(self, attempt: Attempt | None, progress: float, wrong_focal: FreeFocal | None = None) -> Status:
         """Return the status after a frame that did not lead to a map.
 
         * ``attempt``: The attempt of this frame. Without an attempt, reason and advice stay.
@@ -80,7 +83,8 @@ class Status(Described):
         if attempt is None:
             return replace(self, progress=progress, attempt=None)
         window = attempt.window or self.window
-        return Status(State.WAITING, progress, attempt.verdict, attempt.advice, attempt, window)
+        advice = attempt.advice if wrong_focal is None else wrong_focal.note
+        return Status(State.WAITING, progress, attempt.verdict, advice, attempt, window, wrong_focal)
 
     @staticmethod
     def initialized(attempt: Attempt | None) -> Status:

@@ -159,24 +159,6 @@ class WindowHypotheses:
         points = 3.0 if self.planar else float((self.tracks.anchor >= 0).sum())
         return 0.5 * lowered, 3 * (len(best.rows) - 1) - 1 + points
 
-    @property
-    def focal_of_rotation(self) -> tuple[float, float]:
-        """The focal length of the rotation-only camera by the tracks alone, without the prior.
-
-        * Returns ``log_scale``: Logarithm of the focal length over that of the lens in use; 0 where no track tells it.
-        * Returns ``sigma``: Its standard deviation; infinite where the tracks do not tell it.
-        """
-        information, focal = self.rotation_only.information, 3 * (len(self.tracks.frames) - 1)
-        # Nothing is known of a view whose observations are all outliers.
-        known = 1 / float(np.linalg.inv(information + 1e-9 * np.eye(len(information)))[focal, focal])
-        priors = self.rotation_priors
-        by_tracks = known - 1 / priors.focal_sigma**2
-        if by_tracks <= 1e-6 * known:
-            return 0.0, math.inf
-        sigma = max(self.rotation_only.noise_factor, 1.0) / math.sqrt(by_tracks)
-        pulled = known * self.rotation_only.state.lens.log_scale - priors.log_scale_mean / priors.focal_sigma**2
-        return pulled / by_tracks, sigma
-
 
 def motions_of_pair(
     pose: RelativePose,

@@ -252,8 +252,7 @@ RISK_OF_A_VIEW = 0.1
 
 # -- what names the reason of a refusal, and accepts nothing ---------------------------------------------
 
-#: A focal length or a distortion is suspected only if it is off by so many of its standard deviations: errors that the
-#: tracks share double them. And a focal length only if it is off by half of what a calibration leaves open. Five
-#: hundredths of it have to be told.
+#: A distortion is suspected only if it is off by so many of its standard deviations: errors that the tracks share
+#: double them.
 #: Class: assumption.
-DOUBTFUL_SIGMAS, TOLD_FOCAL_ERROR = 5.0, 0.05
+DOUBTFUL_SIGMAS = 5.0

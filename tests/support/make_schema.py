@@ -31,7 +31,7 @@ _FIGURES = (
     "MapEvidence",
     "PoseEvidence",
     "PreviewEvidence",
-    "RotationOnlyEvidence",
+    "FreeFocal",
     "TwoViewEvidence",
     "WindowEvidence",
 )

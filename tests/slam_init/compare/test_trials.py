@@ -13,7 +13,7 @@ from slam_init.compare.sources import describe_sources, open_compared
 from slam_init.compare.tables import RATES, text_figures
 from slam_init.compare.trial_table import TrialTable
 from slam_init.compare.trials import Settings, Trial, result_row, run_trial
-from slam_init.types.evidence import RotationOnlyEvidence
+from slam_init.types.evidence import FreeFocal
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
@@ -56,16 +56,17 @@ def test_the_map_of_any_method_is_audited_where_it_is_asked_for():
     assert "audited" not in text_figures("", {"": figures_of(TrialTable.read([without]))}, RATES)
 
 
-def test_one_suspicion_of_the_focal_length_is_recorded_and_several_that_agree_are_reported():
+def test_suspicions_of_the_focal_length_are_recorded_and_what_the_result_names_is_reported():
     (source,) = describe_sources(["points:rotation?focal_error=0.05"])
     trial, opened = Trial(source, "quest", 0), open_compared(source.text)
 
     def factors(*suspected):
         attempts = tuple(
-            Attempt((0, k), Verdict.PURE_ROTATION, rotation_only=RotationOnlyEvidence(factor, factor))
+            Attempt((0, k), Verdict.PURE_ROTATION, free_focal=FreeFocal(1.0, factor, 0.01, contradicts=True))
             for k, factor in enumerate(suspected)
         )
-        result = Result(None, Verdict.PURE_ROTATION, 12, None, attempts, {})
+        named = attempts[0].free_focal if len(attempts) > 1 else None
+        result = Result(None, Verdict.PURE_ROTATION, 12, None, attempts, {}, wrong_focal=named)
         row = result_row(trial, Settings(), result, opened, ())
         return row.suspected_focal_factor, row.reported_focal_factor
 

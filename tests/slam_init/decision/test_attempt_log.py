@@ -7,8 +7,8 @@ import numpy as np
 from make_map import make_map
 from make_scene import CONFIG
 
-from slam_init.decision.attempt_log import ATTEMPTS_KEPT, AttemptLog, focal_notes, reported_focal_factor
-from slam_init.types.evidence import RotationOnlyEvidence
+from slam_init.decision.attempt_log import ATTEMPTS_KEPT, AttemptLog, focal_notes
+from slam_init.types.evidence import FreeFocal
 from slam_init.types.gates import Stage
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
@@ -96,33 +96,24 @@ def test_attempts_with_two_views_are_logged_at_info_and_others_at_debug(caplog):
 # -- notes on the focal length --------------------------------------------------------------------
 
 
-def checked(*factors):
-    """Attempts whose focal length was checked and, where there is a factor, suspected."""
-    return [
-        refusal(k, Verdict.PURE_ROTATION, rotation_only=RotationOnlyEvidence(factor or 1.0, factor))
-        for k, factor in enumerate(factors)
-    ] + [refusal(99)]
-
-
-def test_a_focal_length_is_reported_if_most_checks_suspect_the_same_one():
-    assert reported_focal_factor(checked(1.05, 1.04, 1.05, None)) == 1.05
-    assert reported_focal_factor(checked(1.05, 1.04)) is not None
-
-
-def test_a_focal_length_is_not_reported_if_checks_are_few_or_disagree():
-    assert reported_focal_factor(checked(1.05)) is None  # one suspicion may be chance
-    assert reported_focal_factor(checked(1.021, 1.049)) is None
-    assert reported_focal_factor(checked(1.05, 1.05, 1.05, None, None, None)) is None  # not more than half
-    assert reported_focal_factor(checked(0.92, 1.05, 1.09, 0.98)) is None
-    assert reported_focal_factor(checked()) is None
-
-
-def test_a_reported_focal_length_is_a_note_for_the_user():
-    log = AttemptLog()
-    for attempt in checked(1.05, 1.04, 1.05, None):
-        log.add(attempt)
-    (note,) = log.notes()
-    assert "focal length 1.05 times the stated one: check the calibration" in note
+def test_the_most_certain_free_fit_decides_whether_the_stated_focal_length_is_wrong():
+    cases = (
+        ((), None),
+        (((600.0, 20.0, False),), None),
+        (((600.0, 20.0, True), (1200.0, 90.0, False)), 600.0),
+        (((600.0, 90.0, True), (1200.0, 20.0, False)), None),
+        (((600.0, 20.0, True), (610.0, 10.0, True), (580.0, 30.0, True)), 610.0),
+    )
+    for fits, estimated_px in cases:
+        log = AttemptLog(limit=1)
+        for k, (found_px, sigma_px, contradicts) in enumerate(fits):
+            log.add(refusal(k, free_focal=FreeFocal(1230.0, found_px, sigma_px, contradicts)))
+        log.add(refusal(99))
+        wrong = log.wrong_focal
+        assert (None if wrong is None else wrong.estimated_px) == estimated_px
+        told = () if wrong is None else (wrong.note,)
+        assert log.notes()[: len(told)] == told
+        assert log.advice(Verdict.LOW_PARALLAX) == (wrong.note if wrong is not None else "advice 99")
 
 
 def test_an_adjusted_focal_length_gets_a_note_only_if_the_views_hardly_determine_it():

@@ -1,72 +1,65 @@
-"""Laws of the check of the stated focal length of a rotating camera."""
+"""Laws of the check of the stated focal length: what it names, when it looks, and that no decision depends on it."""
 
 from dataclasses import replace
 
-import numpy as np
-import pytest
-from make_pair import preview_of
-from make_scene import CAMERA, CONFIG, cloud, history_of, observe
+from make_window import point_source
 
-from quest.geometry.quaternion import rotation_from_vector
-from slam_init.bundle.focal import camera_with_focal_factor
-from slam_init.decision.focal_check import FocalCheck, with_focal_check
-from slam_init.types.evidence import RotationOnlyEvidence
-from slam_init.types.pose import Pose
-from slam_init.types.reasons import Verdict
-from slam_init.types.result import Attempt
+from slam_init.calibration.prior import prior_camera
+from slam_init.initializer import Initializer
 
-ROTATED = Attempt((0, 1), Verdict.PURE_ROTATION)
+#: Scenes that tell the focal length, with their options: a camera that turns and moves, one that only turns, a wall.
+TELLING = {
+    "rotate-then-move": {"baseline": 0.3, "views": 8},
+    "rotation": {"views": 8},
+    "handheld-wall": {"speed": 0.6, "views": 10, "fps": 5},
+}
+OPTIONS = {"noise_px": 0.3, "points": 150}
 
 
-def rotating(degrees, factor=1.0):
-    """A frame for each angle about the vertical axis, with the bearings of a camera whose focal length is wrong."""
-    poses = [Pose(rotation_from_vector(np.array([0.0, np.deg2rad(angle), 0.0])), np.zeros(3)) for angle in degrees]
-    rng = np.random.default_rng(0)
-    seen = observe(CAMERA, poses, cloud(rng, 400), 0.3, rng)
-    stated = camera_with_focal_factor(CAMERA, 1 / factor)
-    return stated, [replace(view, bearings=stated.bearings(view.pixels)) for view in seen]
+def seen(camera, source):
+    """The result of an initializer that sees the tracks of a source through a camera."""
+    initializer = Initializer(camera)
+    for observed in source.observations():
+        if initializer.process_tracks(replace(observed, bearings=camera.bearings(observed.pixels))):
+            break
+    result = initializer.finish()
+    assert initializer.status.wrong_focal == result.wrong_focal
+    return result
 
 
-@pytest.mark.parametrize("factor", [0.94, 1.06])
-def test_a_wrong_focal_length_is_suspected(factor):
-    stated, seen = rotating([0, 10], factor)
-    checked = with_focal_check(stated, CONFIG, ROTATED, *seen)
-    assert checked.suspected_focal_factor == pytest.approx(factor, abs=0.015)
-    assert checked.verdict == Verdict.PURE_ROTATION
+def test_a_focal_length_that_the_tracks_contradict_is_named_and_a_right_one_is_not():
+    for scene, options in TELLING.items():
+        for focal_error in (-0.4, -0.15, 0.0, 0.15, 0.8):
+            source = point_source(scene, 1, focal_error=focal_error, **OPTIONS, **options)
+            wrong = seen(source.camera, source).wrong_focal
+            case = scene, focal_error, wrong
+            assert (wrong is not None) == (focal_error != 0), case
+            if wrong is not None:
+                true_px = source.sequence.true_camera.fx
+                assert abs(wrong.estimated_px - true_px) < max(2 * wrong.sigma_px, 0.03 * true_px), case
 
 
-def test_a_right_focal_length_is_not_suspected():
-    stated, seen = rotating([0, 10])
-    checked = with_focal_check(stated, CONFIG, ROTATED, *seen)
-    assert checked.rotation_only is not None
-    assert checked.suspected_focal_factor is None
+def test_a_camera_of_which_nobody_stated_a_focal_length_is_not_checked():
+    source = point_source("rotation", 1, **OPTIONS, **TELLING["rotation"])
+    result = seen(prior_camera((source.camera.width, source.camera.height)), source)
+    assert result.attempts
+    assert all(attempt.free_focal is None for attempt in result.attempts)
 
 
-def test_a_check_is_made_when_the_rotation_has_clearly_grown():
-    degrees = [0, 3, 7, 7.5, 16]
-    stated, seen = rotating(degrees, 1.06)
-    history, check = history_of(seen, stated), FocalCheck(CONFIG)
-    done = []
-    for current, angle in zip(seen[1:], degrees[1:], strict=True):
-        pairs = [preview_of([seen[0], current], stated)]
-        if check(ROTATED, pairs, history, current).rotation_only is not None:
-            done.append(angle)
-    assert 1.02 < CONFIG.keyframes.retry_gain < 2
-    assert done == [7, 16]
+def test_no_decision_depends_on_the_check():
+    """The same camera as an estimate of an earlier run: it is not checked."""
+    source = point_source("rotate-then-move", 1, focal_error=0.4, **OPTIONS, **TELLING["rotate-then-move"])
+    checked, unchecked = (seen(replace(source.camera, source=origin), source) for origin in ("file", "estimated"))
+    assert any(attempt.free_focal is not None for attempt in checked.attempts)
+    assert unchecked.wrong_focal is None
+    for one, other in zip(checked.attempts, unchecked.attempts, strict=True):
+        assert (one.verdict, one.gates, one.window) == (other.verdict, other.gates, other.window)
 
 
-def test_the_pair_with_the_largest_rotation_is_checked():
-    stated, seen = rotating([0, 8, 16], 1.06)
-    pairs = [preview_of([seen[1], seen[2]], stated), preview_of([seen[0], seen[2]], stated)]
-    checked = FocalCheck(CONFIG)(ROTATED, pairs, history_of(seen, stated), seen[2])
-    assert checked.rotation_only == with_focal_check(stated, CONFIG, ROTATED, seen[0], seen[2]).rotation_only
-
-
-def test_only_an_unchecked_pure_rotation_is_checked():
-    stated, seen = rotating([0, 16], 1.06)
-    pairs, history = [preview_of(seen, stated)], history_of(seen, stated)
-    for attempt in (
-        Attempt((0, 1), Verdict.LOW_PARALLAX),
-        replace(ROTATED, rotation_only=RotationOnlyEvidence(1.0)),
-    ):
-        assert FocalCheck(CONFIG)(attempt, pairs, history, seen[1]) is attempt
+def test_refused_windows_are_checked_at_growing_intervals():
+    source = point_source("rotation", 1, focal_error=0.4, noise_px=0.3, points=100, views=14)
+    attempts = [attempt for attempt in seen(source.camera, source).attempts if attempt.window is not None]
+    places = [k for k, attempt in enumerate(a for a in attempts if a.window.views >= 3) if attempt.free_focal]
+    assert len(attempts) > 5
+    assert places == [2**k - 1 for k in range(len(places))]
+    assert len(places) >= 3

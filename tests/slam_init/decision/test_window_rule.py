@@ -276,18 +276,6 @@ def test_the_provisional_map_is_none_then_too_risky_then_the_accepted_map(world)
     assert initializer.provisional.map is initializer.finish().map
 
 
-@pytest.mark.parametrize(("focal_error", "told"), [(0.15, True), (-0.15, True), (0.0, False)])
-def test_a_turning_camera_with_a_wrong_focal_length_is_told_to_check_it(focal_error, told):
-    source = point_source("rotate-then-move", 1, baseline=0.1, focal_error=focal_error, noise_px=0.3, points=FEWER)
-    initializer, advice = Initializer(source.camera, WINDOW_CONFIG), set()
-    for observed in source.observations():
-        if initializer.process_tracks(observed):
-            break
-        attempt = initializer.status.attempt
-        advice |= {gate.advice for gate in attempt.gates if not gate.passes()} if attempt else set()
-    assert any(text and "check the calibration" in text for text in advice) == told
-
-
 def test_the_provisional_map_can_be_asked_for_after_its_frames_are_dropped():
     source = point_source("wall", 0, baseline=0.3)
     observations = list(source.observations())

@@ -14,7 +14,7 @@ from make_summary import summarize
 from slam_init.config import Config
 from slam_init.output.summary import SCHEMA, SCHEMA_FILE, Summary, summary_schema, summary_text
 from slam_init.runner import run
-from slam_init.types.evidence import Margin, RotationOnlyEvidence
+from slam_init.types.evidence import FreeFocal, Margin
 from slam_init.types.gates import GateName, at_least
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import GroundTruthErrors
@@ -165,12 +165,13 @@ def test_the_summary_of_a_refused_run_is_valid():
     validate(summary)
 
 
-def test_the_summary_of_an_undecided_plane_and_of_a_suspected_calibration_is_valid():
+def test_the_summary_of_an_undecided_plane_and_of_a_wrong_calibration_is_valid():
     result = replace(
         make_result(None, Verdict.AMBIGUOUS_PLANE), hypotheses=(make_map(), make_map()), margin=Margin(3.0, 1.5)
     )
-    suspected = replace(result.attempts[0], rotation_only=RotationOnlyEvidence(1.05, 1.05))
-    validate(summarize(replace(result, attempts=(suspected, *result.attempts))))
+    wrong = FreeFocal(1230.0, 615.0, 22.0, contradicts=True)
+    contradicting = replace(result.attempts[0], free_focal=wrong)
+    validate(summarize(replace(result, attempts=(contradicting, *result.attempts), wrong_focal=wrong)))
 
 
 def test_the_summary_of_another_method_is_valid(room):

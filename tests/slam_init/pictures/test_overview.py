@@ -16,7 +16,7 @@ from slam_init.pictures.overview import overview_png
 from slam_init.pictures.panels import draw_decision, draw_frame
 from slam_init.pictures.story import ShownFrame, Story, StoryRecorder
 from slam_init.pictures.style import canvas
-from slam_init.types.evidence import Margin
+from slam_init.types.evidence import FreeFocal, Margin
 from slam_init.types.gates import GateName, at_least
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Segment
@@ -75,6 +75,18 @@ def test_the_subtitle_of_a_failure_does_not_contradict_the_risk_beside_it(story,
     monkeypatch.setattr("slam_init.pictures.overview.write", lambda axes, x, y, text, *_: told.append(text))
     draw(replace(result, attempts=(*result.attempts[:-1], last)), story)
     assert any(wanted in text for text in told)
+
+
+def test_a_wrong_focal_length_is_written_into_the_picture_of_each_end(story, monkeypatch):
+    told = []
+    monkeypatch.setattr("slam_init.pictures.overview.write", lambda axes, x, y, text, *_: told.append(text))
+    wrong = FreeFocal(1230.0, 616.0, 22.0, contradicts=True)
+    for result in (make_result(make_map()), make_result(None, Verdict.LOW_PARALLAX)):
+        draw(result, story)
+        assert not any("--camera" in text for text in told)
+        draw(replace(result, wrong_focal=wrong), story)
+        assert any(" ".join(text.split()) == wrong.note for text in told)
+        told.clear()
 
 
 def test_a_run_without_a_frame_or_an_attempt_has_a_picture_and_names_are_no_mathematics():

@@ -6,11 +6,12 @@ from make_map import make_attempts, make_map, make_preview, make_result
 from make_summary import summarize
 
 from slam_init.recording.text import (
+    advice_markdown,
     attempt_markdown,
     evidence_markdown,
     summary_markdown,
 )
-from slam_init.types.evidence import MapEvidence, RotationOnlyEvidence
+from slam_init.types.evidence import FreeFocal, MapEvidence
 from slam_init.types.reasons import Verdict
 
 
@@ -37,21 +38,27 @@ def test_the_text_of_an_attempt_has_all_evidence_that_is_known():
     attempt = replace(
         make_attempts(make_map())[0],
         preview=make_preview(parallax_px=3.5),
-        rotation_only=RotationOnlyEvidence(1.02),
+        free_focal=FreeFocal(500.0, 505.0, 9.0, contradicts=False),
         map=MapEvidence(failure="too few points"),
         method_evidence={"parallax_min_deg": 1.0},
     )
     text = evidence_markdown(attempt)
     for row in (
         "| parallax_px | 3.5 |",
-        "| rotation_only_focal_factor | 1.02 |",
+        "| free_focal_estimated_px | 505 |",
         "| risk_direction | 0.07 |",
         "| direction_sigma_deg | 4 |",
         "| failure | too few points |",
         "| parallax_min_deg | 1 |",
     ):
         assert row in text
-    assert "suspected" not in text  # nothing is suspected
+    assert "--camera" not in attempt_markdown(attempt)  # nothing is wrong
+    wrong = FreeFocal(1000.0, 505.0, 9.0, contradicts=True)
+    assert wrong.note in attempt_markdown(replace(attempt, free_focal=wrong))
+    for result in (make_result(make_map()), make_result(None, Verdict.LOW_PARALLAX)):
+        summary = summarize(replace(result, wrong_focal=wrong, advice=wrong.note, notes=(wrong.note,)))
+        assert "check --camera" in advice_markdown(summary)
+        assert wrong.note in summary_markdown(summary)
     assert "reprojection_rmse_px" not in text
 
 

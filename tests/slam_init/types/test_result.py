@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from make_map import make_attempts, make_map, make_result
 
-from slam_init.types.evidence import MapEvidence, RotationOnlyEvidence
+from slam_init.types.evidence import FreeFocal, MapEvidence
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
@@ -43,21 +43,30 @@ def test_a_result_is_truthy_with_a_map_and_names_the_reason_without_one():
 def test_an_attempt_knows_the_suspected_focal_factor_of_its_evidence():
     attempt = Attempt((0, 1), Verdict.PURE_ROTATION)
     assert attempt.suspected_focal_factor is None
-    assert replace(attempt, rotation_only=RotationOnlyEvidence(1.05)).suspected_focal_factor is None
-    assert replace(attempt, rotation_only=RotationOnlyEvidence(1.05, 1.05)).suspected_focal_factor == 1.05
+    for contradicts, factor in ((False, None), (True, 0.5)):
+        free = FreeFocal(1230.0, 615.0, 22.0, contradicts)
+        assert replace(attempt, free_focal=free).suspected_focal_factor == factor
+
+
+def test_a_printed_result_says_that_the_stated_focal_length_is_wrong():
+    told = "stated f = 1230 does not fit these tracks; free estimate 616 +- 22: check --camera"
+    for result in (make_result(make_map()), make_result(None, Verdict.LOW_PARALLAX)):
+        assert "--camera" not in str(result)
+        wrong = replace(result, wrong_focal=FreeFocal(1230.0, 616.0, 22.0, contradicts=True), notes=(told, "more"))
+        assert str(wrong).count(told) == 1
 
 
 def test_the_deprecated_evidence_holds_all_figures_and_gates_by_name():
     attempt = replace(
         make_attempts(make_map())[0],
-        rotation_only=RotationOnlyEvidence(1.02, 1.04),
+        free_focal=FreeFocal(500.0, 520.0, 9.0, contradicts=False),
         map=MapEvidence(failure="no points"),
         method_evidence={"score": 0.5},
     )
     with pytest.warns(DeprecationWarning, match="use the fields preview, two_view"):
         evidence = attempt.evidence
     assert evidence["parallax_px"] == 2.5
-    assert evidence["suspected_focal_factor"] == 1.04
+    assert evidence["estimated_px"] == 520.0
     assert evidence["failure"] == "no points"
     assert evidence["score"] == 0.5
     assert (evidence["risk"], evidence["risk_gate"], evidence["direction_sigma_deg"]) == (0.07, 0.005, 4.0)
