@@ -244,8 +244,8 @@ class ImageFileSource(WithSensor):
     @cached_property
     def _levels(self) -> GreyLevels:
         """The grey levels of images with 16 bits, by a few of all images: wherever a run starts, they are the same."""
-        chosen = evenly_spaced(len(self.paths), SAMPLES)
-        return GreyLevels.of(read_pixels(self.paths[k], self.root) for k in chosen.tolist())
+        chosen = [self.paths[k] for k in evenly_spaced(len(self.paths), SAMPLES).tolist()]
+        return GreyLevels.of(read_pixels(path, self.root) for path in chosen if path.is_file())
 
     @cached_property
     def _sensor(self) -> InertialSensor | None:

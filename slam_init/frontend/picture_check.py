@@ -1,7 +1,7 @@
 """Finds what is wrong with the images of a sequence as pictures: empty ones, few grey levels, two pictures in one.
 
 The findings only advise. A picture of one scene has no second copy of itself: the phase correlation of its halves is
-0.13 at most (median of a sequence; fifteen sequences), that of the two pictures of a stereo camera 0.85 to 0.99.
+0.13 at most (median of a sequence; fifteen sequences), that of the two pictures of a stereo camera 0.86 or more.
 """
 
 from __future__ import annotations
