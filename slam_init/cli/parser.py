@@ -113,7 +113,7 @@ class ListMethods(argparse.Action):
 
 
 #: What people call an option elsewhere. None: SOURCE stands without an option.
-_OTHER_NAMES = {
+_OTHER_NAMES: dict[str, str | None] = {
     **dict.fromkeys(("--calib", "--calibration", "--intrinsics"), "--camera"),
     **dict.fromkeys(("--output", "--outdir", "--save"), "--out"),
     **dict.fromkeys(("--frames", "--num-frames", "--limit"), "--max-frames"),
@@ -137,8 +137,9 @@ def _hint(word: str, parser: argparse.ArgumentParser) -> str:
         other = _OTHER_NAMES[name]
         if other is None:
             return f": leave {name} out: SOURCE stands without an option"
-        meant = [other]
-    return f": did you mean {meant[0]}?" if meant and meant[0] in options else ""
+        return f": did you mean {other}?" if other in options else ""
+    meant = _meant(name, options)
+    return f": did you mean {meant[0]}?" if meant else ""
 
 
 def _meant(word: str, known: Sequence[str]) -> list[str]:

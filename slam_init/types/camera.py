@@ -115,13 +115,7 @@ class Camera(Described):
                 raise CalibrationError(f"{name} of the camera is {value:g}: give a whole number of pixels")
             object.__setattr__(self, name, int(value) if name in ("width", "height") else value)
         _check_intrinsics(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
-        give = "a tuple of numbers, () for none"
-        distortion = as_array(self.distortion, np.float64, (None,), "distortion", give, CalibrationError)
-        object.__setattr__(self, "distortion", tuple(distortion.tolist()))
-        if (np.abs(distortion) > _MAX_DISTORTION).any():
-            raise CalibrationError(
-                f"distortion {distortion.tolist()} holds a number that is larger than that of any lens"
-            )
+        object.__setattr__(self, "distortion", _as_coefficients(self.distortion))
         check_coefficients(self.model, self.distortion)
         for name, unit in (("focal_sigma", "a relative standard deviation"), ("readout_ms", "milliseconds")):
             if getattr(self, name) is not None:
@@ -171,7 +165,8 @@ class Camera(Described):
         if not (matrix[1, 0] == matrix[0, 1] == 0 and matrix[2].tolist() == [0, 0, 1]):
             raise CalibrationError(f"K has a skew, or no last row 0 0 1: give {give}")
         (fx, _, cx), (_, fy, cy), _ = matrix.tolist()
-        return Camera("radtan" if len(distortion) else "pinhole", width, height, fx, fy, cx, cy, tuple(distortion))
+        coefficients = _as_coefficients(distortion)
+        return Camera("radtan" if coefficients else "pinhole", width, height, fx, fy, cx, cy, coefficients)
 
     @cached_property
     def lens(self) -> Lens | None:
@@ -393,6 +388,15 @@ class Camera(Described):
         if self.readout_ms is not None:
             facts.append(("readout", f"{self.readout_ms:.4g} ms, {self.readout_direction}"))
         return f"{self.model} camera, {self.width}x{self.height}{known}", facts
+
+
+def _as_coefficients(distortion: object) -> tuple[float, ...]:
+    """Make the coefficients of what a caller gave, or tell why they are none."""
+    give = "a tuple of numbers, () for none"
+    coefficients = as_array(distortion, np.float64, (None,), "distortion", give, CalibrationError)
+    if (np.abs(coefficients) > _MAX_DISTORTION).any():
+        raise CalibrationError(f"distortion {coefficients.tolist()} holds a number larger than those of lenses")
+    return tuple(coefficients.tolist())
 
 
 def _check_intrinsics(width: int, height: int, fx: float, fy: float, cx: float, cy: float) -> None:
