@@ -132,7 +132,7 @@ class Camera(Described):
                 f"readout is {self.readout_ms!r} ms: give milliseconds from 0 to {_MAX_READOUT_MS:g}, and for rows "
                 "that are read upwards the direction 'up'"
             )
-        if self.readout_direction not in _READOUT_DIRECTIONS:
+        if not isinstance(self.readout_direction, str) or self.readout_direction not in _READOUT_DIRECTIONS:
             raise CalibrationError(
                 f"unknown readout direction {self.readout_direction!r}: use one of {', '.join(_READOUT_DIRECTIONS)}"
             )
