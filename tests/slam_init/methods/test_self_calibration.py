@@ -104,7 +104,9 @@ class Tracks:
 
     def observed(self, frame, camera):
         ids, pixels = self.seen[frame.index]
-        return Observations(frame.index, frame.timestamp_s, "", ids, pixels, camera.bearings(pixels))
+        rays = camera.bearings(pixels)
+        seen = np.isfinite(rays).all(axis=1)
+        return Observations(frame.index, frame.timestamp_s, "", ids[seen], pixels[seen], rays[seen])
 
 
 @pytest.fixture(scope="module")
