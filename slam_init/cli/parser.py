@@ -132,7 +132,6 @@ def _hint(word: str, parser: argparse.ArgumentParser) -> str:
     if not word.startswith("-") and _OPTION_OF_FILE.get(suffix) in options:
         option = _OPTION_OF_FILE[suffix]
         return f": did you mean {option}{'=' if option in getattr(parser, 'bare_values', {}) else ' '}{word}?"
-    meant = _meant(name, options)
     if name in _OTHER_NAMES and name not in options:
         other = _OTHER_NAMES[name]
         if other is None:
