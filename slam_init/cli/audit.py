@@ -83,8 +83,9 @@ def _audit(arguments: argparse.Namespace) -> int:
         raise SourceError(f"{arguments.map}: a trajectory has no tracks: give the images by --images")
     if camera is None:
         raise CalibrationError(f"{arguments.map}: has no calibration: give --camera FILE")
-    poses, views, notes = map_.poses, map_.tracks(camera), tuple[str, ...]()
-    if source is not None:
+    if source is None:
+        poses, views, notes = map_.poses, map_.tracks(camera), tuple[str, ...]()
+    else:
         poses, views, notes = tracked_by(map_, source, camera, config)
     try:
         fitting = fitting_reading(poses, views, camera, config)

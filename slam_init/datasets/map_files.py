@@ -217,8 +217,7 @@ def _in_source(map_: MapFile, source: TimedSource) -> tuple[dict[int, Pose], tup
 
 def _by_time(known: Trajectory, times_s: Floats) -> tuple[dict[int, Pose], tuple[str, ...]]:
     """The poses by the images of their times. Clocks that differ by an offset, and numbers of images, are noted."""
-    stamped, notes = truth_on_clock(known, times_s)
-    stamped = stamped or known
+    stamped, notes = truth_on_clock(known, times_s)[0] or known, tuple[str, ...]()
     # A pose belongs to one image: at 60 images a second the next ones are near in time as well.
     apart_s = np.abs(times_s[:, None] - stamped.timestamps_s)
     frames, near = apart_s.argmin(axis=0), apart_s.min(axis=0) <= _SAME_TIME_S
@@ -228,7 +227,7 @@ def _by_time(known: Trajectory, times_s: Floats) -> tuple[dict[int, Pose], tuple
     elif near.sum() < 2 and not (stamps % 1).any() and stamps[0] >= 0 and stamps[-1] < len(times_s):
         frames, near, notes = stamps.astype(int), np.ones(len(stamps), bool), (f"{clocks}: taken as numbers of images",)
     elif not near.all():
-        notes = (*notes, f"{(~near).sum()} of {len(near)} poses have the time of no image ({clocks})")
+        notes = (f"{(~near).sum()} of {len(near)} poses have the time of no image ({clocks})",)
     found = zip(frames.tolist(), near.tolist(), known.world_from_cam, strict=True)
     return {frame: pose for frame, belongs, pose in found if belongs}, notes
 
