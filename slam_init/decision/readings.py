@@ -25,6 +25,7 @@ from slam_init.types.frame import Observations
 from slam_init.types.pose import Pose
 
 #: The order in a file whose quaternions were read in the other order, and the places that their parts move by.
+#: Class: geometry.
 _ORDERS = {"": 0, "quaternions with w first": -1, "quaternions with w last": 1}
 #: Readings are compared on pairs of so many frames, each with the next ones: 30 pairs take half a second.
 #: Class: budget.
@@ -73,6 +74,7 @@ class FittingReading:
 
 
 #: That of this project stands first. Further combinations would fit more wrong maps by chance.
+#: Class: level.
 READINGS = (
     *itertools.starmap(Reading, itertools.product(_ORDERS, (False, True), ("",))),
     *(Reading("", False, axes) for axes in AXES),
