@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from slam_init.config import Config
 from slam_init.types.camera import Camera
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
@@ -29,19 +28,15 @@ _ESTABLISHED = 0.25
 _NOT_YET = "not enough translation yet: keep translating, best sideways"
 
 
-def with_established_reason(camera: Camera, config: Config, attempt: Attempt) -> Attempt:
+def with_established_reason(camera: Camera, attempt: Attempt) -> Attempt:
     """A refusal as a pure rotation, with another reason where its evidence does not establish the rotation."""
     if attempt.verdict is not Verdict.PURE_ROTATION or _is_established(camera, attempt):
         return attempt
-    reason, advice = Verdict.LOW_PARALLAX, _NOT_YET
-    # Tracks as noisy as an outlier follow no motion, and no rotation either.
-    if attempt.window is not None and attempt.window.noise_px > config.two_view.threshold_px:
-        reason, advice = Verdict.NO_CONSISTENT_MOTION, Verdict.NO_CONSISTENT_MOTION.advice
     gates = (
-        replace(gate, reason=reason, advice=advice) if gate.reason is Verdict.PURE_ROTATION else gate
+        replace(gate, reason=Verdict.LOW_PARALLAX, advice=_NOT_YET) if gate.reason is Verdict.PURE_ROTATION else gate
         for gate in attempt.gates
     )
-    return replace(attempt, verdict=reason, advice=advice, gates=tuple(gates))
+    return replace(attempt, verdict=Verdict.LOW_PARALLAX, advice=_NOT_YET, gates=tuple(gates))
 
 
 def _is_established(camera: Camera, attempt: Attempt) -> bool:

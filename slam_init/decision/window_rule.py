@@ -140,7 +140,7 @@ class WindowRule:
             outcome = Outcome(refused_at(attempt, Verdict.PURE_ROTATION, Stage.MOTION))
         else:
             outcome = self._propose_and_fit(chosen, views, attempt, stopwatch)
-        return replace(outcome, attempt=with_established_reason(self._history.camera, self._config, outcome.attempt))
+        return replace(outcome, attempt=with_established_reason(self._history.camera, outcome.attempt))
 
     def end(self) -> FreeFocal | None:
         """End the frames: the free fit of the focal length in the last window, if it is due."""
