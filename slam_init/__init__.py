@@ -16,14 +16,11 @@ if TYPE_CHECKING:
     from slam_init.calibration.prior import prior_camera
     from slam_init.config import Config, load_config
     from slam_init.datasets.opening import open_source
-    from slam_init.datasets.place_file import load_place
     from slam_init.decision.audit import audit
     from slam_init.errors import CalibrationError, ConfigError, OutputError, SlamInitError, SourceError
     from slam_init.exports import export
     from slam_init.initializer import Initializer
-    from slam_init.mapping.finding import Finder, Found
     from slam_init.mapping.follower import Follower
-    from slam_init.mapping.joining import join
     from slam_init.output.colmap import pycolmap_reconstruction
     from slam_init.output.results import load_graph, write_colmap, write_results
     from slam_init.runner import run
@@ -35,8 +32,6 @@ if TYPE_CHECKING:
     from slam_init.types.frame import Frame, Observations
     from slam_init.types.gates import Gate
     from slam_init.types.initial_map import InitialMap, Keyframe
-    from slam_init.types.join import Join, NoJoin, Similarity
-    from slam_init.types.place import Place
     from slam_init.types.pose import Pose, Trajectory
     from slam_init.types.reasons import Verdict
     from slam_init.types.result import Attempt, Result, Segment
@@ -53,24 +48,18 @@ __all__ = [
     "Camera",
     "Config",
     "ConfigError",
-    "Finder",
     "Follower",
-    "Found",
     "Frame",
     "Gate",
     "InitialMap",
     "Initializer",
-    "Join",
     "Keyframe",
-    "NoJoin",
     "Observations",
     "OutputError",
-    "Place",
     "Pose",
     "Result",
     "Scale",
     "Segment",
-    "Similarity",
     "SlamInitError",
     "SourceError",
     "Status",
@@ -81,11 +70,9 @@ __all__ = [
     "export",
     "find_scale",
     "in_metres",
-    "join",
     "load_camera",
     "load_config",
     "load_graph",
-    "load_place",
     "open_source",
     "parse_scale",
     "prior_camera",
@@ -103,24 +90,18 @@ _HOMES = {
     "Camera": "types.camera",
     "Config": "config",
     "ConfigError": "errors",
-    "Finder": "mapping.finding",
     "Follower": "mapping.follower",
-    "Found": "mapping.finding",
     "Frame": "types.frame",
     "Gate": "types.gates",
     "InitialMap": "types.initial_map",
     "Initializer": "initializer",
-    "Join": "types.join",
     "Keyframe": "types.initial_map",
-    "NoJoin": "types.join",
     "Observations": "types.frame",
     "OutputError": "errors",
-    "Place": "types.place",
     "Pose": "types.pose",
     "Result": "types.result",
     "Scale": "types.scale",
     "Segment": "types.result",
-    "Similarity": "types.join",
     "SlamInitError": "errors",
     "SourceError": "errors",
     "Status": "types.status",
@@ -130,11 +111,9 @@ _HOMES = {
     "export": "exports",
     "find_scale": "scale.find",
     "in_metres": "scale.metric_map",
-    "join": "mapping.joining",
     "load_camera": "calibration.files",
     "load_config": "config",
     "load_graph": "output.results",
-    "load_place": "datasets.place_file",
     "open_source": "datasets.opening",
     "parse_scale": "scale.requests",
     "prior_camera": "calibration.prior",

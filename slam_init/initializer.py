@@ -54,7 +54,6 @@ from slam_init.intake import Intake, Turn
 from slam_init.recording.recorder import Recorder
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera
-from slam_init.types.depth import Depth, TrackDepths
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.inertial import Gravity
 from slam_init.types.initial_map import InitialMap
@@ -134,7 +133,6 @@ class Initializer:
         timestamp_s: float | None = None,
         *,
         mask: Image | None = None,
-        depth: Depth | None = None,
         gravity: Gravity | None = None,
         rotation: Floats | None = None,
         rotation_sigma_rad: float = 1e-3,
@@ -152,10 +150,6 @@ class Initializer:
             notes of the result (:mod:`slam_init.types.time_stamps`).
         mask : (H, W) uint8 or bool, optional
             Pixels that are 0 are ignored: neither an attempt nor the map uses them. By default a frame's own mask.
-        depth : Depth, optional
-            Depths of the image from elsewhere, of an RGB-D camera or of a network. They change the probabilities of
-            rival motions by a bounded factor (``docs/depth.md``). By default a frame's own depth; without one nothing
-            changes.
         gravity : Gravity, optional
             Direction of gravity in the camera, as of an accelerometer at rest or a robot. It proposes motions and is a
             measurement of two of the three angles of a rotation, but no map is accepted because of it: a wrong one
@@ -177,21 +171,20 @@ class Initializer:
         Raises
         ------
         SlamInitError
-            If the array is not such an image, the depth is not one of an image, the gravity is none, the matrix is no
-            rotation, or the frame is not later than the last one.
+            If the array is not such an image, the gravity is none, the matrix is no rotation, or the frame is not
+            later than the last one.
             The initializer has not changed then, so that the frame can be given again, or left out.
         """
         if self._maps.handed_over:
             return self.status
         with self.intake.alone():
             turn = Turn.checked(rotation, rotation_sigma_rad)
-            frame = self.intake.frame(image, timestamp_s, mask, depth, gravity)
+            frame = self.intake.frame(image, timestamp_s, mask, gravity)
             with self.stopwatch("frame"):
                 with self.stopwatch("track"):
                     current = self.intake.track(frame)
-                    depths = self.intake.depths(frame.depth, current)
                 self.recorder.frame(frame, current)
-                status = self._step(current, self.tracker.revised, turn, depths, frame.gravity)
+                status = self._step(current, self.tracker.revised, turn, frame.gravity)
             self.recorder.frame_time(self.stopwatch.last_ms("frame"))
         return status
 
@@ -202,7 +195,6 @@ class Initializer:
         timestamp_s: float | None = None,
         *,
         revised: Sequence[Observations] = (),
-        depth: Depth | None = None,
         gravity: Gravity | None = None,
         rotation: Floats | None = None,
         rotation_sigma_rad: float = 1e-3,
@@ -224,8 +216,6 @@ class Initializer:
         revised : sequence of Observations, optional
             Earlier frames with more tracks than before (see :attr:`slam_init.frontend.tracks.Tracker.revised`). Frames
             that are not in the history are ignored.
-        depth : Depth, optional
-            Depths of the frame, or one for each track (N,).
         gravity : Gravity, optional
             As for :meth:`process`.
         rotation, rotation_sigma_rad : (3, 3) array_like and float, optional
@@ -250,19 +240,17 @@ class Initializer:
             Gravity.check(gravity)
             observed = self.intake.observed(current, pixels, timestamp_s)
             observed, revised = self.intake.check_tracks(observed, revised)
-            depths = self.intake.depths(depth, observed)
-            return self._step(observed, revised, turn, depths, gravity)
+            return self._step(observed, revised, turn, gravity)
 
     def _step(
         self,
         current: Observations,
         revised: Sequence[Observations],
         turn: Turn | None,
-        depths: TrackDepths | None,
         gravity: Gravity | None,
     ) -> Status:
         """The way of a frame from its tracks to the status."""
-        self.intake.add(current, revised, turn, depths, gravity)
+        self.intake.add(current, revised, turn, gravity)
         self._maps.count(current.frame)
         if self._maps.accepted is not None:
             return self._grow(self._maps.accepted, current, revised)

@@ -24,7 +24,6 @@ from slam_init.frontend.static_overlay import StaticOverlay
 from slam_init.types.arrays import Floats, Image, as_array
 from slam_init.types.attitude import checked_rotation
 from slam_init.types.camera import Camera
-from slam_init.types.depth import Depth, TrackDepths
 from slam_init.types.frame import MOST_NUMBERS, Frame, Observations
 from slam_init.types.inertial import Gravity
 from slam_init.types.initial_map import InitialMap
@@ -68,7 +67,6 @@ class Intake:
         self._thread: int | None = None
         self._source = ""
         self._gravity_contradicts = False
-        self._depths_given = self._depths_known = 0
 
     @contextmanager
     def alone(self) -> Iterator[None]:
@@ -87,19 +85,14 @@ class Intake:
         image: Image | Frame,
         timestamp_s: float | None,
         mask: Image | None,
-        depth: Depth | None = None,
         gravity: Gravity | None = None,
     ) -> Frame:
-        """Check an image, its time, its mask, its depth and its gravity, and make a frame of them."""
+        """Check an image, its time, its mask and its gravity, and make a frame of them."""
         self._check_source("images")
         lens = self._completed_lens(image) if self._waits_for_size else self.history.lens
         frame = frame_of(image, timestamp_s, self.history.newest + 1, lens.camera, mask)
-        if depth is not None:
-            frame = replace(frame, depth=depth)
         if gravity is not None:
             frame = replace(frame, gravity=gravity)
-        if frame.depth is not None and (not isinstance(frame.depth, Depth) or np.ndim(frame.depth.values) != 2):
-            raise SlamInitError("depth of an image: give a Depth whose values have the shape (H, W)")
         if frame.index <= self.history.newest:
             raise SlamInitError(
                 f"frame {frame.index} comes after frame {self.history.newest}: feed frames in ascending order"
@@ -168,29 +161,16 @@ class Intake:
         if self._source not in ("", source):
             raise SlamInitError(f"{source} after {self._source}: give an Initializer either images or tracks")
 
-    def depths(self, depth: Depth | None, current: Observations) -> TrackDepths | None:
-        """The depths of the tracks of a frame; None without a depth."""
-        camera = self.history.camera
-        if depth is not None and not isinstance(depth, Depth):
-            raise SlamInitError("depth of tracks: give a Depth whose values have the shape (N,)")
-        return None if depth is None else depth.at(current.track_ids, current.pixels, (camera.width, camera.height))
-
     def add(
         self,
         current: Observations,
         revised: Sequence[Observations],
         turn: Turn | None,
-        depths: TrackDepths | None = None,
         gravity: Gravity | None = None,
     ) -> None:
         """Add the tracks of the next frame to the history."""
         self.history.add(current, revised)
         self._source = self._source or "tracks"
-        if depths is not None and len(depths.values):
-            self._depths_given += 1
-            self._depths_known += bool(np.isfinite(depths.values).any())
-        if depths is not None:
-            self.history.depths[current.frame] = depths
         if gravity is not None:
             self.history.gravities[current.frame] = gravity
         self._clock.took(current)
@@ -218,15 +198,7 @@ class Intake:
         told = "gravity is left out: its directions in the frames contradict the rotations of the map"
         gravity = (told,) if self._gravity_contradicts else ()
         images = (*self._overlay.notes, *self._pictures.notes)
-        return (*self._clock.notes, *self._shutter_notes(), *images, *gravity, *self._depth_notes())
-
-    def _depth_notes(self) -> tuple[str, ...]:
-        """A note where no depth tells anything: a folder of the wrong files looks like one without effect."""
-        if not self._depths_given or self._depths_known:
-            return ()
-        return (
-            f"no depth was usable: those of {self._depths_given} frames are NaN, infinite or not positive at tracks",
-        )
+        return (*self._clock.notes, *self._shutter_notes(), *images, *gravity)
 
     def _completed_lens(self, image: Image | Frame) -> LensInUse:
         """The lens of the given camera with the size of the first image; what is no image is refused by its frame."""

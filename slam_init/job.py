@@ -18,7 +18,6 @@ from slam_init.frontend.orb import describe_landmarks
 from slam_init.frontend.tracks import History
 from slam_init.initializer import FittedPoses, Initializer
 from slam_init.mapping.follower import Continuation, FrameTracker, follow
-from slam_init.mapping.places import describe_place
 from slam_init.mapping.reduction import Reduction
 from slam_init.methods import make_initializer
 from slam_init.methods.registry import FrontEnd
@@ -37,9 +36,8 @@ from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations, Source, length_of, notes_of
 from slam_init.types.inertial import InertialRecord
-from slam_init.types.initial_map import Keyframe
+from slam_init.types.initial_map import Descriptors, Keyframe
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
-from slam_init.types.place import Appearance, Place
 from slam_init.types.reasons import Verdict, in_words
 from slam_init.types.result import GroundTruthErrors, Result, Segment
 from slam_init.types.scale import ScaleOrigin
@@ -60,7 +58,7 @@ class _Part:
     result: Result
     first_frame: int
     continued: Continuation | None
-    appearance: Appearance | None
+    descriptors: Descriptors | None
     truth: GroundTruthErrors | None
 
     @property
@@ -86,7 +84,7 @@ class Finished:
     result: Result
     summary: Summary
     located: tuple[Keyframe, ...]
-    appearances: tuple[Appearance, ...]
+    descriptors: tuple[Descriptors, ...]
     #: That of the last judged window, see :attr:`slam_init.initializer.Initializer.motion`.
     motion: FittedPoses | None = None
 
@@ -96,7 +94,6 @@ class Job:
     """The arguments of :func:`slam_init.runner.run`.
 
     * ``described``: Whether the map is described by descriptors.
-    * ``placed``: Whether it can be joined with another one, then.
     """
 
     source: Source
@@ -111,7 +108,6 @@ class Job:
     restart: bool
     described: bool
     imu: bool | InertialSensor
-    placed: bool
 
     def run(self, recorder: Recorder) -> Finished:
         """Process the frames, and summarize the run."""
@@ -132,9 +128,9 @@ class Job:
         notes = (*notes, *_focal_notes(result, self.camera))
         result = replace(result, notes=(*notes, *front.turns.notes, *result.notes, *_colmap_notes(result)))
         summary = self._summary(result, parts, hashed)
-        appearances = tuple(part.appearance for part in parts if part.appearance is not None)
+        descriptors = tuple(part.descriptors for part in parts if part.descriptors is not None)
         motion = initializer.motion if isinstance(initializer, Initializer) else None
-        return Finished(result, summary, parts[0].located, appearances, motion)
+        return Finished(result, summary, parts[0].located, descriptors, motion)
 
     def _parts(self, front: _Front, frames: Iterator[Frame], memory: FrameMemory) -> list[_Part]:
         """One part, or one for each map."""
@@ -166,7 +162,7 @@ class Job:
         if result.map is None:
             return _Part(front.reduction.enlarged(result), first_frame, None, None, None)
         images = {k.frame: memory[k.frame] for k in result.map.keyframes if k.frame in memory}
-        orb = describe_landmarks(result.map, images) if self.described else None
+        descriptors = describe_landmarks(result.map, images) if self.described else None
         count = self.continue_frames if left is None else left - (frames.count - before)
         result, continued = _continue(
             result, front.tracker, frames, count, front.recorder, self.restart, self._by_motion
@@ -174,13 +170,8 @@ class Job:
         if self.scale is not None:
             result, continued = self._in_metres(self.scale, result, continued, images, front.recorder)
         assert result.map is not None
-        appearance = None
-        if orb is not None:
-            located = () if continued is None else continued.keyframes
-            place = describe_place(result.map, located, {**memory, **images}) if self.placed else Place.empty()
-            appearance = Appearance(*orb, place)
         result = front.reduction.enlarged(result)
-        return _Part(result, first_frame, continued, appearance, self._errors(result, continued))
+        return _Part(result, first_frame, continued, descriptors, self._errors(result, continued))
 
     @property
     def _by_motion(self) -> bool:

@@ -48,7 +48,6 @@ def run(
     restart: bool = False,
     imu: bool | InertialSensor = False,
     export: Collection[str] = (),
-    place: bool = False,
 ) -> tuple[Result, Summary]:
     """Initialize from a source, and write the results.
 
@@ -90,9 +89,6 @@ def run(
         of a file (:func:`slam_init.datasets.inertial_file.read_inertial_file`), whose record is that of the scale too.
     export : collection of str
         Formats of other tools that the maps are written in as well, as of :func:`slam_init.export`. It needs ``out``.
-    place : bool
-        Whether ``handover.npz`` holds what the map is joined with another one by (:func:`slam_init.join`). Up to
-        12 images are described and matched for it.
 
     Returns
     -------
@@ -149,7 +145,6 @@ def run(
         restart,
         described,
         imu,
-        place,
     )
     if out is None:
         finished = job.run(Recorder())
@@ -164,7 +159,7 @@ def run(
             if export:
                 _stage_exports(folder, done, export, source)
             toml = config_toml(config)
-            publish_results(folder, done.result, done.summary, toml, done.located, picture, done.appearances)
+            publish_results(folder, done.result, done.summary, toml, done.located, picture, done.descriptors)
         except SlamInitError:
             raise
         except BaseException as error:  # an interrupt, or an error of the program

@@ -1,7 +1,7 @@
-"""The command line: ``slam-init run``, ``compare``, ``audit``, ``join`` and the others of :func:`make_parser`.
+"""The command line: ``slam-init run``, ``compare``, ``audit`` and the others of :func:`make_parser`.
 
-Exit codes: 0 initialized (or done), 2 bad usage or input, 3 the data never allowed initialization, an audited map is
-doubtful, or two maps are not joined, 4 an audited map is wrong. An interrupt gives 128 and the number of the signal:
+Exit codes: 0 initialized (or done), 2 bad usage or input, 3 the data never allowed initialization, or an audited map is
+doubtful, 4 an audited map is wrong. An interrupt gives 128 and the number of the signal:
 130 for SIGINT, 143 for SIGTERM, 129 for SIGHUP.
 Whatever is wrong is reported in one line on stderr.
 """
@@ -20,8 +20,6 @@ from slam_init.cli.bench import add_bench
 from slam_init.cli.calibrate import add_calibrate
 from slam_init.cli.compare import add_compare
 from slam_init.cli.info import add_info
-from slam_init.cli.join import add_join
-from slam_init.cli.locate import add_locate
 from slam_init.cli.parser import BAD_INPUT, INTERRUPTED, Parser, UsageError
 from slam_init.cli.run import add_run
 from slam_init.cli.synth import add_synth
@@ -86,15 +84,15 @@ def make_parser() -> Parser:
     parser = Parser(
         prog="slam-init",
         description="Monocular SLAM initialization: from a video to a bundle-adjusted map, or why not.",
-        epilog="Exit codes: 0 initialized or done, 2 bad input, 3 never initialized (audit: doubtful; join, locate: "
-        "not found), 4 audit: wrong, 130 interrupted (128 + signal).",
+        epilog="Exit codes: 0 initialized or done, 2 bad input, 3 never initialized (audit: doubtful), 4 audit: wrong, "
+        "130 interrupted (128 + signal).",
         allow_abbrev=False,
     )
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     commands = parser.add_subparsers(
         metavar="COMMAND",
         required=True,
-        dest="run, view, info, synth, compare, bench, calibrate, audit, join or locate",
+        dest="run, view, info, synth, compare, bench, calibrate or audit",
     )
 
     add_run(commands)
@@ -105,8 +103,6 @@ def make_parser() -> Parser:
     add_bench(commands)
     add_calibrate(commands)
     add_audit(commands)
-    add_join(commands)
-    add_locate(commands)
     return parser
 
 

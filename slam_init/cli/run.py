@@ -11,11 +11,9 @@ from typing import TYPE_CHECKING
 from slam_init.cli.parser import DONE, NOT_INITIALIZED, Commands, ListMethods, UsageError, at_least
 from slam_init.cli.source_options import (
     SENSORS,
-    add_depth,
     add_source,
     chosen_camera,
     opened_source,
-    with_depth,
     with_gravity,
 )
 from slam_init.system.process_io import tell
@@ -41,7 +39,6 @@ def add_run(commands: Commands) -> None:
     run.description = "Read frames until a map is found; write it, and a recording of how, to a folder."
     run.set_defaults(command=_run)
     add_source(run, default=_DEFAULT_SOURCE)
-    add_depth(run.add_argument_group("depths from elsewhere"))
     frames = run.add_argument_group("first and last frame")
     frames.add_argument("--start", type=int, default=0, metavar="K", help="skip the first K frames")
     frames.add_argument("--max-frames", type=int, metavar="N", help="give up after N frames")
@@ -121,9 +118,6 @@ def add_run(commands: Commands) -> None:
         help="also write the map for other tools: scene (images, COLMAP model and transforms.json for COLMAP, "
         "nerfstudio, 3DGS), stella (map.msg), mcap (Foxglove), or several: scene,mcap",
     )
-    after.add_argument(
-        "--place", action="store_true", help="keep what the map is joined with others by (slam-init join, locate)"
-    )
     live = run.add_argument_group("live sources, and a viewer")
     live.add_argument("--no-drop", action="store_true", help="of a live source: let the sender wait, drop no frame")
     live.add_argument(
@@ -165,7 +159,7 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.scale is not None:
         arguments.scale = parse_scale(arguments.scale)
 
-    named = (arguments.images, arguments.camera, arguments.mask, arguments.depth, arguments.imu or None, config_path)
+    named = (arguments.images, arguments.camera, arguments.mask, arguments.imu or None, config_path)
     table = None if arguments.gravity == "imu" else arguments.gravity
     inputs = [arguments.source, *(file for file in (*named, table) if file is not None)]
     out = chosen_folder(arguments.out, "run", run_files(restart=arguments.restart), inputs)
@@ -183,10 +177,6 @@ def _run(arguments: argparse.Namespace) -> int:
         raise UsageError("--continue needs landmarks, which an external program does not give: leave --continue out")
     if is_external(config.method) and arguments.matcher is not None:
         raise UsageError("--matcher gives tracks, which an external program does not take: leave --matcher out")
-    if arguments.depth is not None and not has_window:
-        raise UsageError(
-            f"--depth tells between motions of the window, which {config.method} has not: leave --depth out"
-        )
     if arguments.gravity is not None and not has_window:
         raise UsageError(f"--gravity is a measurement of the window, which {config.method} has not: leave it out")
     live = is_live(arguments.source)
@@ -230,8 +220,8 @@ def _run(arguments: argparse.Namespace) -> int:
 
 
 def _source(arguments: argparse.Namespace, seed: int) -> TimedSource:
-    """The source, with the depths and the gravity that are asked for."""
-    return with_gravity(arguments, with_depth(arguments, opened_source(arguments, seed)))
+    """The source, with the gravity that is asked for."""
+    return with_gravity(arguments, opened_source(arguments, seed))
 
 
 def _run_live(arguments: argparse.Namespace, config: Config, out: Path) -> tuple[Result, Summary]:
@@ -243,9 +233,8 @@ def _run_live(arguments: argparse.Namespace, config: Config, out: Path) -> tuple
 
     if arguments.every != 1 or arguments.fps is not None or arguments.mask is not None:
         raise UsageError("--every, --fps and --mask are for sources that are read from files")
-    for option in ("depth", "gravity"):
-        if getattr(arguments, option) is not None:
-            raise UsageError(f"--{option} is for sources that are read from files: leave it out")
+    if arguments.gravity is not None:
+        raise UsageError("--gravity is for sources that are read from files: leave it out")
     if arguments.images is not None:
         raise UsageError("--images is for a source of matches, and a live source has images: leave it out")
     reconnects = {} if arguments.reconnect is None else {"reconnects": arguments.reconnect}
@@ -280,9 +269,8 @@ def _run_on(
 
     from slam_init.datasets.track_source import KnowsTracks
 
-    if isinstance(source, KnowsTracks) and (arguments.matcher is not None or arguments.place):
-        option = "--place describes" if arguments.place else "--matcher matches"
-        raise UsageError(f"{option} images, and {source.name} has tracks of its own: leave it out")
+    if isinstance(source, KnowsTracks) and arguments.matcher is not None:
+        raise UsageError(f"--matcher matches images, and {source.name} has tracks of its own: leave it out")
 
     from slam_init.cli.loading import load_libraries
 
@@ -305,5 +293,4 @@ def _run_on(
             restart=arguments.restart,
             imu=sensor or arguments.imu is not None,
             export=arguments.export,
-            place=arguments.place,
         )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -96,58 +95,6 @@ def add_mask(parser: argparse._ActionsContainer) -> None:
         metavar="PATH",
         help="an image whose black pixels are ignored in all frames, or a folder with NAME.png or NAME.EXT.png a frame",
     )
-
-
-def add_depth(parser: argparse._ActionsContainer) -> None:
-    """Add the options of depths from elsewhere."""
-    parser.add_argument(
-        "--depth",
-        metavar="DIR",
-        help="depths from elsewhere: 16-bit PNG, .npz or .npy, by the names of the frames or by their times",
-    )
-    parser.add_argument(
-        "--depth-kind",
-        choices=("metric", "scale", "affine", "inverse"),
-        help="in metres, up to a scale, up to scale and shift; inverse: one over them, up to both (default: metric)",
-    )
-    parser.add_argument(
-        "--depth-factor",
-        type=float,
-        metavar="N",
-        help="value in a PNG of one metre, or of one unit: 5000 for TUM (default: 1000)",
-    )
-    parser.add_argument(
-        "--depth-sigma", type=float, metavar="S", help="relative standard deviation of the depths (default: 0.1)"
-    )
-
-
-def with_depth(arguments: argparse.Namespace, source: TimedSource) -> TimedSource:
-    """Give the frames of a source the depths that are asked for."""
-    further = {
-        name: value
-        for name, value in (
-            ("kind", arguments.depth_kind),
-            ("factor", arguments.depth_factor),
-            ("sigma", arguments.depth_sigma),
-        )
-        if value is not None
-    }
-    if arguments.depth is None:
-        if further:
-            raise UsageError(
-                f"--depth-{next(iter(further))} tells about the files of --depth DIR: give --depth as well"
-            )
-        return source
-    from slam_init.datasets.depth_maps import DepthFolder, DepthSource
-    from slam_init.datasets.track_source import KnowsTracks
-
-    if isinstance(source, KnowsTracks):
-        raise UsageError(f"{arguments.source} has tracks of its own: --depth is for sources of images")
-    for name in ("factor", "sigma"):
-        if not 0 < further.get(name, 1.0) < math.inf:
-            raise UsageError(f"--depth-{name} is {further[name]:g}: give a positive number")
-    folder = DepthFolder(arguments.depth, **further)
-    return DepthSource(source, folder, folder.note)
 
 
 def with_gravity(arguments: argparse.Namespace, source: TimedSource) -> TimedSource:

@@ -48,7 +48,6 @@ from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, ProvisionalMap
 from slam_init.types.stopwatch import Stopwatch
-from slam_init.window.depth_evidence import GivenDepths
 from slam_init.window.hypotheses import StayingTracks, WindowHypotheses
 from slam_init.window.last_look import after_last_look
 from slam_init.window.levels import FLOOR, UNDECIDED
@@ -220,14 +219,13 @@ class WindowRule:
         hypotheses = self._live.fitted(lens.camera, priors_of(lens, self._config), views.all, attitudes, gravities)
         if hypotheses is None:
             return None
-        depths = [history.depths.get(frame) for frame in hypotheses.tracks.frames]
-        hypotheses = replace(hypotheses, depths=GivenDepths.of(hypotheses.tracks, depths), staying=views.staying)
+        hypotheses = replace(hypotheses, staying=views.staying)
         # What was undecided stays a question in the next windows, whose pairs may not tell it again.
         if self._other.probability > FLOOR:
             hypotheses = replace(hypotheses, other_before=self._other)
         max_risk = self._config.acceptance.max_risk
         first = risk_of(hypotheses, max_risk)
-        hypotheses, first = self._bodies.judge(hypotheses, first, max_risk, depths)
+        hypotheses, first = self._bodies.judge(hypotheses, first, max_risk)
         again, risk = after_last_look(hypotheses, first, max_risk)
         if risk.total <= max_risk and again.tracks.down_weights.any():
             alone = self._live.without_gravity(again)

@@ -16,7 +16,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from slam_init.types.arrays import Bools, Floats, Image
-from slam_init.types.initial_map import InitialMap
+from slam_init.types.initial_map import Descriptors, InitialMap
 
 #: Bytes of a descriptor, and diameter of the patch of its orientation.
 _BYTES, _PATCH = 32, 31
@@ -24,10 +24,10 @@ _BYTES, _PATCH = 32, 31
 _IMAGES = 1
 
 
-def describe_landmarks(map_: InitialMap, images: Mapping[int, Image]) -> tuple[Image, Bools]:
+def describe_landmarks(map_: InitialMap, images: Mapping[int, Image]) -> Descriptors:
     """Compute the descriptors of the landmarks.
 
-    Shapes: ``images`` (H, W), returns ``descriptors`` (L, 32), returns ``described`` (L,).
+    Shapes: ``images`` (H, W).
 
     * ``images``: Grey images by absolute index; those of other frames are ignored.
     """
@@ -45,7 +45,7 @@ def describe_landmarks(map_: InitialMap, images: Mapping[int, Image]) -> tuple[I
         found, known = orb_descriptors(image, map_.observation_pixels[rows])
         landmarks = map_.observation_landmarks[rows[known]]
         descriptors[landmarks], described[landmarks] = found[known], True
-    return descriptors, described
+    return Descriptors(descriptors, described)
 
 
 def orb_descriptors(image: Image, pixels: Floats) -> tuple[Image, Bools]:

@@ -31,7 +31,6 @@ from slam_init.frontend.sift import detect_sift, first_per_cell, match_descripto
 from slam_init.types.arrays import Bools, Floats, Image, Ints
 from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
-from slam_init.types.depth import TrackDepths
 from slam_init.types.frame import Frame, Observations, as_image
 from slam_init.types.inertial import Gravity
 from slam_init.types.lens_in_use import LensInUse
@@ -69,8 +68,6 @@ class History:
         self._limit = limit
         self._frames: dict[int, Observations] = {}
         self._attitudes: dict[int, Attitude] = {}
-        #: Depths of the tracks of the frames that have some, from elsewhere.
-        self.depths: dict[int, TrackDepths] = {}
         #: Gravity in the frames that have it, from elsewhere.
         self.gravities: dict[int, Gravity] = {}
 
@@ -150,7 +147,7 @@ class History:
 
     def _drop(self, frame: int) -> None:
         del self._frames[frame]
-        for measured in (self._attitudes, self.depths, self.gravities):
+        for measured in (self._attitudes, self.gravities):
             measured.pop(frame, None)
 
     def between(self, first: int, last: int) -> list[Observations]:

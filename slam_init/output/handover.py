@@ -40,14 +40,6 @@ array                          shape, type   content
 ``track_ids``                  (N,) int      tracks of the newest keyframe that have no point yet
 ``track_pixels``               (N, 2) float  raw pixels in the newest keyframe
 ``track_bearings``             (N, 3) float  unit rays in its camera frame
-``place_frames``               (V,) int      absolute index of the views that the map is found again by
-``place_poses``                (V, 4, 4)     world_from_cam
-``place_points``               (P, 3) float  SIFT points in the world
-``place_descriptors``          (P, 128)      uint8; of unit norm where divided by its length: RootSIFT
-``place_noise``                float         radians: standard deviation of a ray in one direction
-``place_observation_views``    (Q,) int      position among the views
-``place_observation_points``   (Q,) int      position among the SIFT points
-``place_bearings``             (Q, 3) float  unit rays in the camera frame of the view
 ``located_frames``             (F,) int      absolute index
 ``located_times``              (F,) float    seconds
 ``located_poses``              (F, 4, 4)     world_from_cam
@@ -64,24 +56,22 @@ from typing import Any
 import numpy as np
 
 from slam_init.types.arrays import Floats
-from slam_init.types.initial_map import InitialMap, Keyframe
-from slam_init.types.place import Appearance, Place
+from slam_init.types.initial_map import Descriptors, InitialMap, Keyframe
 
 #: The name of the format, and its version.
 FORMAT, VERSION = "slam-init-handover", 1
 
 
 def handover_arrays(
-    map_: InitialMap, located: Sequence[Keyframe] = (), appearance: Appearance | None = None
+    map_: InitialMap, located: Sequence[Keyframe] = (), descriptors: Descriptors | None = None
 ) -> dict[str, Any]:
     """Make the arrays of the handover.
 
-    * ``appearance``: Without it no point is described, and the map is not found again.
+    * ``descriptors``: Without them no point is described.
     """
     camera, scale, count = map_.camera, map_.scale, len(map_.points)
-    if appearance is None:
-        appearance = Appearance(np.zeros((count, 32), np.uint8), np.zeros(count, bool), Place.empty())
-    place = appearance.place
+    if descriptors is None:
+        descriptors = Descriptors(np.zeros((count, 32), np.uint8), np.zeros(count, bool))
     return {
         "format": np.array(FORMAT),
         "version": np.array(VERSION),
@@ -108,32 +98,24 @@ def handover_arrays(
         "point_covariances": map_.point_covariances,
         "point_depth_sigmas": map_.depth_sigmas,
         "point_colors": map_.colors,
-        "point_descriptors": appearance.orb,
-        "point_described": appearance.described,
+        "point_descriptors": descriptors.orb,
+        "point_described": descriptors.described,
         "observation_keyframes": map_.observation_keyframes,
         "observation_points": map_.observation_landmarks,
         "observation_pixels": map_.observation_pixels,
         "track_ids": map_.open_tracks.track_ids,
         "track_pixels": map_.open_tracks.pixels,
         "track_bearings": map_.open_tracks.bearings,
-        "place_frames": _frames(place.views),
-        "place_poses": _matrices(place.views),
-        "place_points": place.points,
-        "place_descriptors": np.clip(np.round(512 * place.descriptors), 0, 255).astype(np.uint8),
-        "place_noise": np.array(place.noise_rad, float),
-        "place_observation_views": place.observation_views,
-        "place_observation_points": place.observation_points,
-        "place_bearings": place.observation_bearings,
         "located_frames": _frames(located),
         "located_times": _times(located),
         "located_poses": _matrices(located),
     }
 
 
-def handover_bytes(map_: InitialMap, located: Sequence[Keyframe] = (), appearance: Appearance | None = None) -> bytes:
+def handover_bytes(map_: InitialMap, located: Sequence[Keyframe] = (), descriptors: Descriptors | None = None) -> bytes:
     """Write the handover; see :func:`handover_arrays`."""
     buffer = io.BytesIO()
-    np.savez(buffer, **handover_arrays(map_, located, appearance))
+    np.savez(buffer, **handover_arrays(map_, located, descriptors))
     return buffer.getvalue()
 
 

@@ -40,7 +40,7 @@ NOT_INSTALLED = "not installed"
 
 
 class InputHash:
-    """Hash of the frames of a run. Equal pixels, masks, depths, names, time stamps and calibrations have equal hashes.
+    """Hash of the frames of a run. Equal pixels, masks, names, time stamps and calibrations have equal hashes.
 
     * ``camera``: The stated calibration.
     """
@@ -56,10 +56,6 @@ class InputHash:
             self._hash.update(np.ascontiguousarray(frame.image).data)
             if frame.mask is not None:
                 self._hash.update(np.ascontiguousarray(frame.mask).data)
-            if frame.depth is not None:
-                self._hash.update(f"{frame.depth.kind}".encode())
-                for one in (frame.depth.values, frame.depth.sigma):
-                    self._hash.update(np.ascontiguousarray(one, float).data)
             if frame.gravity is not None:
                 self._hash.update(np.append(frame.gravity.down, frame.gravity.sigma_deg).data)
             yield frame

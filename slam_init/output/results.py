@@ -45,8 +45,7 @@ from slam_init.output.summary import Summary, summary_of, summary_text
 from slam_init.system.regular_file import read_regular, user_path
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
-from slam_init.types.initial_map import InitialMap, Keyframe
-from slam_init.types.place import Appearance
+from slam_init.types.initial_map import Descriptors, InitialMap, Keyframe
 from slam_init.types.pose import Trajectory
 from slam_init.types.result import Result
 from slam_init.types.segments import MAX_SEGMENTS
@@ -110,15 +109,15 @@ def publish_results(
     config_toml: str | None = None,
     continued: Sequence[Keyframe] = (),
     overview: bytes | None = None,
-    appearances: Sequence[Appearance] = (),
+    descriptors: Sequence[Descriptors] = (),
 ) -> None:
     """Write all results, and replace those of the earlier run by them and by what is staged.
 
     * ``continued``: The frames that were located after the initialization; those of segments are in the result.
-    * ``appearances``: Those of each map; maps beyond have none.
+    * ``descriptors``: Those of each map; maps beyond have none.
     """
     picture = {} if overview is None else {OVERVIEW: overview}
-    publish_files(folder, picture | _contents(result, summary, config_toml, continued, appearances))
+    publish_files(folder, picture | _contents(result, summary, config_toml, continued, descriptors))
 
 
 def publish_files(folder: OutputFolder, files: Mapping[str, bytes]) -> None:
@@ -139,14 +138,14 @@ def _contents(
     summary: Summary,
     config_toml: str | None,
     continued: Sequence[Keyframe],
-    appearances: Sequence[Appearance],
+    descriptors: Sequence[Descriptors],
 ) -> dict[str, bytes]:
     """Return the content of each file by name, the summary last."""
     files: dict[str, bytes] = {}
     maps = [(f"{segment_folder(n)}/", one.map, one.located) for n, one in enumerate(result.segments, start=1)]
     if not maps and result.map is not None:
         maps = [("", result.map, tuple(continued))]
-    for (prefix, map_, located), described in zip_longest(maps[:MAX_SEGMENTS], appearances[: len(maps)]):
+    for (prefix, map_, located), described in zip_longest(maps[:MAX_SEGMENTS], descriptors[: len(maps)]):
         files |= {f"{prefix}{name}": content for name, content in map_files(map_, located, described).items()}
     if config_toml is not None:
         files["config.toml"] = config_toml.encode()
@@ -155,7 +154,7 @@ def _contents(
 
 
 def map_files(
-    map_: InitialMap, located: Sequence[Keyframe] = (), appearance: Appearance | None = None
+    map_: InitialMap, located: Sequence[Keyframe] = (), descriptors: Descriptors | None = None
 ) -> dict[str, bytes]:
     """Return the content of the files of a map by name."""
     files = {"trajectory.txt": tum_text(map_.keyframes).encode()}
@@ -170,7 +169,7 @@ def map_files(
     }
     files[_GRAPH] = map_.graph.serialize().encode()
     files[_VALUES] = map_.values.serialize().encode()
-    files["handover.npz"] = handover_bytes(map_, located, appearance)
+    files["handover.npz"] = handover_bytes(map_, located, descriptors)
     transforms = transforms_text(map_, located)
     if transforms is not None:
         files["transforms.json"] = transforms.encode()

@@ -16,7 +16,6 @@ from slam_init.types.pose import Trajectory
 
 if TYPE_CHECKING:
     from slam_init.types.camera import Camera
-    from slam_init.types.depth import Depth
 
 #: A key of gtsam has 56 bits for the index of a frame, or the id of a track.
 MOST_NUMBERS = 2**56
@@ -43,8 +42,6 @@ class Frame:
         Grey or BGR, as stored.
     mask : (H, W) uint8, optional
         Pixels that are 0 are ignored: no track begins in them or enters them.
-    depth : Depth, optional
-        Depths from elsewhere: evidence about the motion of the camera.
     gravity : Gravity, optional
         Direction of gravity in the camera, by an accelerometer at rest or a robot.
     """
@@ -54,7 +51,6 @@ class Frame:
     name: str
     image: Image
     mask: Image | None = None
-    depth: Depth | None = None
     gravity: Gravity | None = None
 
     def __post_init__(self) -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from quest.display import Described
 from slam_init.errors import check_type
-from slam_init.types.arrays import Floats, Image, Ints
+from slam_init.types.arrays import Bools, Floats, Image, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.inertial import Gravity
@@ -39,6 +39,13 @@ class Keyframe:
     timestamp_s: float
     name: str
     world_from_cam: Pose
+
+
+class Descriptors(NamedTuple):
+    """(L, 32) ORB descriptors of the landmarks of a map, and (L,) whether a landmark has one."""
+
+    orb: Image
+    described: Bools
 
 
 @dataclass(frozen=True, eq=False, repr=False)

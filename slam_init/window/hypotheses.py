@@ -25,7 +25,6 @@ from quest.estimate import Hypothesis, RelativePose
 from slam_init.types.arrays import Floats, Ints, evenly_spaced
 from slam_init.types.lens_in_use import UNKNOWN_K1_SIGMA, UNKNOWN_PRINCIPAL_SIGMA
 from slam_init.types.pose import Pose
-from slam_init.window.depth_evidence import GivenDepths
 from slam_init.window.equations import explained_at_most
 from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
 from slam_init.window.lens_offset import LensOffset
@@ -89,8 +88,6 @@ class WindowHypotheses:
     rotations: tuple[Motion, ...] = ()
     #: Whether they began where their last fits had ended, and nowhere else.
     rotation_lives: bool = False
-    #: Depths from elsewhere; None without them.
-    depths: GivenDepths | None = None
     #: The rigid motion that tracks had beside the best one in the window before; None without one.
     other_before: OtherMotion | None = None
     #: The tracks that are left out since they stay at their pixel; None without them.
@@ -100,7 +97,7 @@ class WindowHypotheses:
 
     def beside(self, again: WindowHypotheses) -> WindowHypotheses:
         """Other fits to the same tracks, with what is known of the window beside its tracks."""
-        return replace(again, depths=self.depths, other_before=self.other_before, staying=self.staying, body=self.body)
+        return replace(again, other_before=self.other_before, staying=self.staying, body=self.body)
 
     @property
     def largest_costs(self) -> Floats:

@@ -174,8 +174,8 @@ NEIGHBOURHOOD = 0.1
 #: Class: measured, over the tracks of such worlds.
 RARER_BY_TRACKS = 3.6
 
-#: Fewer tracks than this show no motion of their own, lie on no plane, and compare no depths: half of them may be
-#: outliers, and ten tracks contradict a motion (quest's least number of matches).
+#: Fewer tracks than this show no motion of their own, and lie on no plane: half of them may be outliers, and
+#: ten tracks contradict a motion (quest's least number of matches).
 #: Class: level.
 LEAST_TRACKS = 20
 
@@ -191,35 +191,10 @@ FAR_IN_A_HALF = 2 / 3
 #: Class: measured, as a probability and in standard deviations.
 HELD_BY_A_BODY, LARGEST_TENSION = 0.25, 16.0
 
-# -- depths from elsewhere -------------------------------------------------------------------------------
-
-#: Probability that the depths of a view are unrelated to the scene: of networks before mirrors, screens, posters and
-#: fog, or of another frame.
-#: Class: assumption.
-DEPTH_IS_WRONG = 0.1
-
-#: Relative scatter of depths that are unrelated to a motion: that of a plane tilted by 35 degrees in a field of view of
-#: 70.
-#: Class: geometry.
-UNRELATED_DEPTH = 0.3
-
-#: Largest vote of depths for a motion against another one: one depth image of ten is wrong, and a wrong one agrees with
-#: one of two motions by chance every other time. So depths never decide alone: a risk of 0.005 needs 5.3 nats.
-#: Class: assumption, in nats.
-LARGEST_DEPTH_VOTE = 3.0
-
-#: Parts of the image (columns, rows) that err independently: errors of the lens, of the shutter and of depths extend
-#: over a quarter of the image, and a dozen sums determine a standard deviation to a fifth.
+#: Parts of the image (columns, rows) that err independently: errors of the lens and of the shutter extend over a
+#: quarter of the image, and a dozen sums determine a standard deviation to a fifth.
 #: Class: geometry.
 REGIONS = (4, 3)
-
-#: The stated deviation of depths is worth this many parts of the image: it may be off by a factor of 1.5.
-#: Class: assumption.
-STATED_SIGMA_PARTS = 4
-
-#: Standard deviation of an unknown shift, over the median of the scaled values.
-#: Class: assumption.
-SHIFT_SIGMA = 1.0
 
 # -- whether points lie on a plane -----------------------------------------------------------------------
 

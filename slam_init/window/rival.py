@@ -2,8 +2,7 @@
 
 Each track votes by the difference of its two log likelihoods, by three nats at the most: so much it costs to say that
 the track is an outlier. The image region with the largest vote is left out, since a moving body or a step in the scene
-fills a region. What the error fields explain of the rival counts for it. Depths from elsewhere change its odds by a
-bounded vote (:mod:`~slam_init.window.depth_evidence`).
+fills a region. What the error fields explain of the rival counts for it.
 """
 
 from __future__ import annotations
@@ -62,13 +61,9 @@ def rival_term(
 
     def probability(*, fit: bool) -> float:
         odds = [
-            _with_depths(
-                hypotheses,
-                rival,
-                max(
-                    _rival_probability(hypotheses, expanded, rival, margin, fit=fit),
-                    _rival_by_bodies(hypotheses, best, rival),
-                ),
+            max(
+                _rival_probability(hypotheses, expanded, rival, margin, fit=fit),
+                _rival_by_bodies(hypotheses, best, rival),
             )
             * _wrong_if_right(best, rival, spread_deg)
             for rival, margin in zip(rivals, margins, strict=True)
@@ -94,17 +89,8 @@ def rival_odds(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> list[floa
         )
         probability = BODIES_MOVE * without + (1 - BODIES_MOVE) * of_all
         probability = max(probability, _rival_by_bodies(hypotheses, best, rival))
-        probability = _with_depths(hypotheses, rival, probability)
         odds.append(probability / (1 - probability))
     return odds
-
-
-def _with_depths(hypotheses: WindowHypotheses, rival: FittedMotion, probability: float) -> float:
-    """The probability of a rival by its tracks, and by the given depths where there are some."""
-    if hypotheses.depths is None:
-        return probability
-    likelier = math.exp(hypotheses.depths.vote(hypotheses.motions[0], rival))
-    return probability / (probability + (1 - probability) * likelier)
 
 
 def _margin(

@@ -11,7 +11,6 @@ costs less, in turn. Which of the two motions is the camera's is told by the odd
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -20,8 +19,6 @@ import numpy as np
 from quest.noise import GATE_SIGMAS
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Bools, Floats
-from slam_init.types.depth import TrackDepths
-from slam_init.window.depth_evidence import GivenDepths
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses
 from slam_init.window.levels import CHANCE_GAIN, LARGEST_VOTE, LEAST_TRACKS, UNDECIDED
 from slam_init.window.motion import FittedMotion, OtherMotion, fit_motion
@@ -49,13 +46,11 @@ class BodySearch:
         self._rest = 0
 
     def judge(
-        self, hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float, depths: Sequence[TrackDepths | None]
+        self, hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float
     ) -> tuple[WindowHypotheses, WindowRisk]:
         """The hypotheses by the tracks of the camera alone, with their risk, where they decide; else those given.
 
         They decide where the risk is small without the body, or where only the body keeps it large.
-
-        * ``depths``: Of the views of the window.
         """
         if risk.total <= max_risk or risk.other.probability > max_risk or risk.rotation > UNDECIDED:
             return hypotheses, risk
@@ -64,7 +59,6 @@ class BodySearch:
             return hypotheses, risk
         apart = without_body(hypotheses)
         if apart is not None:
-            apart = replace(apart, depths=GivenDepths.of(apart.tracks, depths))
             of_camera = risk_of(apart, max_risk)
             only_body = of_camera.other.probability > max_risk and of_camera.total < risk.total
             if only_body or of_camera.total <= max_risk:

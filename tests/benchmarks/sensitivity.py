@@ -35,7 +35,7 @@ from tests.benchmarks.reliability import World, built_in, by_another_hand, commi
 _ROOT = Path(__file__).resolve().parents[2]
 LEVELS = "slam_init/window/levels.py"
 #: Modules whose numbers decide on joined maps, on maps of others, or on images before there are tracks.
-_NOT_OF_A_MAP = ("audit", "joining", "places", "static_tracks", "depth_evidence", "static_overlay")
+_NOT_OF_A_MAP = ("audit", "static_tracks", "static_overlay")
 #: A world ends after so many views: most maps come within ten.
 _VIEWS = 14
 

@@ -175,7 +175,7 @@ def main() -> None:
         true = source.camera
         assert true is not None
         camera = prior_camera((true.width, true.height))
-        job = Job(source, camera, Config(), first, _FRAMES, 0, False, (), None, False, False, False, False)
+        job = Job(source, camera, Config(), first, _FRAMES, 0, False, (), None, False, False, False)
         done, lens = job.run(Recorder()), "-"
         before = judged(done, source, group)
         after = before

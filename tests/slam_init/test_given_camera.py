@@ -12,7 +12,6 @@ from slam_init import Camera, Config, Initializer, SlamInitError, load_camera, o
 from slam_init.calibration.choosing import camera_of_size, camera_of_source
 from slam_init.errors import CalibrationError, ConfigError
 from slam_init.recording.recorder import Recorder
-from slam_init.types.depth import Depth
 from slam_init.types.frame import Frame, Observations
 
 IMAGE = np.random.default_rng(0).integers(0, 255, (48, 64), dtype=np.uint8)
@@ -46,12 +45,6 @@ def test_a_first_image_that_is_refused_completes_nothing():
         initializer.process(IMAGE, float("nan"))
     initializer.process(IMAGE)
     assert (initializer.camera.width, initializer.camera.height) == (64, 48)
-
-
-def test_tracks_of_a_wrong_type_are_one_line_beside_depths_too():
-    depth = Depth(np.ones(3))
-    with pytest.raises(SlamInitError, match=r"give slam_init\.Observations"):
-        Initializer(CAMERA).process_tracks("tracks", depth=depth)
 
 
 def test_the_camera_of_the_source_comes_before_the_prior():

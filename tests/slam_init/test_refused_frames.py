@@ -8,7 +8,6 @@ from make_map import bytes_of, make_poses
 from make_scene import CAMERA, CONFIG, cloud, observe, texture
 
 from slam_init import Camera, Frame, Initializer, Observations, SlamInitError
-from slam_init.types.depth import Depth
 from slam_init.types.inertial import Gravity
 
 COUNT = 200
@@ -88,7 +87,6 @@ def wrong_tracks(right):
     yield from (lambda it, wrong=wrong: it.process_tracks(wrong) for wrong in (None, ids, "tracks", [right]))
     yield from (lambda it, wrong=wrong: it.process_tracks(right, revised=wrong) for wrong in (None, [3], right))
     yield lambda it: it.process_tracks(right, right.pixels)
-    yield lambda it: it.process_tracks(right, depth=Depth(np.ones(3)))
     for name, array in (("ids", ids), ("pixels", right.pixels)):
         for wrong in no_arrays(array):
             yield lambda it, given={"ids": ids, "pixels": right.pixels, name: wrong}: it.process_tracks(*given.values())

@@ -27,7 +27,6 @@ def test_arguments_reach_the_pipeline(world, pipeline, capsys):
         "scene,mcap",
         "--matcher",
         "orb",
-        "--place",
     ]
     assert main(["run", IMAGES, *WITH, *numbers, "--out", "results", "--quiet"]) == 0
     ((source, camera, config, options),) = pipeline.calls
@@ -37,7 +36,7 @@ def test_arguments_reach_the_pipeline(world, pipeline, capsys):
     assert options == {
         "start": 1, "max_frames": 2, "continue_frames": 4, "progress": False, "overview": True, "viewer": None,
         "restart": True, "scale": parse_scale("height:1.65"), "imu": False,
-        "export": ["scene", "mcap"], "place": True,
+        "export": ["scene", "mcap"],
     }  # fmt: skip
     assert capsys.readouterr() == ("", "")
 

@@ -40,7 +40,6 @@ BAD = {
     # source
     "missing source": (["run", "nowhere"], "nowhere"),
     "empty name": (["run", ""], "SOURCE is empty"),
-    "empty map": (["join", "a", ""], "MAP is empty"),
     "empty folder": (["run", "empty"], "no sequence"),
     "text file": (["run", "file"], "video"),
     "garbage video": (["run", "garbage.mp4"], "garbage.mp4"),
@@ -78,10 +77,7 @@ BAD = {
     "video as camera": (["run", IMAGES, "--camera", "garbage.mp4"], "garbage.mp4"),
     "empty camera": (["run", IMAGES, "--camera", ""], "--camera is empty"),
     # options that would have no effect
-    "depth factor without depths": (["run", IMAGES, *WITH, "--depth-factor", "5000"], "give --depth"),
-    "depths for other rules": (["run", IMAGES, "--depth", "full", "--method", "stella"], "stella has not"),
     "gravity for other rules": (["run", IMAGES, "--gravity", "file", "--method", "stella"], "stella has not"),
-    "depth factor not a number": (["run", IMAGES, *WITH, "--depth", "full", "--depth-factor", "nan"], "--depth-factor"),
     "matcher for a program": (["run", "--matcher", "sift", "--method", "command:true {images} {out}"], "--matcher"),
     "refine for a program": (["run", "--refine", "5", "--method", "command:true {images} {out}"], "--refine"),
     "drops of files": (["run", IMAGES, *WITH, "--no-drop"], "live sources"),

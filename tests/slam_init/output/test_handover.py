@@ -12,7 +12,7 @@ from read_handover import main, read_handover
 from slam_init.output import handover
 from slam_init.output.handover import handover_arrays, handover_bytes
 from slam_init.types.camera import Camera
-from slam_init.types.place import Appearance, Place
+from slam_init.types.initial_map import Descriptors
 from slam_init.types.scale import Scale, ScaleOrigin
 
 
@@ -49,7 +49,7 @@ def test_descriptors_and_located_frames_are_handed_over():
     map_ = make_map()
     described = np.arange(len(map_.points)) % 2 == 0
     orb = np.where(described[:, None], np.uint8(7), np.uint8(0)).repeat(32, axis=1)
-    data = loaded(map_, map_.keyframes[1:3], Appearance(orb, described, Place.empty()))
+    data = loaded(map_, map_.keyframes[1:3], Descriptors(orb, described))
     assert data["located_frames"].tolist() == [17, 24]
     np.testing.assert_array_equal(data["point_descriptors"], orb)
     np.testing.assert_array_equal(data["point_described"], described)

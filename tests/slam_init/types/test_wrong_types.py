@@ -6,11 +6,8 @@ import pytest
 from slam_init import (
     Camera,
     Config,
-    Finder,
-    Frame,
     Initializer,
     Observations,
-    Place,
     Pose,
     Scale,
     SlamInitError,
@@ -18,11 +15,9 @@ from slam_init import (
     export,
     find_scale,
     in_metres,
-    join,
     load_camera,
     load_config,
     load_graph,
-    load_place,
     open_source,
     parse_scale,
     prior_camera,
@@ -79,9 +74,6 @@ A_MAP, A_FOLDER = "the map is of the type", "is of the type .*: give text, or a 
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (lambda it: join(it, Place.empty()), r"a place to join is of the type .*: give load_place\(PATH\)"),
-        (lambda it: join(Place.empty(), it), r"a place to join is of the type .*: give load_place\(PATH\)"),
-        (load_place, A_FOLDER),
         (load_graph, A_FOLDER),
         (load_camera, A_FOLDER),
         (lambda it: load_config([] if it is None else it), A_FOLDER),
@@ -125,8 +117,6 @@ def test_an_image_that_is_none_of_the_camera_is_refused(image, room_run, tmp_pat
             export(map_, tmp_path / "out", [kind], images=images)
     with pytest.raises(SlamInitError, match="the image of frame 0"):
         find_scale(map_, parse_scale("marker:tag36h11:0.1"), images=images)
-    with pytest.raises(SlamInitError, match="image of"):
-        Finder(Place.empty(), map_.camera).locate(Frame(0, 0.0, "", image))
     assert list(tmp_path.iterdir()) == []
 
 
