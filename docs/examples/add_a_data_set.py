@@ -1,4 +1,4 @@
-"""Add a data set: a class that yields frames and knows the camera and the true trajectory, in about 30 lines of code.
+"""Add a data set: a class that yields frames and knows the camera and the true trajectory, and a reader of its folders.
 
 The class need not be registered. Every command accepts its import path: ::
 
@@ -6,29 +6,30 @@ The class need not be registered. Every command accepts its import path: ::
     slam-init compare python:docs/examples/add_a_data_set.py:Poster --methods quest,poselib
 
 The example shows a poster on a wall. The camera slides past the poster and rotates a little, so each frame is a
-homography of the poster. If your data are in files, read the files in ``frames``. For ``slam-init run``, ``camera`` and
-``groundtruth`` may be None.
+homography of the poster. For ``slam-init run``, ``camera`` and ``groundtruth`` may be None.
 
-The command imports the attribute and calls it without arguments. To give your class a path, name an attribute that
-holds the path, or read an environment variable in a function: ::
+If your data are folders, write a reader: a :class:`~slam_init.datasets.posed_images.Layout` tells a folder of this kind
+and opens it. An installed package announces it by an entry point: ::
 
-    # my_data.py
-    hall = functools.partial(Recording, Path("/data/hall"))  # python:my_data:hall
+    [project.entry-points."slam_init.readers"]
+    poster = "add_a_data_set:LAYOUT"
 
-    def any_recording():  # python:my_data:any_recording
-        return Recording(Path(os.environ["RECORDING"]))
-
-The module has to be importable: install it, or add its folder to ``PYTHONPATH``.
+Then every command opens such a folder by its path. Readers of packages are asked before those of slam-init. A folder of
+images with time stamps, calibrations and true poses needs no class of its own: call
+:func:`~slam_init.datasets.posed_images.image_sequence`, which checks them and makes the source.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from quest.geometry.quaternion import rotation_from_vector
+from slam_init.datasets.image_files import read_image
+from slam_init.datasets.posed_images import Layout, file_of
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
@@ -41,10 +42,12 @@ class Poster:
 
     name: str = "poster"
     #: Kind of the source in ``summary.json``.
-    kind: str = "example"
+    kind: str = "poster"
     camera: Camera = field(default_factory=lambda: Camera("pinhole", 320, 240, 260.0, 260.0, 159.5, 119.5))
     #: Number of frames.
     length: int = 40
+    #: The picture on the wall; without one it is noise.
+    picture: Path | None = None
 
     def __len__(self) -> int:
         return self.length
@@ -68,8 +71,11 @@ class Poster:
         """Render frames."""
         import cv2
 
-        noise = np.random.default_rng(0).normal(size=(600, 800))
-        poster = np.clip(128 + 400 * cv2.GaussianBlur(noise, (0, 0), 2.5), 0, 255).astype(np.uint8)
+        if self.picture is None:
+            noise = np.random.default_rng(0).normal(size=(600, 800))
+            poster = np.clip(128 + 400 * cv2.GaussianBlur(noise, (0, 0), 2.5), 0, 255).astype(np.uint8)
+        else:
+            poster = read_image(self.picture, self.picture.parent)
         metres_from_poster = np.array([[1 / 300, 0, -1.0], [0, 1 / 300, -0.8], [0, 0, 1]])  # on the wall, z = 1
         size = (self.camera.width, self.camera.height)
         for index in range(self.length)[start : None if max_frames is None else start + max_frames]:
@@ -77,3 +83,9 @@ class Poster:
             cam_from_wall = cam_from_world.R + np.outer(cam_from_world.t, [0, 0, 1])
             image = cv2.warpPerspective(poster, self.camera.K @ cam_from_wall @ metres_from_poster, size)
             yield Frame(index, index / 30.0, f"{index:03d}", np.asarray(image, np.uint8))
+
+
+#: A folder with ``poster.png`` is one of this kind.
+LAYOUT = Layout(
+    "poster", "poster.png", file_of("poster.png"), lambda folder, picture: Poster(name=folder.name, picture=picture)
+)

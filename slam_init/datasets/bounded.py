@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam_init.errors import SourceError
-from slam_init.system.numpy_file import parse_npy, parse_npz
+from slam_init.system.numpy_file import parse_npz
 from slam_init.system.regular_file import check_inside, open_regular, read_regular
 from slam_init.types.arrays import Floats
 
@@ -63,12 +63,6 @@ def json_array(place: str, value: object, shape: tuple[int, ...], what: str) -> 
         expected = "x".join("N" if n < 0 else str(n) for n in shape)
         raise SourceError(f"{place}: {what} is not an array of {expected} finite numbers")
     return array
-
-
-def read_npy(path: str | os.PathLike[str], root: str | os.PathLike[str], what: str) -> NDArray[np.generic]:
-    """Read an array of numbers from a ``.npy`` file. Nothing is unpickled."""
-    check_inside(path, root)
-    return parse_npy(str(path), read_regular(path, _MAX_NPY_BYTES, what, SourceError))
 
 
 def read_npz(

@@ -1,14 +1,16 @@
 """Opens the source that the user names. This module is the only one that detects the kind of a source.
 
 The kinds of folders and files are tables. The first entry that fits is taken, so that an entry that looks for special
-files stands before one that looks for common ones. A data set of the user, ``python:package.module:attribute``, is a
-function of no arguments (``docs/examples/add_a_data_set.py``).
+files stands before one that looks for common ones. Other packages announce their layouts by entry points
+``slam_init.readers``, which are asked first. A data set of the user, ``python:package.module:attribute``, is a function
+of no arguments (``docs/examples/add_a_data_set.py`` has both).
 """
 
 from __future__ import annotations
 
 import itertools
 import os
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
@@ -159,7 +161,7 @@ def _layout_of(text: str) -> tuple[Layout, Any]:
     path = user_path(text)
     try:
         if path.is_dir():
-            return _first_that_fits(path, _FOLDERS)
+            return _first_that_fits(path, (*_announced(), *_FOLDERS))
         if path.is_file():
             if path.suffix.lower() in IMAGE_SUFFIXES:
                 raise SourceError(f"{path}: one image is not a sequence: give the folder {path.parent}")
@@ -175,6 +177,23 @@ def _layout_of(text: str) -> tuple[Layout, Any]:
     if missing:
         raise SourceError(f"{text!r}: no such file or folder; give one, or synth:NAME")
     raise SourceError(f"{path} {kind_problem(path)}")
+
+
+def _announced() -> list[Layout]:
+    """The layouts of other packages."""
+    layouts = []
+    for entry in entry_points(group="slam_init.readers"):
+        try:
+            layout = entry.load()
+        except (Exception, SystemExit) as error:
+            cause = described_error(error)
+            raise SourceError(
+                f"the reader {entry.value} cannot be loaded ({cause}): correct or uninstall it"
+            ) from error
+        if not isinstance(layout, Layout):
+            raise SourceError(f"the reader {entry.value} is no slam_init.datasets.posed_images.Layout: make it one")
+        layouts.append(layout)
+    return layouts
 
 
 def _first_that_fits(path: Path, layouts: tuple[Layout, ...]) -> tuple[Layout, Any]:

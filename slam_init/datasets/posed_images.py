@@ -60,7 +60,6 @@ AXES: dict[str, Floats] = {
     "right, up, backward": np.diag([1.0, -1.0, -1.0]),  # OpenGL
     "forward, right, down": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),  # aircraft
     "forward, left, up": np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]),  # ROS, a body
-    "down, right, backward": np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]),  # LLFF
 }
 
 

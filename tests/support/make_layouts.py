@@ -162,106 +162,6 @@ def tartanair(folder: Path) -> Path:
     return folder
 
 
-def kitti360(folder: Path) -> Path:
-    name = "2013_05_28_drive_0000_sync"
-    images = folder / "data_2d_raw" / name / "image_01"
-    for i in range(FRAMES):
-        write_spot(images / "data_rect" / f"{i:010d}.png", i)
-    write(images / "timestamps.txt", "".join(f"1970-01-01 00:00:0{i + 1}.500000000\n" for i in range(FRAMES)))
-    K = np.array(K_ROWS)
-    # Camera 1 stands 0.6 to the right of camera 0.
-    P = np.column_stack([K, K @ [-0.6, 0.0, 0.0]])
-    write(
-        folder / "calibration" / "perspective.txt",
-        f"P_rect_00: {text(np.column_stack([K, np.zeros(3)]))}\nP_rect_01: {text(P)}\n",
-    )
-    lines = []
-    for i in range(FRAMES):
-        T = pose(i)
-        T[:3, 3] -= 0.6 * T[:3, 0]
-        lines.append(f"{i} {text(T)}\n")
-    write(folder / "data_poses" / name / "cam0_to_world.txt", "".join(lines))
-    return images.parent
-
-
-def fourseasons(folder: Path) -> Path:
-    recording = folder / "recording_1"
-    stamps = [1602074877390449152 + 33_000_000 * i for i in range(FRAMES)]
-    for i, stamp in enumerate(stamps):
-        write_spot(recording / "undistorted_images" / "cam0" / f"{stamp}.png", i)
-    lens = f"Pinhole {FOCAL} {FOCAL} {CENTRE[0]} {CENTRE[1]} 0.0 0.0 0.0 0.0\n64 48\ncrop\n64 48\n"
-    write(folder / "calibration" / "undistorted_calib_0.txt", lens)
-    lines = (tum_line(stamp, pose(i), ",").strip() + ",0.96,2\n" for i, stamp in enumerate(stamps))
-    write(recording / "GNSSPoses.txt", "# timestamp_ns, ...\n" + "".join(lines))
-    return recording
-
-
-def uzh_fpv(folder: Path) -> Path:
-    sequence = folder / "indoor_forward_3_snapdragon_with_gt"
-    cam_from_imu = np.eye(4)
-    cam_from_imu[:3, :3] = axes("left", "down", "backward")
-    cam_from_imu[:3, 3] = 0.01, 0.02, 0.03
-    for i in range(FRAMES):
-        write_spot(sequence / "img" / f"image_0_{i}.png", i)
-    lines = "".join(f"{i} {1540820844 + i / 30:.6f} img/image_0_{i}.png\n" for i in range(FRAMES))
-    write(sequence / "left_images.txt", "# id timestamp image_name\n" + lines)
-    poses = (tum_line(f"{1540820844 + i / 30:.6f}", pose(i) @ cam_from_imu) for i in range(FRAMES))
-    write(sequence / "groundtruth.txt", "# timestamp tx ty tz qx qy qz qw\n" + "".join(poses))
-    rows = "".join(f"  - [{text(row, ', ')}]\n" for row in cam_from_imu)
-    write(
-        folder / "indoor_forward_calib_snapdragon" / "camchain-imucam-indoor.yaml",
-        f"cam0:\n  T_cam_imu:\n{rows}  camera_model: pinhole\n  distortion_coeffs: [0, 0, 0, 0]\n"
-        f"  distortion_model: radtan\n  intrinsics: [{FOCAL}, {FOCAL}, {CENTRE[0]}, {CENTRE[1]}]\n"
-        "  resolution: [64, 48]\n",
-    )
-    return sequence
-
-
-def hololens(folder: Path) -> Path:
-    lines = [f"{CENTRE[0]},{CENTRE[1]},64,48\n"]
-    for i in range(FRAMES):
-        ticks = 132_000_000_000_000_000 + 333_333 * i
-        write_spot(folder / "PV" / f"{ticks}.png", i)
-        lines.append(f"{ticks},{FOCAL},{FOCAL},{text(pose_in(i, 'right', 'up', 'backward'), ',')}\n")
-    write(folder / "2021-01-01-100000_pv.txt", "".join(lines))
-    return folder
-
-
-def arkitscenes(folder: Path) -> Path:
-    frames = folder / "41069021" / "41069021_frames"
-    lines = []
-    for i in range(FRAMES):
-        stamp = f"{305.377 + i / 10:.3f}"
-        write_spot(frames / "lowres_wide" / f"41069021_{stamp}.png", i)
-        lens = f"64 48 {FOCAL} {FOCAL} {CENTRE[0]} {CENTRE[1]}\n"
-        write(frames / "lowres_wide_intrinsics" / f"41069021_{stamp}.pincam", lens)
-        cam_from_world = np.linalg.inv(pose(i))
-        lines.append(f"{stamp} {text([*cv2.Rodrigues(cam_from_world[:3, :3])[0], *cam_from_world[:3, 3:]])}\n")
-    write(frames / "lowres_wide.traj", "".join(lines))
-    return frames.parent
-
-
-def record3d(folder: Path) -> Path:
-    poses = []
-    for i in range(FRAMES):
-        write_spot(folder / "rgb" / f"{i}.png", i)
-        T = pose_in(i, "right", "up", "backward")
-        poses.append([*quaternion(T[:3, :3]), *T[:3, 3].tolist()])
-    K = np.array(K_ROWS).T.ravel().tolist()
-    write(folder / "metadata.json", json.dumps({"w": 64, "h": 48, "K": K, "fps": 30, "poses": poses}))
-    return folder
-
-
-def stray_scanner(folder: Path) -> Path:
-    lines = ["timestamp, frame, x, y, z, qx, qy, qz, qw\n"]
-    for i in range(FRAMES):
-        write_spot(folder / "rgb" / f"{i:06d}.png", i)
-        lines.append(tum_line(f"{5 + i / 60!r}, {i:06d}", pose(i), ", "))
-    write(folder / "odometry.csv", "".join(lines))
-    write(folder / "camera_matrix.csv", "\n".join(text(row, ", ") for row in K_ROWS) + "\n")
-    return folder
-
-
 def transforms(folder: Path) -> Path:
     # Pixel centres at .5. The names are in no order, and one image is not in the folder.
     order = [10, 2, 1]
@@ -276,18 +176,6 @@ def transforms(folder: Path) -> Path:
     ]
     lens = {"fl_x": FOCAL, "fl_y": FOCAL, "cx": CENTRE[0] + 0.5, "cy": CENTRE[1] + 0.5, "w": 64, "h": 48}
     write(folder / "transforms.json", json.dumps({**lens, "camera_model": "OPENCV", "frames": frames}))
-    return folder
-
-
-def llff(folder: Path) -> Path:
-    rows = []
-    for i in range(FRAMES):
-        write_spot(folder / "images" / f"IMG_{i}.png", i, FOCAL, (31.5, 23.5))
-        T = pose_in(i, "down", "right", "backward")
-        # The poses are those of images of twice the size.
-        matrix = np.column_stack([T[:3], [96.0, 128.0, 2 * FOCAL]])
-        rows.append([*matrix.ravel(), 1.0, 9.0])
-    np.save(folder / "poses_bounds.npy", np.array(rows))
     return folder
 
 
@@ -336,15 +224,7 @@ LAYOUTS = {
     "kitti": Layout("kitti", kitti, ("../times.txt", "../calib.txt"), (0.0, 0.104, 0.207)),
     "eth3d": Layout("tum", eth3d, ("calibration.txt", "groundtruth.txt"), (10.0, 10.1, 10.2)),
     "tartanair": Layout("tartanair", tartanair, ("pose_left.txt",), (0.0, 0.1, 0.2), 32.0, (32.0, 24.0)),
-    "kitti360": Layout("kitti360", kitti360, ("image_01/timestamps.txt",), (1.5, 2.5, 3.5)),
-    "4seasons": Layout("4seasons", fourseasons, ("GNSSPoses.txt",)),
-    "uzh-fpv": Layout("uzh-fpv", uzh_fpv, ("left_images.txt", "groundtruth.txt")),
-    "hololens": Layout("hololens", hololens, ("2021-01-01-100000_pv.txt",)),
-    "arkitscenes": Layout("arkitscenes", arkitscenes, ("41069021_frames/lowres_wide.traj",)),
-    "record3d": Layout("record3d", record3d, ("metadata.json",), (0.0, 1 / 30, 2 / 30)),
-    "stray-scanner": Layout("stray-scanner", stray_scanner, ("odometry.csv", "camera_matrix.csv")),
     "transforms": Layout("transforms", transforms, ("transforms.json",)),
-    "llff": Layout("llff", llff, ("poses_bounds.npy",), None, FOCAL, (31.5, 23.5)),
     "colmap-text": Layout("colmap", colmap_text, ("sparse/0/cameras.txt", "sparse/0/images.txt")),
     "colmap-binary": Layout(
         "colmap", colmap_binary, ("dslr_calibration_undistorted/cameras.bin", "dslr_calibration_undistorted/images.bin")

@@ -4,9 +4,9 @@ Each module has a table ``LAYOUTS``. A layout finds its files, and lists the ima
 :func:`slam_init.datasets.posed_images.image_sequence` makes the source.
 """
 
-from slam_init.datasets.layouts import driving, handheld, listed, photographs
+from slam_init.datasets.layouts import driving, listed, photographs
 
 __all__ = ["LAYOUTS"]
 
 #: All layouts. They are tried in this order, which is that of ``docs/datasets.md``.
-LAYOUTS = (*listed.LAYOUTS, *driving.LAYOUTS, *handheld.LAYOUTS, *photographs.LAYOUTS)
+LAYOUTS = (*listed.LAYOUTS, *driving.LAYOUTS, *photographs.LAYOUTS)

@@ -1,4 +1,4 @@
-"""Sequences with a list of their images and a trajectory with times of its own: TUM RGB-D, EuRoC, UZH-FPV.
+"""Sequences with a list of their images and a trajectory with times of its own: TUM RGB-D and EuRoC.
 
 **TUM RGB-D**, ICL-NUIM in its TUM-compatible form, and ETH3D SLAM:
 
@@ -21,14 +21,6 @@ column of its files is a frame number, which is converted to seconds at the publ
 * ``mav0/imu0`` holds rates and accelerations in ``data.csv`` (``timestamp [ns],w_x,w_y,w_z [rad/s],a_x,a_y,a_z
   [m/s^2]``), its own ``T_BS`` (body_from_imu) and its noise densities in ``sensor.yaml``. The folder is optional.
 * ``mav0/state_groundtruth_estimate0/data.csv`` holds the poses world_from_body.
-
-**UZH-FPV**, the Snapdragon camera:
-
-* ``left_images.txt`` lists ``id timestamp filename``.
-* ``groundtruth.txt`` holds the poses world_from_body in the format of TUM RGB-D, of the inertial sensor.
-* The calibration is published apart from the sequences, a camchain of Kalibr. It is looked for as ``camchain*.yaml`` in
-  the folder, in a folder ``*calib*`` in it, or in one beside it. Its ``cam0`` is the left camera; ``T_cam_imu`` moves
-  the true poses to the camera. Without it the true poses are not used, because they are those of another body.
 """
 
 from __future__ import annotations
@@ -54,9 +46,6 @@ from slam_init.types.time_stamps import TimeUnit, in_seconds, time_unit
 
 #: Files that list the images of TUM RGB-D; the first that exists is read.
 TUM_INDEX = ("rgb.txt", "associations.txt", "associated.txt")
-#: The list of the images of the left camera of UZH-FPV.
-UZH_FPV_INDEX = "left_images.txt"
-
 # Published with the data sets: the colour cameras of the three Kinects of TUM RGB-D (the images of the third one are
 # already undistorted), and the renderer of ICL-NUIM.
 _FREIBURG_LENSES = {
@@ -142,51 +131,6 @@ def _reflected(truth: Trajectory | None) -> Trajectory | None:
     F = np.diag([1.0, -1.0, 1.0])
     poses = tuple(Pose(F @ pose.R @ F, F @ pose.t) for pose in truth.world_from_cam)
     return Trajectory(truth.timestamps_s * (1 / _ICL_NUIM_RATE_HZ), poses)
-
-
-def open_uzh_fpv(folder: Path, index: Path) -> ImageFileSource:
-    """Open a UZH-FPV sequence."""
-    paths, stamps = _read_list(index, folder, _after_the_number, "id, timestamp and file name")
-    camera = stored_camera(folder, paths[0])
-    truth: Trajectory | None = None
-    notes: tuple[str, ...] = ()
-    truth_file = folder / "groundtruth.txt"
-    if chain := _find_chain(folder):
-        home, path = chain
-        check_inside(path, home)
-        camera = camera or load_camera(path, image_size(paths[0], folder))
-        if truth_file.is_file():
-            truth = read_trajectory(truth_file, folder, body_from_cam=_cam_from_body(path).inverse())
-    elif truth_file.is_file():
-        notes = ("the ground truth is that of the inertial sensor: put the camchain.yaml into the folder",)
-    return image_sequence("uzh-fpv", folder, paths, stamps=stamps, camera=camera, truth=truth, notes=notes)
-
-
-def _after_the_number(line: str) -> list[str]:
-    return line.split(maxsplit=2)[1:]
-
-
-def _find_chain(folder: Path) -> tuple[Path, Path] | None:
-    """The folder that the calibration must lie in, and the calibration."""
-    beside = folder.resolve().parent
-    inside, elsewhere = "camchain*.yaml", "*calib*/camchain*.yaml"
-    for home, pattern in ((folder, inside), (folder, elsewhere), (beside, elsewhere)):
-        found = sorted(home.glob(pattern))
-        if len(found) > 1:
-            names = ", ".join(str(path.relative_to(home)) for path in found[:2])
-            raise SourceError(f"{home}: several calibrations ({names}): keep the one that belongs to the images")
-        if found:
-            return home, found[0]
-    return None
-
-
-def _cam_from_body(path: Path) -> Pose:
-    content = load_yaml(path)
-    entry = content.get("cam0") if isinstance(content, dict) else None
-    pose = _matrix(path, "cam0: T_cam_imu", entry.get("T_cam_imu") if isinstance(entry, dict) else None)
-    if pose is None:
-        raise CalibrationError(f"{path}: cam0: T_cam_imu is missing: expected a matrix of 4x4 numbers")
-    return pose
 
 
 def _matrix(path: Path, key: str, data: object) -> Pose | None:
@@ -275,5 +219,4 @@ def _read_imu0(folder: Path, root: Path, body_from_cam: Pose, unit: TimeUnit) ->
 LAYOUTS = (
     Layout("tum", f"{', '.join(TUM_INDEX)} (TUM)", file_of(*TUM_INDEX), open_tum),
     Layout("euroc", "mav0/cam0/data.csv (EuRoC)", find_euroc, open_euroc),
-    Layout("uzh-fpv", f"{UZH_FPV_INDEX} (UZH-FPV)", file_of(UZH_FPV_INDEX), open_uzh_fpv),
 )

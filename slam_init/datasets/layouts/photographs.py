@@ -1,4 +1,4 @@
-"""Images with poses and no times: COLMAP, nerfstudio and instant-ngp, LLFF, TrakMark.
+"""Images with poses and no times: COLMAP, nerfstudio and instant-ngp, TrakMark.
 
 **COLMAP**: the model lies in the folder, or in ``sparse/0``, ``sparse``, ``colmap/sparse/0`` or ``colmap`` in it.
 Beside a folder ``images`` it may have any name, for example ``dslr_calibration_undistorted`` of ETH3D. The images lie
@@ -9,10 +9,6 @@ reconstruction.
 world_from_cam of an OpenGL camera (x right, y up, z backward), and the calibration for all images or for each one:
 ``fl_x``, ``fl_y`` or ``camera_angle_x``, ``cx``, ``cy``, ``w``, ``h``, ``k1`` to ``k4``, ``p1``, ``p2``. As in COLMAP,
 from which most of these files are made, pixel centres lie at .5.
-
-**LLFF**: ``poses_bounds.npy`` has a row of 17 numbers for each image in the order of the names: a matrix of 3x5, which
-is ``[R | t | (height, width, focal length)]``, and two depths. The columns of R are the camera axes x down, y right,
-z backward.
 
 **TrakMark**, the benchmark of which [F17] uses the NAIST sequences, provides images with intrinsic parameters and, for
 each image, extrinsic parameters. The names and headers of its files differ between the packages, and could not be
@@ -37,7 +33,7 @@ from pathlib import Path
 import numpy as np
 
 from slam_init.calibration.files import camera_of
-from slam_init.datasets.bounded import JsonObject, json_array, json_number, read_json, read_npy
+from slam_init.datasets.bounded import JsonObject, json_array, json_number, read_json
 from slam_init.datasets.colmap import ColmapImage, model_files, read_cameras, read_images
 from slam_init.datasets.image_files import (
     IMAGE_SUFFIXES,
@@ -47,18 +43,14 @@ from slam_init.datasets.image_files import (
     image_size,
     stored_camera,
 )
-from slam_init.datasets.posed_images import AXES, Layout, PosedImage, file_of, image_sequence, photographs, with_axes
+from slam_init.datasets.posed_images import Layout, PosedImage, file_of, image_sequence, photographs, with_axes
 from slam_init.datasets.text import check_count, fields_of, numbers, pinhole, pose_from_matrix, read_rows
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.system.regular_file import check_inside
-from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 
 #: Names of the index; the first that exists is read. The second is that of Blender's synthetic scenes.
 TRANSFORMS = ("transforms.json", "transforms_train.json")
-#: Poses of LLFF.
-LLFF_FILE = "poses_bounds.npy"
-
 _TRAKMARK_TABLES = (".txt", ".csv", ".dat")
 _COLMAP_PLACES = ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", "colmap")
 _COEFFICIENTS = ("k1", "k2", "k3", "k4", "p1", "p2")
@@ -71,8 +63,6 @@ _MODELS = {
     **dict.fromkeys(("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"), "radtan"),
     "OPENCV_FISHEYE": "fisheye",
 }
-# Images of LLFF are reduced to whole pixels, so that the factors of width and height differ a little.
-_MAX_ASPECT_CHANGE = 0.01
 
 
 def find_colmap(folder: Path) -> Path | None:
@@ -174,38 +164,6 @@ def _transforms_camera(place: str, stated: JsonObject, size: tuple[int, int] | N
     return camera_of(place, content)
 
 
-def open_llff(folder: Path, path: Path) -> ImageFileSource:
-    """Open a folder with ``poses_bounds.npy`` and ``images``."""
-    rows = np.asarray(read_npy(path, folder, "poses of LLFF"))
-    if rows.ndim != 2 or rows.shape[1] != 17 or rows.dtype.kind not in "iuf" or not np.isfinite(rows).all():
-        raise SourceError(f"{path}: is an array of {rows.shape}: expected a row of 17 finite numbers for each image")
-    paths = find_images(folder)
-    check_count(path, rows.tolist(), "poses", paths)
-    size = image_size(paths[0], folder)
-    images = []
-    for number, (image, row) in enumerate(zip(paths, rows.astype(float), strict=True)):
-        matrix: Floats = row[:15].reshape(3, 5)
-        place = f"{path}: pose {number}"
-        R = matrix[:, :3] @ AXES["down, right, backward"].T
-        pose = pose_from_matrix(place, np.column_stack([R, matrix[:, 3]]))
-        images.append(PosedImage(image, pose, _llff_camera(place, matrix[:, 4], size)))
-    return photographs("llff", folder, images)
-
-
-def _llff_camera(place: str, stated: Floats, size: tuple[int, int]) -> Camera:
-    height, width, focal = (float(value) for value in stated)
-    if not (width > 0 and height > 0):
-        raise CalibrationError(f"{place}: the image size is {width:g}x{height:g}: both sides must be positive")
-    factor = size[0] / width
-    if abs(factor * height / size[1] - 1) > _MAX_ASPECT_CHANGE:
-        raise CalibrationError(
-            f"{place}: the poses are for {width:g}x{height:g} images, but the images are {size[0]}x{size[1]}: "
-            "give images that are reduced alike in both directions"
-        )
-    focal *= factor
-    return pinhole(place, size, focal, focal, (size[0] - 1) / 2, (size[1] - 1) / 2)
-
-
 def find_trakmark(folder: Path) -> Path | None:
     """Find the extrinsic parameters of a sequence."""
     return _named(folder, "extrinsic")
@@ -249,6 +207,5 @@ def _trakmark_camera(path: Path, root: Path, size: tuple[int, int]) -> Camera:
 LAYOUTS = (
     Layout("transforms", f"{TRANSFORMS[0]} (nerfstudio, instant-ngp)", file_of(*TRANSFORMS), open_transforms),
     Layout("colmap", "cameras and images, .txt or .bin, perhaps in sparse/0 (COLMAP)", find_colmap, open_colmap),
-    Layout("llff", f"{LLFF_FILE} (LLFF)", file_of(LLFF_FILE), open_llff),
     Layout("trakmark", "a table *extrinsic* (TrakMark)", find_trakmark, open_trakmark),
 )

@@ -2,15 +2,15 @@
 
 import json
 
-import cv2
 import make_layouts
 import numpy as np
 import pytest
+from add_a_data_set import LAYOUT
 from make_files import picture, write, write_image
 from make_layouts import FRAMES, LAYOUTS, POINT
 from paths import DATA
 
-from slam_init.datasets import detect_kind, layouts, open_source
+from slam_init.datasets import detect_kind, layouts, open_source, opening
 from slam_init.datasets.layouts.photographs import read_transforms
 from slam_init.datasets.posed_images import common_camera
 from slam_init.errors import CalibrationError, SlamInitError, SourceError
@@ -197,28 +197,6 @@ def test_an_image_folder_is_read_in_natural_order(tmp_path):
     np.testing.assert_allclose(source.timestamps_s, [0, 1 / 30, 2 / 30])
 
 
-def test_the_frames_of_a_video_have_the_times_and_poses_that_are_stated_beside_it(tmp_path):
-    folder = make_layouts.stray_scanner(tmp_path)
-    writer = cv2.VideoWriter(str(folder / "rgb.mp4"), cv2.VideoWriter.fourcc(*"mp4v"), 30.0, (64, 48))
-    for path in sorted((folder / "rgb").iterdir()):
-        writer.write(cv2.imread(str(path)))
-    writer.release()
-    source = open_source(folder)
-    frames = list(source.frames(1))
-    np.testing.assert_allclose([frame.timestamp_s for frame in frames], [5 + 1 / 60, 5 + 2 / 60])
-    for frame in frames:
-        np.testing.assert_allclose(make_layouts.found_spot(frame.gray), make_layouts.spot(frame.index), atol=0.5)
-    assert source.groundtruth.at(5 + 2 / 60, 1e-6) is not None
-    write(folder / "odometry.csv", "\n".join((folder / "odometry.csv").read_text().splitlines()[:-1]))
-    shorter = open_source(folder)
-    assert (len(shorter), len(list(shorter.frames()))) == (FRAMES - 1, FRAMES - 1)
-    assert "2 poses for 3 frames" in shorter.notes[0]
-    (folder / "rgb.mp4").unlink()
-    (folder / "rgb.mp4").symlink_to("/etc/hostname")
-    with pytest.raises(SourceError, match="leads out of the folder"):
-        open_source(folder)
-
-
 @pytest.mark.parametrize(
     ("name", "file", "first"),
     [
@@ -302,33 +280,6 @@ def test_json_that_is_nested_too_deeply_is_refused(tmp_path):
         open_source(tmp_path)
 
 
-@pytest.mark.parametrize(
-    "header", ["{'descr': '<f8', 'fortran_order': False, 'shape': (99999999999, 17), }", "{'descr'"]
-)
-def test_an_array_that_states_more_than_its_file_holds_is_refused_before_it_is_allocated(tmp_path, header):
-    make_layouts.llff(tmp_path)
-    text = header.ljust(117) + "\n"
-    write(tmp_path / "poses_bounds.npy", b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text.encode())
-    with pytest.raises(SourceError, match="cut off"):
-        open_source(tmp_path)
-
-
-def test_a_pickle_in_an_array_is_not_loaded(tmp_path):
-    make_layouts.llff(tmp_path)
-    np.save(tmp_path / "poses_bounds.npy", np.array([{"a": 1}], object), allow_pickle=True)
-    with pytest.raises(SourceError, match="expected numbers"):
-        open_source(tmp_path)
-
-
-def test_the_truth_of_another_body_is_not_used_without_its_calibration(tmp_path):
-    folder = make_layouts.uzh_fpv(tmp_path)
-    next(tmp_path.glob("*calib*/*.yaml")).unlink()
-    source = open_source(folder)
-    assert source.groundtruth is None
-    assert source.camera is None
-    assert "camchain" in source.notes[0]
-
-
 def test_a_colmap_model_with_a_camera_that_is_not_supported_says_which(tmp_path):
     folder = make_layouts.colmap_text(tmp_path)
     write(folder / "sparse" / "0" / "cameras.txt", "3 SIMPLE_UNKNOWN 64 48 60 32 24\n")
@@ -350,3 +301,29 @@ def test_images_of_another_camera_are_left_out_and_told():
     assert notes == ("2 of 5 images are of another camera, and are left out",)
     with pytest.raises(CalibrationError, match="different cameras"):
         common_camera([wide, tele], "x")
+
+
+class Announced:
+    """An entry point of another package."""
+
+    value = "package:LAYOUT"
+
+    def __init__(self, layout):
+        self.layout = layout
+
+    def load(self):
+        return self.layout() if callable(self.layout) else self.layout
+
+
+def test_readers_of_other_packages_come_first_and_one_that_is_none_is_named(tmp_path, monkeypatch):
+    write_image(tmp_path / "poster.png", picture(0, (800, 600)))
+    announced = []
+    monkeypatch.setattr(opening, "entry_points", lambda group: announced)
+    assert open_source(tmp_path).kind == "images"
+    announced.append(Announced(LAYOUT))
+    source = open_source(tmp_path)
+    assert (source.kind, len(list(source.frames(0, 2)))) == ("poster", 2)
+    for wrong, words in (("text", "no slam_init"), (lambda: 1 / 0, "division by zero")):
+        announced[:] = [Announced(wrong)]
+        with pytest.raises(SourceError, match=f"package:LAYOUT.*{words}"):
+            open_source(tmp_path)
