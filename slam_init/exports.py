@@ -1,28 +1,18 @@
-"""Maps in the formats of other tools: scenes with their images, stella_vslam's map, recordings in MCAP."""
+"""A map with its images as a scene that COLMAP, nerfstudio and Gaussian splatting open."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from importlib.util import find_spec
 
 from slam_init.datasets.track_source import TrackSource
 from slam_init.errors import SlamInitError, SourceError, check_type
-from slam_init.frontend.orb import orb_descriptors, orientations
 from slam_init.output.folder import OutputFolder, output_error, staged_names
-from slam_init.output.mcap import mcap_bytes
-from slam_init.output.names import EXPORTS, MCAP, SCENE, STELLA
+from slam_init.output.names import EXPORTS, SCENE
 from slam_init.output.scene import Undistortion, image_name, png, scene_files
-from slam_init.output.stella import Described, stella_bytes, stella_camera
 from slam_init.types.arrays import Image
-from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Source, as_image
 from slam_init.types.initial_map import InitialMap, Keyframe
-
-#: The formats that need the images of the map.
-_WITH_IMAGES = {"scene", "stella"}
-#: The packages that write a format.
-_PACKAGES = {"stella": "msgpack", "mcap": "rosbags"}
 
 
 def export(
@@ -40,44 +30,39 @@ def export(
     folder : str or path
         A folder that is new, empty, or was written by an earlier call.
     formats : collection of str
-        ``scene`` (COLMAP, nerfstudio, Gaussian splatting), ``stella``, ``mcap``: see ``docs/going-on.md``.
+        ``scene`` (COLMAP, nerfstudio, Gaussian splatting): see ``docs/going-on.md``.
     images : Source or mapping of int to (H, W) or (H, W, 3) array_like, optional
         The images of the keyframes and of the located frames, by absolute index: grey or BGR, as the initializer got
-        them. A source is read again. ``mcap`` needs none.
+        them. A source is read again.
     located : sequence of Keyframe
         Further frames with known poses.
 
     Raises
     ------
     SlamInitError
-        If a format is unknown or cannot hold the map, an image is missing, or a file cannot be written.
+        If a format is unknown, an image is missing, or a file cannot be written.
     """
     InitialMap.check(map_)
     check_type(located, (tuple, list), "located", "a list of the Keyframes of frames with known poses")
     for one in located:
         check_type(one, Keyframe, "a located frame", "the Keyframes of frames with known poses")
-    check_formats(formats, map_.camera)
+    check_formats(formats)
     with OutputFolder(folder, "export", [name for one in formats for name in EXPORTS[one]]) as out:
         stage(out, "", map_, formats, images, located)
         out.publish(staged_names(out), remove=out.files)
 
 
-def check_formats(formats: Collection[str], camera: Camera | None = None, source: Source | None = None) -> None:
-    """Refuse, before any work, formats that are unknown, or that cannot hold a map of this camera and source."""
+def check_formats(formats: Collection[str], source: Source | None = None) -> None:
+    """Refuse, before any work, formats that are unknown, or that need images which a source does not give again."""
     if isinstance(formats, str) or not isinstance(formats, Collection):
         raise SlamInitError(f"the formats of an export are {formats!r:.40}: give a list, as in ['scene']")
     for one in formats:
         if one not in EXPORTS:
             raise SlamInitError(f"unknown format {one!r:.40} of an export: use {', '.join(EXPORTS)}")
-        if one in _PACKAGES and find_spec(_PACKAGES[one]) is None:
-            raise SlamInitError(f'the export {one} needs {_PACKAGES[one]}: pip install ".[export]"')
-    if camera is not None and "stella" in formats and stella_camera(camera) is None:
-        raise SlamInitError(f"stella_vslam has no {camera.model} lens: leave stella out of the export")
-    again = sorted(_WITH_IMAGES.intersection(formats))
-    if again and source is not None and source.kind == "live":
-        raise SlamInitError(f"the export {again[0]} reads the images again, and a live source is gone: record it first")
-    if again and isinstance(source, TrackSource) and source.pictures is None:
-        raise SlamInitError(f"the export {again[0]} needs images: name them by --images")
+    if formats and source is not None and source.kind == "live":
+        raise SlamInitError("the export scene reads the images again, and a live source is gone: record it first")
+    if formats and isinstance(source, TrackSource) and source.pictures is None:
+        raise SlamInitError("the export scene needs images: name them by --images")
 
 
 def stage(
@@ -88,34 +73,22 @@ def stage(
     images: Source | Mapping[int, Image] | None,
     located: Sequence[Keyframe] = (),
 ) -> None:
-    """Write the files of a map to the staging folder.
+    """Write the scene of a map to the staging folder, if it is one of the formats.
 
     * ``prefix``: Of the names of all files.
     """
-    files: dict[str, bytes] = {}
+    if not formats:
+        return
     views = {one.frame: one for one in (*located, *map_.keyframes)}
     keyframes = [one.frame for one in map_.keyframes]
     undistortion = Undistortion.of(map_.camera)
-    described: dict[int, Described] = {}
     try:
-        if _WITH_IMAGES.intersection(formats):
-            wanted = views if "scene" in formats else keyframes
-            for frame in _frames(images, wanted):
-                size = (map_.camera.width, map_.camera.height)
-                as_image(frame.image, f"the image of frame {frame.index}", size)
-                if "scene" in formats:
-                    name = f"{prefix}{SCENE}/images/{image_name(frame.index)}"
-                    _put(out, name, png(undistortion.image(frame.image)))
-                if "stella" in formats and frame.index in keyframes:
-                    pixels = map_.observation_pixels[map_.observation_keyframes == keyframes.index(frame.index)]
-                    descriptors, known = orb_descriptors(frame.gray, pixels)
-                    described[frame.index] = (descriptors, orientations(frame.gray, pixels), known)
-        if "scene" in formats:
-            files |= scene_files(map_, [one for one in views.values() if one.frame not in keyframes], undistortion)
-        if "stella" in formats:
-            files[STELLA] = stella_bytes(map_, [described[frame] for frame in keyframes])
-        if "mcap" in formats:
-            files[MCAP] = mcap_bytes(map_, located)
+        for frame in _frames(images, views):
+            size = (map_.camera.width, map_.camera.height)
+            as_image(frame.image, f"the image of frame {frame.index}", size)
+            name = f"{prefix}{SCENE}/images/{image_name(frame.index)}"
+            _put(out, name, png(undistortion.image(frame.image)))
+        files = scene_files(map_, [one for one in views.values() if one.frame not in keyframes], undistortion)
         for name, content in files.items():
             _put(out, f"{prefix}{name}", content)
     except OSError as error:

@@ -127,9 +127,8 @@ def run(
         if max_frames is None or max_frames > most:
             notes = (*notes, f"the external program gets at most {most} frames (external.max_frames)")
         max_frames = min(max_frames or most, most)
-    check_formats(export, source=source)
+    check_formats(export, source)
     camera = camera_of_source(source, camera, start)
-    check_formats(export, camera)
     # The landmarks of an external program are its own.
     described = out is not None and not is_external(config.method)
     job = Job(

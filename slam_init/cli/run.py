@@ -116,7 +116,7 @@ def add_run(commands: Commands) -> None:
         "--export",
         metavar="FORMATS",
         help="also write the map for other tools: scene (images, COLMAP model and transforms.json for COLMAP, "
-        "nerfstudio, 3DGS), stella (map.msg), mcap (Foxglove), or several: scene,mcap",
+        "nerfstudio, 3DGS)",
     )
     live = run.add_argument_group("live sources, and a viewer")
     live.add_argument("--no-drop", action="store_true", help="of a live source: let the sender wait, drop no frame")

@@ -22,7 +22,6 @@ JsonObject = dict[str, object]
 # A million poses with file names have 100 to 400 MB as JSON; the largest scenes in use have a few thousand.
 _MAX_JSON_BYTES = 100_000_000
 # A million rows of 17 numbers.
-_MAX_NPY_BYTES = 200_000_000
 
 
 def read_json(path: str | os.PathLike[str], root: str | os.PathLike[str], what: str) -> JsonObject:

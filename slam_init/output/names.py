@@ -25,10 +25,8 @@ SCENE_FILES = (
     "transforms.json",
     "points.ply",
 )
-#: The map for stella_vslam, and for Foxglove.
-STELLA, MCAP = "map.msg", "map.mcap"
 #: What ``--export`` writes, by its names.
-EXPORTS = {"scene": tuple(f"{SCENE}/{name}" for name in SCENE_FILES), "stella": (STELLA,), "mcap": (MCAP,)}
+EXPORTS = {"scene": tuple(f"{SCENE}/{name}" for name in SCENE_FILES)}
 #: The files of a map. A run that starts anew after a loss writes them to a folder for each map.
 MAP_FILES = (
     "trajectory.txt",

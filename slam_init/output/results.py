@@ -10,7 +10,7 @@ A folder holds exactly one run. A run with one map::
     handover.npz                the map as arrays for another system (slam_init.output.handover)
     transforms.json             the cameras for nerfstudio, in the axes of OpenGL
     continued.txt               TUM format: world_from_cam of the frames that were located after the initialization
-    scene/, map.msg, map.mcap   with ``--export``: the map for other tools (slam_init.exports)
+    scene/                      with ``--export scene``: the map with its images (slam_init.exports)
     config.toml                 the resolved configuration
     overview.png                the run in one picture
     recording.rrd               the recording

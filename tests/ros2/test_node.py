@@ -10,11 +10,13 @@ import pytest
 from make_bag import Messages
 from make_files import picture
 from ros_graph import graph_of
+from slam_init_ros.ros_messages import ros_covariance
 
+from quest.geometry.quaternion import rotation_from_vector
 from slam_init import Initializer, open_source
 from slam_init.config import load_config
-from slam_init.output.ros_messages import ros_covariance
 from slam_init.types.camera import Camera
+from slam_init.types.pose import Pose
 
 pytest.importorskip("rosbags")
 RCLPY = pytest.param(
@@ -169,3 +171,16 @@ def test_a_node_with_a_wrong_parameter_stays_unconfigured_and_says_why(fake, par
     node = fake.node(**parameters)
     assert "FAILURE" in str(node.trigger_configure()) and node.state == "unconfigured"
     assert len(fake.warnings) == 1 and said in fake.warnings[0]
+
+
+def test_a_covariance_in_ros_is_that_of_small_motions_in_the_axes_of_the_map():
+    rng, step = np.random.default_rng(0), 1e-6
+    pose = Pose(rotation_from_vector(np.array([0.7, -1.1, 0.4])), np.array([1.0, 2.0, -1.0]))
+    root = rng.normal(0, 0.003, (6, 6))
+    columns = []
+    for w, v in (step * np.eye(6)).reshape(-1, 2, 3):
+        turn = pose.R @ rotation_from_vector(w) @ pose.R.T  # in the axes of the map
+        vector = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / 2
+        columns.append(np.concatenate([pose.R @ v, vector]) / step)
+    moved = np.array(columns).T @ root
+    np.testing.assert_allclose(ros_covariance(pose, root @ root.T), moved @ moved.T, rtol=1e-6, atol=1e-12)

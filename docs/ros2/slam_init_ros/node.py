@@ -1,6 +1,6 @@
 """A lifecycle node: images and their calibration in; status, transforms, keyframes, path and points out.
 
-The messages are those of ``map.mcap`` (:mod:`slam_init.output.ros_messages`), with the stamps of the images to the
+The messages are those of :mod:`slam_init_ros.ros_messages`, with the stamps of the images to the
 nanosecond. ``docs/ros.md`` lists topics and parameters.
 
 Each activation is a run: the node takes images until there is a map, hands it over, and locates the images that follow
@@ -30,7 +30,6 @@ from slam_init.errors import ConfigError, SlamInitError
 from slam_init.initializer import Initializer, load_all
 from slam_init.mapping.follower import Follower
 from slam_init.output.folder import chosen_folder
-from slam_init.output.ros_messages import RosMessages
 from slam_init.recording.recorder import Recorder
 from slam_init.recording.rerun_recorder import RerunRecorder
 from slam_init.system.regular_file import kind_problem, user_path
@@ -38,6 +37,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init_ros.messages import make_message, stamp_of
+from slam_init_ros.ros_messages import RosMessages
 
 #: Name and default of each parameter. The parameters are read when the node is configured.
 PARAMETERS: dict[str, bool | int | str] = {

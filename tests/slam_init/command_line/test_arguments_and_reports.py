@@ -24,7 +24,7 @@ def test_arguments_reach_the_pipeline(world, pipeline, capsys):
         "--scale",
         "height:1.65",
         "--export",
-        "scene,mcap",
+        "scene",
         "--matcher",
         "orb",
     ]
@@ -36,7 +36,7 @@ def test_arguments_reach_the_pipeline(world, pipeline, capsys):
     assert options == {
         "start": 1, "max_frames": 2, "continue_frames": 4, "progress": False, "overview": True, "viewer": None,
         "restart": True, "scale": parse_scale("height:1.65"), "imu": False,
-        "export": ["scene", "mcap"],
+        "export": ["scene"],
     }  # fmt: skip
     assert capsys.readouterr() == ("", "")
 
