@@ -71,7 +71,7 @@ def pose_stamped(time_ns: int, pose: Pose) -> Any:
 
 
 def cloud(time_ns: int, points: NDArray[Any], colors: NDArray[Any]) -> Any:
-    """The landmarks (L, 3) with their colours (L, 3): x, y, z, and one float of the bytes b, g, r, 0, as PCL packs it."""
+    """The landmarks (L, 3) with their colours (L, 3): x, y, z, and one float of the bytes b, g, r, 0."""
     data = np.zeros(len(points), [("xyz", "<f4", 3), ("bgr", "u1", 3), ("a", "u1")])
     data["xyz"], data["bgr"] = points, colors[:, ::-1]
     fields = [
