@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from slam_init.datasets.track_source import TrackSource
 from slam_init.errors import SlamInitError, SourceError, check_type
-from slam_init.output.folder import OutputFolder, output_error, staged_names
+from slam_init.output.folder import OutputFolder
 from slam_init.output.names import EXPORTS, SCENE
 from slam_init.output.scene import Undistortion, image_name, png, scene_files
 from slam_init.types.arrays import Image
@@ -47,9 +47,9 @@ def export(
     for one in located:
         check_type(one, Keyframe, "a located frame", "the Keyframes of frames with known poses")
     check_formats(formats)
-    with OutputFolder(folder, "export", [name for one in formats for name in EXPORTS[one]]) as out:
+    with OutputFolder(folder, "export") as out:
         stage(out, "", map_, formats, images, located)
-        out.publish(staged_names(out), remove=out.files)
+        out.publish()
 
 
 def check_formats(formats: Collection[str], source: Source | None = None) -> None:
@@ -82,23 +82,12 @@ def stage(
     views = {one.frame: one for one in (*located, *map_.keyframes)}
     keyframes = [one.frame for one in map_.keyframes]
     undistortion = Undistortion.of(map_.camera)
-    try:
-        for frame in _frames(images, views):
-            size = (map_.camera.width, map_.camera.height)
-            as_image(frame.image, f"the image of frame {frame.index}", size)
-            name = f"{prefix}{SCENE}/images/{image_name(frame.index)}"
-            _put(out, name, png(undistortion.image(frame.image)))
-        files = scene_files(map_, [one for one in views.values() if one.frame not in keyframes], undistortion)
-        for name, content in files.items():
-            _put(out, f"{prefix}{name}", content)
-    except OSError as error:
-        raise output_error(out.path, error) from error
-
-
-def _put(out: OutputFolder, name: str, content: bytes) -> None:
-    path = out.staging / name
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(content)
+    for frame in _frames(images, views):
+        as_image(frame.image, f"the image of frame {frame.index}", (map_.camera.width, map_.camera.height))
+        image = png(undistortion.image(frame.image))
+        out.write({f"{prefix}{SCENE}/images/{image_name(frame.index)}": image})
+    files = scene_files(map_, [one for one in views.values() if one.frame not in keyframes], undistortion)
+    out.write({f"{prefix}{name}": content for name, content in files.items()})
 
 
 def _frames(images: Source | Mapping[int, Image] | None, wanted: Collection[int]) -> Iterator[Frame]:

@@ -18,7 +18,7 @@ from slam_init.job import Finished, Job, calibrated_by_motion, reduction_of
 from slam_init.methods.external_command import is_external
 from slam_init.methods.registry import method_info
 from slam_init.output.folder import OutputFolder
-from slam_init.output.names import INTERRUPTED, OVERVIEW, RECORDING, run_files, segment_folder
+from slam_init.output.names import INTERRUPTED, OVERVIEW, RECORDING, segment_folder
 from slam_init.output.results import publish_results
 from slam_init.output.summary import Summary
 from slam_init.pictures.overview import overview_png
@@ -150,7 +150,7 @@ def run(
         if (again := calibrated_by_motion(job, finished)) is not None:
             finished = again.run(Recorder())
         return finished.result, finished.summary
-    with OutputFolder(out, "run", run_files(restart=restart)) as folder:
+    with OutputFolder(out, "run") as folder:
         try:
             done, picture = _recorded(job, folder, viewer, overview=overview)
             if (again := calibrated_by_motion(job, done)) is not None:
@@ -202,7 +202,7 @@ def _keep_recording(folder: OutputFolder) -> bool:
     """Put the recording of an interrupted run beside the earlier results; return whether there is one."""
     try:
         (folder.staging / RECORDING).replace(folder.staging / INTERRUPTED)
-        folder.publish([INTERRUPTED])
+        folder.keep(INTERRUPTED)
     except (OSError, OutputError):  # it ended before the first frame, or the disk is full
         return False
     return True

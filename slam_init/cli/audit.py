@@ -8,7 +8,6 @@ from dataclasses import replace
 
 from slam_init.cli.parser import DONE, DOUBTFUL, WRONG, Commands
 from slam_init.errors import CalibrationError, SlamInitError, SourceError
-from slam_init.output.names import AUDIT_FILES
 from slam_init.system.process_io import tell
 from slam_init.system.regular_file import user_path
 
@@ -41,9 +40,6 @@ def add_audit(commands: Commands) -> None:
         "--camera", metavar="FILE", help="calibration, or f=1250 or fov=72 (default: that of the map, else of --images)"
     )
     audit.add_argument("--json", action="store_true", help="print it as JSON")
-    audit.add_argument(
-        "--out", metavar="DIR", help="write audit.png and audit.json: a new or empty folder, or one of an earlier audit"
-    )
 
 
 def _audit(arguments: argparse.Namespace) -> int:
@@ -52,19 +48,11 @@ def _audit(arguments: argparse.Namespace) -> int:
     from slam_init.config import Config
     from slam_init.datasets import open_source
     from slam_init.datasets.map_files import moves_otherwise, open_map, tracked_by
-    from slam_init.datasets.track_source import KnowsTracks
     from slam_init.decision.audit import audit
     from slam_init.decision.readings import fitting_reading
-    from slam_init.output.folder import OutputFolder, chosen_folder
     from slam_init.output.plain_json import plain_fields
-    from slam_init.output.results import publish_files
-    from slam_init.pictures.audit import audit_png
     from slam_init.types.audit import AuditVerdict
 
-    out = None
-    if arguments.out is not None:
-        read = [arguments.map, *([arguments.images] if arguments.images is not None else [])]
-        out = chosen_folder(arguments.out, "audit", AUDIT_FILES, read)
     map_, config = open_map(user_path(arguments.map)), Config()
     source = None if arguments.images is None else open_source(arguments.images)
     if source is None and map_.images is not None:
@@ -100,15 +88,8 @@ def _audit(arguments: argparse.Namespace) -> int:
     elif not found and source is not None and moves_otherwise(map_, poses, views, found.pair):
         found = replace(found, reason=None, advice=_OTHER_IMAGES)
     found = replace(found, notes=notes)
-    # The matches are those of the picture.
     record = {name: value for name, value in plain_fields(found).items() if name != "matches"}
-    text = json.dumps(record, indent=2, allow_nan=False) + "\n"
-    if out is not None:
-        has_images = source is not None and not isinstance(source, KnowsTracks)
-        image = next(source.frames(found.pair[1], 1)).image if source is not None and has_images else None
-        with OutputFolder(out, "audit", AUDIT_FILES) as folder:
-            publish_files(folder, {"audit.png": audit_png(found, image), "audit.json": text.encode()})
-    tell(text if arguments.json else f"{found}\n")
+    tell(json.dumps(record, indent=2, allow_nan=False) + "\n" if arguments.json else f"{found}\n")
     if found:
         return DONE
     return WRONG if found.verdict is AuditVerdict.WRONG else DOUBTFUL

@@ -37,7 +37,7 @@ def _calibrate(arguments: argparse.Namespace) -> int:
     at_least("--start", arguments.start, 0)
     at_least("--max-frames", arguments.max_frames, 1)
     at_least("--seed", arguments.seed, 0)
-    from slam_init.output.folder import OutputFolder, chosen_folder, output_error
+    from slam_init.output.folder import OutputFolder, chosen_folder
 
     out = chosen_folder(arguments.out, "calibrate", CALIBRATION_FILES, [arguments.source])
 
@@ -51,7 +51,7 @@ def _calibrate(arguments: argparse.Namespace) -> int:
     source = opened_source(arguments, arguments.seed)
     arguments.camera = arguments.camera or "auto"
     camera = chosen_camera(arguments, source, arguments.start)
-    with OutputFolder(out, "calibrate", CALIBRATION_FILES) as folder:
+    with OutputFolder(out, "calibrate") as folder:
         found = calibrate(
             source,
             camera,
@@ -63,12 +63,8 @@ def _calibrate(arguments: argparse.Namespace) -> int:
         texts = {"calibration.json": json.dumps(plain(found), indent=2, allow_nan=False) + "\n"}
         if found.camera is not None:
             texts["camera.yaml"] = camera_yaml(found.camera)
-        try:
-            for name, text in texts.items():
-                (folder.staging / name).write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise output_error(out, error) from error
-        folder.publish(list(texts), remove=folder.files)
+        folder.write({name: text.encode() for name, text in texts.items()})
+        folder.publish()
     tell(_text(found, str(out)))
     return DONE if found.camera is not None else NOT_INITIALIZED
 

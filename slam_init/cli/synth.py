@@ -27,7 +27,7 @@ def _synth(arguments: argparse.Namespace) -> int:
     """``slam-init synth``."""
     at_least("--frames", arguments.frames, 1)
     at_least("--seed", arguments.seed, 0)
-    from slam_init.output.folder import OutputFolder, chosen_folder, output_error, staged_names
+    from slam_init.output.folder import OutputFolder, chosen_folder, output_error
 
     out = chosen_folder(arguments.out, "synth")
 
@@ -53,6 +53,6 @@ def _synth(arguments: argparse.Namespace) -> int:
                 write(sequence, folder.staging, progress=advance)
             except OSError as error:
                 raise output_error(out, error) from error
-            folder.publish(staged_names(folder), remove=folder.files)
+            folder.publish()
     tell(f"wrote {len(sequence)} frames of {arguments.scene} to {out}\n")
     return DONE

@@ -53,8 +53,6 @@ DIGESTS = "tracks.jsonl"
 BENCH_FILES = (*COMPARE_FILES, *SHEET_FILES, DIGESTS)
 #: The files of a calibration.
 CALIBRATION_FILES = ("camera.yaml", "calibration.json")
-#: The files of an audit.
-AUDIT_FILES = ("audit.json", "audit.png")
 #: The page of several benchmarks.
 PAGE = "leaderboard.html"
 

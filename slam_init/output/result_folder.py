@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from slam_init.errors import SourceError, plain_line
-from slam_init.output.folder.marker import read_marker
+from slam_init.output.folder import read_marker
 from slam_init.output.names import RECORDING, RUN_FILES
 from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.reasons import in_words

@@ -28,7 +28,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
@@ -36,9 +36,9 @@ from typing import Any
 
 from slam_init.errors import OutputError, SourceError, check_type
 from slam_init.output.colmap import colmap_model, numbers_text
-from slam_init.output.folder import OutputFolder, output_error, staged_names
+from slam_init.output.folder import OutputFolder
 from slam_init.output.handover import handover_bytes
-from slam_init.output.names import COLMAP_FILES, OVERVIEW, run_files, segment_folder
+from slam_init.output.names import COLMAP_FILES, OVERVIEW, segment_folder
 from slam_init.output.nerfstudio import transforms_text
 from slam_init.output.ply import coloured_points
 from slam_init.output.summary import Summary, summary_of, summary_text
@@ -98,7 +98,7 @@ def write_results(
     """
     check_type(result, Result, "the result", "what Initializer.finish or slam_init.run returns", OutputError)
     check_type(summary, Summary, "the summary", "what slam_init.run returns, or call result.save(FOLDER)", OutputError)
-    with OutputFolder(out, "run", run_files(restart=bool(result.segments))) as folder:
+    with OutputFolder(out, "run") as folder:
         publish_results(folder, result, summary, config_toml, continued)
 
 
@@ -117,20 +117,8 @@ def publish_results(
     * ``descriptors``: Those of each map; maps beyond have none.
     """
     picture = {} if overview is None else {OVERVIEW: overview}
-    publish_files(folder, picture | _contents(result, summary, config_toml, continued, descriptors))
-
-
-def publish_files(folder: OutputFolder, files: Mapping[str, bytes]) -> None:
-    """Write files by name to the staging folder, and replace the earlier results by all files that are there."""
-    staged = staged_names(folder)
-    try:
-        for name, content in files.items():
-            path = folder.staging / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(content)
-    except OSError as error:
-        raise output_error(folder.path, error) from error
-    folder.publish([*staged, *files], remove=folder.files)
+    folder.write(picture | _contents(result, summary, config_toml, continued, descriptors))
+    folder.publish(last=_SUMMARY)
 
 
 def _contents(
@@ -268,8 +256,9 @@ class _FromPython:
 def save(thing: object, folder: str | os.PathLike[str]) -> None:
     """Write a map or a result to a folder, see :meth:`slam_init.types.savable.Savable.save`."""
     if isinstance(thing, InitialMap):
-        with OutputFolder(folder, "run", run_files(restart=False)) as out:
-            publish_files(out, map_files(thing))
+        with OutputFolder(folder, "run") as out:
+            out.write(map_files(thing))
+            out.publish()
     elif isinstance(thing, Result):
         if thing.camera is None:
             raise OutputError(f"{folder}: the result has no camera: take that of an Initializer, or save its map")
@@ -292,6 +281,7 @@ def write_colmap(map_: InitialMap, folder: str | os.PathLike[str]) -> None:
     """
     InitialMap.check(map_)
     names = [name.rpartition("/")[2] for name in COLMAP_FILES]
-    with OutputFolder(folder, "colmap", names) as out:
+    with OutputFolder(folder, "colmap") as out:
         texts = colmap_model(map_).texts()
-        publish_files(out, {n: t.encode("utf-8", "surrogateescape") for n, t in zip(names, texts, strict=True)})
+        out.write({n: t.encode("utf-8", "surrogateescape") for n, t in zip(names, texts, strict=True)})
+        out.publish()

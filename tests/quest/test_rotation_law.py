@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rotations import FUNCTIONS, is_rotation
 
 import quest
 from quest.geometry.homography import decompose_homography, fit_homography
 from quest.geometry.quaternion import matrix_from_quaternion, quaternion_from_matrix, rotation_from_vector
 from quest.robust.rotation import fit_rotation, refine_rotation
-from tests.benchmarks.quest.adversarial import FUNCTIONS, is_rotation
 
 # No division by zero and no overflow is allowed in the arithmetic.
 pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")

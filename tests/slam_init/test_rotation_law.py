@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rotations import is_rotation
 
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.datasets.text import pose_from_matrix
@@ -12,7 +13,6 @@ from slam_init.evaluation.metrics import align_poses, align_positions
 from slam_init.mapping.resection import resect
 from slam_init.methods.motions import motions_of_essential, motions_of_homography
 from slam_init.types.pose import Pose
-from tests.benchmarks.quest.adversarial import is_rotation
 
 NUMBERS = st.lists(st.floats(-1e6, 1e6, allow_subnormal=False), min_size=4, max_size=4)
 

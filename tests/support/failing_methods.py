@@ -1,4 +1,4 @@
-"""A method that raises; others are in :mod:`tests.benchmarks.attacks.hostile`."""
+"""A method that raises; others are in :mod:`hostile`."""
 
 from slam_init.methods.two_view import PairRule
 

@@ -8,14 +8,14 @@ from dataclasses import replace
 
 import pytest
 from comparisons import SOURCES
+from process_tree import MARK, left_over, new_mark, processes_with
 
 from slam_init.compare.isolation import Answer, check_method, isolated_trial
 from slam_init.compare.sources import describe_sources
 from slam_init.compare.trials import Settings, Trial
 from slam_init.errors import ConfigError
-from tests.benchmarks.attacks.process_tree import MARK, left_over, new_mark, processes_with
 
-HOSTILE = "tests.benchmarks.attacks.hostile"
+HOSTILE = "hostile"
 
 PARENT = f"""
 from slam_init.compare.isolation import isolated_trial

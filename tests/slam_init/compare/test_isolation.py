@@ -9,7 +9,7 @@ from slam_init.compare.isolation import isolated_trial
 from slam_init.compare.sources import describe_sources
 from slam_init.compare.trials import Settings, Trial
 
-HOSTILE = "tests.benchmarks.attacks.hostile"
+HOSTILE = "hostile"
 
 
 @pytest.mark.parametrize(

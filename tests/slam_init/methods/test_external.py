@@ -8,6 +8,7 @@ import time
 import numpy as np
 import pytest
 from paths import ROOT
+from process_tree import MARK, left_over, new_mark
 
 from slam_init.calibration.files import load_camera
 from slam_init.calibration.writing import camera_yaml
@@ -18,7 +19,6 @@ from slam_init.methods.external import ExternalInitializer
 from slam_init.methods.external_command import is_external, method_label, parse_external
 from slam_init.methods.external_run import run_program
 from slam_init.types.camera import Camera
-from tests.benchmarks.attacks.process_tree import MARK, left_over, new_mark
 
 CAMERA = Camera("radtan", 64, 48, 60.0, 61.0, 31.5, 23.5, (0.1, -0.01, 0.001, 0.002))
 FRAMES = 4

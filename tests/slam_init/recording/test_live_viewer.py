@@ -11,13 +11,13 @@ import time
 
 import pytest
 import rerun as rr
+from process_tree import MARK, left_over, new_mark, processes_with
 from read_recording import column
 
 from slam_init.errors import OutputError
 from slam_init.recording.layout import blueprint
 from slam_init.recording.live_viewer import SPAWN, viewer_url
 from slam_init.recording.recording_file import RecordingFile
-from tests.benchmarks.attacks.process_tree import MARK, left_over, new_mark, processes_with
 
 
 @pytest.mark.parametrize(

@@ -11,11 +11,11 @@ from urllib.parse import urlsplit
 
 import pytest
 from paths import ROOT
+from process_tree import MARK, left_over, new_mark
 
 import slam_init.recording.viewer as viewer_module
 from slam_init.errors import SourceError, ViewerError
 from slam_init.recording.viewer import check_recording, screenshots, serve, show
-from tests.benchmarks.attacks.process_tree import MARK, left_over, new_mark
 
 SERVER = """
 import sys, http.server

@@ -1,6 +1,6 @@
 """Methods that break what they can. A comparison has to lose their trials, and nothing else.
 
-Each function is the damage of a method: ``HOSTILE`` in ``tests.benchmarks.attacks.hostile:HOSTILE`` is its name in
+Each function is the damage of a method: ``HOSTILE`` in ``hostile:HOSTILE`` is its name in
 capitalized words, for example ``LoopsInC`` for :func:`loops_in_c`.
 """
 

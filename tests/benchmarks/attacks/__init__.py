@@ -1,1 +1,0 @@
-"""Attacks of a hostile user, with what has to happen and what does: ``python -m tests.benchmarks.attacks``."""

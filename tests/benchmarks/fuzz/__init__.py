@@ -1,1 +1,0 @@
-"""Mutated files for each reader: ``python -m tests.benchmarks.fuzz``."""
