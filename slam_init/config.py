@@ -11,7 +11,7 @@ import os
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Self, TypeVar, get_type_hints
+from typing import Any, TypeVar, get_type_hints
 
 from quest.display import Described
 from slam_init.errors import ConfigError
@@ -58,27 +58,6 @@ RANGES: dict[str, tuple[float, float, str]] = {
     "external.memory_limit_mb": (10, 1e9, "a program needs some memory"),
     "external.max_frames": (2, 100_000, "a pair, and what a disk holds"),
 }
-_RISK_DECIDES = "acceptance.max_risk decides ({max_risk:g} by default)"
-_WINDOW_CHOOSES = "the window chooses its views itself"
-#: Removed key -> what holds now.
-_GONE: dict[str, str] = {
-    "acceptance.rule": "the window decides",
-    "acceptance.max_direction_error_deg": _RISK_DECIDES,
-    "acceptance.min_correlated_error_px": _RISK_DECIDES,
-    "acceptance.min_shared_error_px": _RISK_DECIDES,
-    "acceptance.focal_error": _RISK_DECIDES,
-    "acceptance.max_median_depth_sigma": _RISK_DECIDES,
-    "acceptance.min_explained": _RISK_DECIDES,
-    "acceptance.min_rotation_only_residual": _RISK_DECIDES,
-    "acceptance.min_turning_residual": _RISK_DECIDES,
-    "acceptance.min_further_agreement": _RISK_DECIDES,
-    "two_view.min_inlier_share": _RISK_DECIDES,
-    "map.max_further_views": _WINDOW_CHOOSES,
-    "map.max_voting_views": _WINDOW_CHOOSES,
-    "map.min_motion_share": _WINDOW_CHOOSES,
-    "keyframes.max_retry_gain": "keyframes.retry_gain is the only gain ({retry_gain:g} by default)",
-}
-
 
 _SECTIONS = {
     "TrackingConfig": "tracking",
@@ -91,15 +70,10 @@ _SECTIONS = {
 
 
 class _Section:
-    """A section of the options. It refuses the keywords that were removed, and numbers out of their range."""
+    """A section of the options. It refuses numbers out of their range."""
 
     def __post_init__(self) -> None:
         _check_ranges(self, f"{_SECTIONS[type(self).__name__]}.")
-
-    def __new__(cls, *_: object, **options: object) -> Self:
-        """Make a section, unless a keyword was removed."""
-        _refuse([name for name in _GONE if name.partition(".")[2] in options], cls.__name__)
-        return super().__new__(cls)
 
 
 @dataclass(frozen=True)
@@ -301,7 +275,7 @@ def load_config(path: str | os.PathLike[str] | None, overrides: Mapping[str, obj
     Raises
     ------
     ConfigError
-        Where the file cannot be read or parsed, or holds an unknown key, a removed key or a value of the wrong type.
+        Where the file cannot be read or parsed, or holds an unknown key or a value of the wrong type.
         The name of the method is checked when the method is made.
     """
     table: dict[str, object] = {}
@@ -314,7 +288,6 @@ def load_config(path: str | os.PathLike[str] | None, overrides: Mapping[str, obj
             raise ConfigError(f"{path} is not valid TOML: {error}") from None
     table |= {key: value for key, value in (overrides or {}).items() if value is not None}
     where = str(path) if path else "options"
-    _refuse([name for name in _GONE if _holds(table, name)], where)
     return _build(Config, table, where=where, prefix="")
 
 
@@ -352,23 +325,6 @@ def _flat(config: Config) -> dict[str, object]:
     return flat
 
 
-def _refuse(gone: list[str], where: str) -> None:
-    """Refuse removed keys in one line, which tells what holds now."""
-    if not gone:
-        return
-    first, *others = gone
-    now = _GONE[first].format(max_risk=AcceptanceConfig.max_risk, retry_gain=KeyframeConfig.retry_gain)
-    also = f"; also gone: {', '.join(others)}" if others else ""
-    raise ConfigError(f"{where}: {first} is gone: {now}{also}")
-
-
-def _holds(table: Mapping[str, object], name: str) -> bool:
-    """Whether a table holds ``section.option``."""
-    section, _, key = name.partition(".")
-    options = table.get(section)
-    return isinstance(options, dict) and key in options
-
-
 def _build(cls: type[_Options], table: Mapping[str, object], where: str, prefix: str) -> _Options:
     types = get_type_hints(cls)
     values: dict[str, object] = {}
@@ -398,6 +354,4 @@ def _number_or_text(wanted: object, value: object, where: str, key: str) -> obje
         value = float(value)
     if type(value) is not wanted:
         raise ConfigError(f"{where}: {key} must be of type {wanted.__name__}, not {value!r}")
-    if wanted is bool:
-        return value
     return value

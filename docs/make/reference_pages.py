@@ -169,12 +169,16 @@ def reasons() -> str:
 
 
 def summary() -> str:
-    """Write the page of ``summary.json`` from its JSON Schema."""
-    schema = json.loads((ROOT / "slam_init" / "output" / "summary.schema.json").read_text(encoding="utf-8"))
+    """Write the page of ``summary.json`` from its types."""
+    from summary_schema import summary_json_schema
+
+    from slam_init.output.summary import SCHEMA
+
+    schema = summary_json_schema()
     lines = [
         "# summary.json",
         "",
-        f"Every key, made from `slam_init/output/summary.schema.json` (`{schema['$id']}`), which validates the file.",
+        f"Every key of layout {SCHEMA}, made from `slam_init/output/summary.py`.",
         "",
         "## The file",
         "",

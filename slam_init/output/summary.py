@@ -1,7 +1,7 @@
 """The summary of a run: the content of ``summary.json``.
 
-The JSON Schema of :class:`Summary` is ``summary.schema.json`` beside this file (:func:`summary_schema`). The recording
-shows the same types (:mod:`slam_init.recording.text`), so that the file and the recording cannot disagree.
+The recording shows the same types (:mod:`slam_init.recording.text`), so that the file and the recording cannot
+disagree. The page of all keys is made from :class:`Summary`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.resources import files
 
 from slam_init.output.plain_json import Json, plain_fields
 from slam_init.output.provenance import Provenance
@@ -36,9 +35,6 @@ from slam_init.types.stopwatch import StageTimes
 
 #: Version of the layout. It is raised when a key of ``summary.json`` changes its name, its place or its meaning.
 SCHEMA = 3
-
-#: Name of the JSON Schema of the summary, beside this file.
-SCHEMA_FILE = "summary.schema.json"
 
 
 @dataclass(frozen=True)
@@ -181,12 +177,3 @@ def _known(value: float) -> float | None:
 def summary_text(summary: Summary) -> str:
     """Write the summary as indented JSON with a final newline. The text is ASCII, which any stream can encode."""
     return json.dumps(summary.as_dict(), indent=2, allow_nan=False) + "\n"
-
-
-def summary_schema() -> dict[str, Json]:
-    """Read the JSON Schema (draft 2020-12) of ``summary.json`` from the package.
-
-    * Returns: For a validator such as ``jsonschema.validate(json.loads(text), summary_schema())``.
-    """
-    schema: dict[str, Json] = json.loads((files("slam_init.output") / SCHEMA_FILE).read_text(encoding="utf-8"))
-    return schema

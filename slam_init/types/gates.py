@@ -31,7 +31,7 @@ class Direction(StrEnum):
 
 # To add a gate, add its name and unit here, make the gate with ``at_least`` or ``at_most`` in the module of
 # ``slam_init.decision`` that computes the figure, and add a field for its threshold, with the reason for the default,
-# to ``slam_init.config``. Then run ``python tests/support/make_schema.py``.
+# to ``slam_init.config``.
 class GateName(StrEnum):
     """The name of a gate, that is, of the figure that is compared with a threshold.
 

@@ -125,29 +125,6 @@ def test_what_is_not_understood_is_refused_in_one_line(tmp_path, text, told):
     assert "\n" not in str(refusal.value)
 
 
-@pytest.mark.parametrize(
-    ("section", "key", "now"),
-    [
-        ("acceptance", "rule", "the window decides"),
-        ("two_view", "min_inlier_share", "acceptance.max_risk decides"),
-        ("map", "max_further_views", "the window chooses its views itself"),
-        ("keyframes", "max_retry_gain", "keyframes.retry_gain is the only gain"),
-    ],
-)
-def test_a_removed_key_is_refused_in_one_line_that_names_what_holds_now(tmp_path, section, key, now):
-    path = written(tmp_path, as_toml((section, key), 1))
-    for use in (lambda: load_config(path), lambda: type(getattr(Config(), section))(**{key: 1})):
-        with pytest.raises(ConfigError, match=rf"{section}\.{key} is gone: {now}") as refusal:
-            use()
-        assert "\n" not in str(refusal.value)
-
-
-def test_a_file_with_several_removed_keys_is_refused_once_for_all(tmp_path):
-    path = written(tmp_path, "[map]\nmax_voting_views = 8\n[acceptance]\nmin_explained = 0.5\nfocal_error = 0.05\n")
-    with pytest.raises(ConfigError, match=r"focal_error is gone: .*; also gone: acceptance.min_explained, map.max_vot"):
-        load_config(path)
-
-
 @pytest.mark.parametrize("risk", [0.0, 0.001, -0.1, 1.0001, 5, float("nan"), float("inf")])
 def test_a_risk_that_is_no_probability_or_that_no_map_can_have_is_refused_in_one_line(tmp_path, risk):
     with pytest.raises(ConfigError, match=r"acceptance\.max_risk is") as refusal:

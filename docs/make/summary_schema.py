@@ -1,15 +1,9 @@
-"""Generates the JSON Schema of ``summary.json`` from the types and docstrings of :class:`Summary`.
-
-Run ``python tests/support/make_schema.py`` after each change of these types. It writes the file that
-:func:`slam_init.output.summary.summary_schema` reads.
-"""
+"""Makes the JSON Schema of ``summary.json`` from the types and docstrings of ``Summary``."""
 
 from __future__ import annotations
 
 import inspect
-import json
 import re
-from pathlib import Path
 from typing import Any, get_type_hints
 from unittest.mock import patch
 
@@ -35,11 +29,6 @@ _FIGURES = (
     "TwoViewEvidence",
     "WindowEvidence",
 )
-
-
-def schema_text() -> str:
-    """The content of the schema file."""
-    return json.dumps(summary_json_schema(), indent=2) + "\n"
 
 
 def summary_json_schema() -> dict[str, Any]:
@@ -99,14 +88,3 @@ def _plain(text: str) -> str:
     """A docstring without the markup of Sphinx (roles, doubled backquotes), and with null for None."""
     text = re.sub(r":\w+:`~?([^`]*)`", r"\1", re.sub(r"\s+", " ", text))
     return re.sub(r"\bNone\b", "null", text.replace("``", "`")).strip()
-
-
-def main() -> None:
-    """Write the schema file."""
-    path = Path(summary.__file__).with_name(summary.SCHEMA_FILE)
-    path.write_text(schema_text(), encoding="utf-8")
-    print(path)
-
-
-if __name__ == "__main__":
-    main()
