@@ -1,29 +1,31 @@
-"""Fixtures of image-level runs, which several tests share."""
+"""Fixtures of image-level runs, which several tests share.
+
+What they need is imported inside them: the tests of quest run where slam_init is not installed.
+"""
 
 from __future__ import annotations
 
 import copy
 import gc
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import lru_cache
 from itertools import islice
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from hypothesis import settings
-from make_source import KeptSource, synth
-from runs import Fed, Run
 
 from quest.robust.kernels import machine_code
-from sequences_synth.texture import Texture
-from slam_init import window
-from slam_init.bundle.focal import camera_with_focal_factor
-from slam_init.config import Config
-from slam_init.initializer import Initializer
-from slam_init.runner import run
+
+if TYPE_CHECKING:
+    from make_source import KeptSource
+    from runs import Fed, Run
+
+    from sequences_synth.texture import Texture
 
 # The same examples in each run: a change is judged by what it changes. `--hypothesis-profile=default` draws new ones.
 # No test checks a time, and a first call may compile.
@@ -41,7 +43,8 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     """Tell a person who waits that the first tests may compile: what the tests and their workers write is not shown."""
     reporter = session.config.pluginmanager.get_plugin("terminalreporter")
     kernels = Path(machine_code.__file__).parent
-    sources = [*kernels.glob("*.py"), *Path(window.__file__).parent.glob("*.py")]
+    window = Path(__file__).parents[1] / "slam_init" / "window"
+    sources = [*kernels.glob("*.py"), *window.glob("*.py")]
     kept = [path for folder in machine_code.folders_of(kernels) for path in folder.glob("*.code")]
     newest_source, newest = (max((path.stat().st_mtime for path in some), default=0.0) for some in (sources, kept))
     if reporter is not None and newest < newest_source:
@@ -54,34 +57,46 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
-paint = Texture.levels.func
-
-
 @lru_cache(maxsize=64)  # the surfaces of two rooms
-def painted(seed: tuple[int, ...], width: int, height: int, look: str) -> list[np.ndarray]:
+def painted(
+    paint: Callable[[Texture], list[np.ndarray]], seed: tuple[int, ...], width: int, height: int, look: str
+) -> list[np.ndarray]:
     """The levels of a surface."""
+    from sequences_synth.texture import Texture
+
     return paint(Texture(seed, width, height, look))
 
 
 @pytest.fixture(scope="module", autouse=True)
 def surfaces_are_painted_once(request: pytest.FixtureRequest) -> Iterator[None]:
     """Worlds of one seed have the same surfaces, which take longer to paint than a run. Tests of worlds paint each."""
+    if {"quest", "sequences_synth"} & {*request.path.parts}:
+        yield
+        return
+    from sequences_synth.texture import Texture
+
+    paint = Texture.__dict__["levels"].func
     with pytest.MonkeyPatch.context() as patch:
-        if "sequences_synth" not in request.path.parts:
-            kept = property(lambda one: painted(tuple(one.seed), one.width, one.height, one.look))
-            patch.setattr(Texture, "levels", kept)
+        kept = property(lambda one: painted(paint, tuple(one.seed), one.width, one.height, one.look))
+        patch.setattr(Texture, "levels", kept)
         yield
 
 
 @pytest.fixture(scope="session")
 def room() -> KeptSource:
     """The default source: a scene in general position."""
+    from make_source import synth
+
     return synth("room")
 
 
 @pytest.fixture(scope="session")
 def room_run(room: KeptSource, tmp_path_factory: pytest.TempPathFactory) -> Run:
     """A run on the default source that continues for ten frames and writes all files."""
+    from runs import Run
+
+    from slam_init import Config, run
+
     out = tmp_path_factory.mktemp("room") / "out"
     result, summary = run(room, room.camera, Config(), out=out, continue_frames=10)
     return Run(room, result, summary, out)
@@ -90,6 +105,10 @@ def room_run(room: KeptSource, tmp_path_factory: pytest.TempPathFactory) -> Run:
 @pytest.fixture(scope="session")
 def room_fed_once(room: KeptSource) -> Fed:
     """An initializer that has processed the default source up to its map."""
+    from runs import Fed
+
+    from slam_init import Initializer
+
     initializer, frames = Initializer(room.camera), room.frames()
     for frame in frames:
         initializer.process(frame)
@@ -107,6 +126,11 @@ def room_fed(room_fed_once: Fed) -> Fed:
 @pytest.fixture(scope="session")
 def room_refined_once(room: KeptSource) -> Fed:
     """A map whose stated focal length was a twentieth too long, and was adjusted."""
+    from runs import Fed
+
+    from slam_init import Config, Initializer
+    from slam_init.bundle.focal import camera_with_focal_factor
+
     config = Config()
     config = replace(config, map=replace(config.map, refine_focal=True))
     initializer, frames = Initializer(camera_with_focal_factor(room.camera, 1.05), config), room.frames()

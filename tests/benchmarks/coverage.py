@@ -31,7 +31,6 @@ import numpy as np
 from slam_init.config import Config, MapConfig
 from slam_init.datasets.points import open_points
 from slam_init.initializer import Initializer
-from slam_init.output.tables import markdown_table
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.pose import Pose
@@ -45,6 +44,7 @@ from tests.benchmarks.reliability import (
     errors_deg,
     points_of,
 )
+from tests.benchmarks.tables import markdown_table
 
 #: Quantiles of chi-square at 95 % by degrees of freedom.
 _CHI95 = {3: 7.815, 5: 11.070, 6: 12.592}

@@ -27,12 +27,12 @@ from slam_init.datasets.synth import SynthSource
 from slam_init.evaluation.metrics import align_positions, align_truth, initialization_quality
 from slam_init.initializer import Initializer
 from slam_init.mapping.growing import GrowingMap
-from slam_init.output.tables import markdown_table
 from slam_init.types.frame import Observations, Source, length_of
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose, Trajectory
 from tests.benchmarks.image_pairs import find_sequences
 from tests.benchmarks.options import data_folder, positive, show
+from tests.benchmarks.tables import markdown_table
 
 #: Frames after the map (two seconds of video), those in which a loss counts, and those after which depths are compared.
 _FRAMES, _WATCHED, _LATER = 60, 40, 20

@@ -26,13 +26,13 @@ from slam_init.compare.sources import describe_sources
 from slam_init.compare.trials import Settings
 from slam_init.datasets import open_source
 from slam_init.output.results import tum_line
-from slam_init.output.tables import markdown_table
 from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import TimedSource
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose
 from tests.benchmarks.options import choice_list, data_folder, positive, progress, show
+from tests.benchmarks.tables import markdown_table
 
 #: Sequences, with the step between their starts.
 SEQUENCES = {

@@ -21,9 +21,9 @@ from slam_init.compare.rows import TrialRow, read_journal
 from slam_init.compare.run import compare
 from slam_init.compare.sources import describe_sources
 from slam_init.compare.trials import Settings
-from slam_init.output.tables import markdown_table, number
 from tests.benchmarks.image_pairs import find_sequences
 from tests.benchmarks.options import data_folder, positive, show
+from tests.benchmarks.tables import markdown_table, number
 
 #: A run has no limit but the end of its sequence.
 _ALL_FRAMES, _ALL_SECONDS, _ONE_START = 1_000_000, 1e6, 1_000_000

@@ -40,7 +40,6 @@ from quest.geometry.epipolar import parallax_angles
 from quest.registry import SOLVERS
 from quest.solvers.selection import select_candidates
 from slam_init.datasets import TimedSource, open_source
-from slam_init.output.tables import markdown_table
 from slam_init.types.arrays import Floats
 from tests.benchmarks.image_pairs import (
     DIRECTION_UNKNOWN,
@@ -52,6 +51,7 @@ from tests.benchmarks.image_pairs import (
 )
 from tests.benchmarks.options import data_folder, positive, progress, run_on_one_thread, save
 from tests.benchmarks.quest.paper_problems import rotation_error
+from tests.benchmarks.tables import markdown_table
 
 _STEPS = (1, 2, 5, 10, 20, 30)
 _PARALLAX_RAD = np.deg2rad(1.0)

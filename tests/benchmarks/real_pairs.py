@@ -26,7 +26,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from slam_init.output.tables import markdown_table
 from tests.benchmarks.image_pairs import (
     DIRECTION_UNKNOWN,
     STATIC_SEQUENCE,
@@ -41,6 +40,7 @@ from tests.benchmarks.options import choice_list, data_folder, number_list, posi
 from tests.benchmarks.quest.cells import auc_cell, errors_cell, kept_cell, times_cell, verdicts_cell
 from tests.benchmarks.quest.robust_methods import METHODS, Estimate, available, limit_threads
 from tests.benchmarks.quest.robust_trials import Answer, judge, warm_up
+from tests.benchmarks.tables import markdown_table
 
 Floats = NDArray[np.float64]
 

@@ -35,7 +35,6 @@ import numpy as np
 from slam_init.compare.statistics import wilson
 from slam_init.datasets.points import PointSource, open_points
 from slam_init.initializer import Initializer
-from slam_init.output.tables import markdown_table
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
@@ -43,6 +42,7 @@ from slam_init.types.initial_map import InitialMap
 from slam_init.types.pose import Pose
 from slam_init.window.motion import difference_deg
 from tests.benchmarks.options import show
+from tests.benchmarks.tables import markdown_table
 
 #: What counts as wrong, in degrees, and the shortest baseline that is judged, over the longest one.
 ROTATION_DEG, DIRECTION_DEG, _SHORTEST = 5.0, 15.0, 0.3

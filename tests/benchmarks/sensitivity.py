@@ -28,9 +28,9 @@ import numpy as np
 
 import quest
 import slam_init
-from slam_init.output.tables import markdown_table
 from tests.benchmarks.options import progress, show
 from tests.benchmarks.reliability import World, built_in, by_another_hand, commit, decide
+from tests.benchmarks.tables import markdown_table
 
 _ROOT = Path(__file__).resolve().parents[2]
 LEVELS = "slam_init/window/levels.py"

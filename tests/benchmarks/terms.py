@@ -24,7 +24,6 @@ from unittest import mock
 from slam_init.config import AcceptanceConfig
 from slam_init.decision import window_rule
 from slam_init.initializer import Initializer
-from slam_init.output.tables import markdown_table
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.window import last_look
 from slam_init.window.hypotheses import WindowHypotheses, with_rotation_anew
@@ -36,6 +35,7 @@ from slam_init.window.zooming_motion import wrong_by_zooms
 from slam_init.window.zooming_rotation import with_zooms
 from tests.benchmarks.options import show
 from tests.benchmarks.reliability import World, errors_of_poses_deg, is_wrong, worlds_of
+from tests.benchmarks.tables import markdown_table
 
 #: Terms by their names in a log, with what they are called. The first four are those of the first look; the next three
 #: are parts of the direction, whose other parts stay.

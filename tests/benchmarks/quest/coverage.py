@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from quest import RelativePose, estimate_relative_pose
 from quest.geometry.quaternion import vector_from_rotation
 from quest.geometry.refine import tangent_basis
-from slam_init.output.tables import markdown_table
 from tests.benchmarks.options import positive, run_on_one_thread, save
 from tests.benchmarks.quest.scenes import FOCAL_PX, SCENES, Scene, draw_scene
+from tests.benchmarks.tables import markdown_table
 
 #: The 95 % point and the median of chi-square with five degrees of freedom.
 _BOUND, _MEDIAN = 11.0705, 4.3515

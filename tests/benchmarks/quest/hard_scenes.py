@@ -14,13 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
-from slam_init.output.tables import markdown_table
 from tests.benchmarks.options import positive, run_on_one_thread, save
 from tests.benchmarks.quest.cells import FOUND_DEG
 from tests.benchmarks.quest.measures import accuracy
 from tests.benchmarks.quest.robust_methods import METHODS, available
 from tests.benchmarks.quest.robust_trials import Answer, judge, oracle_error_deg, warm_up
 from tests.benchmarks.quest.scenes import FOCAL_PX, SCENES, draw_scene
+from tests.benchmarks.tables import markdown_table
 
 _KINDS = tuple(name for name in SCENES if name != "rotation")
 _OUTLIERS, _MATCHES, _NOISES_PX, _THRESHOLD_PX = (0.4, 0.5, 0.6, 0.7), (100, 200, 300, 500), (0.3, 0.7, 1.0), 2.0

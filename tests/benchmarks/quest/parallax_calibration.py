@@ -27,8 +27,8 @@ from quest.geometry.refine import refine_pose, tangent_basis
 from quest.robust import kernels
 from quest.robust.rotation import refine_rotation
 from quest.uncertainty.parallax import LEAST_SINE2, RATIO_MADS, ParallaxStatement, parallax_statement
-from slam_init.output.tables import markdown_table
 from tests.benchmarks.options import positive, progress, run_on_one_thread, save
+from tests.benchmarks.tables import markdown_table
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

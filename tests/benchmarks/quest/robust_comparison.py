@@ -19,7 +19,6 @@ from pathlib import Path
 
 import numpy as np
 
-from slam_init.output.tables import markdown_table
 from tests.benchmarks.options import choice_list, number_list, positive, progress, run_on_one_thread, save
 from tests.benchmarks.quest.cells import (
     FOUND_DEG,
@@ -34,6 +33,7 @@ from tests.benchmarks.quest.measures import accuracy
 from tests.benchmarks.quest.robust_methods import METHODS, available, limit_threads
 from tests.benchmarks.quest.robust_trials import Cell, Trial, full_grid, run_trials, star_grid, warm_up, write_csv
 from tests.benchmarks.quest.scenes import SCENES
+from tests.benchmarks.tables import markdown_table
 
 _OUTLIERS = [0.1, 0.5, 0.7]
 _ALL_OUTLIERS = [0.1, 0.3, 0.5, 0.7, 0.8]

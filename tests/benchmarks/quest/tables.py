@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from slam_init.output.tables import markdown_table
 from tests.benchmarks.options import positive, run_on_one_thread, save
 from tests.benchmarks.quest.cells import auc_cell
 from tests.benchmarks.quest.measures import area_under_recall
 from tests.benchmarks.quest.robust_methods import METHODS, available
 from tests.benchmarks.quest.robust_trials import Answer, judge, warm_up
 from tests.benchmarks.quest.scenes import FOCAL_PX, TABLES, draw_scene
+from tests.benchmarks.tables import markdown_table
 
 _NOISE_PX, _THRESHOLD_PX, _OUTLIERS, _MATCHES = 0.7, 2.0, (0.2, 0.5), 150
 

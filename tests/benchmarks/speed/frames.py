@@ -83,7 +83,7 @@ def frames_table(measured: Sequence[Frames], flow_ms: float) -> str:
     """The table of the frames."""
     import numpy as np
 
-    from slam_init.output.tables import markdown_table, number
+    from tests.benchmarks.tables import markdown_table, number
 
     header = [
         "ms (ratio to the flow)", "waiting frames", "median", "99th percentile", "largest", "above 33 ms",
@@ -103,7 +103,7 @@ def frames_table(measured: Sequence[Frames], flow_ms: float) -> str:
 
 def stages_table(measured: Sequence[Frames]) -> str:
     """The table of the stages."""
-    from slam_init.output.tables import markdown_table
+    from tests.benchmarks.tables import markdown_table
 
     stages = list(dict.fromkeys(stage for one in measured for stage in one.stages_ms))
     rows = []

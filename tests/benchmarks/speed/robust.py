@@ -72,7 +72,7 @@ def estimates_table(cases: Mapping[str, Mapping[str, Sequence[float]]]) -> str:
     """
     import numpy as np
 
-    from slam_init.output.tables import markdown_table, number
+    from tests.benchmarks.tables import markdown_table, number
 
     rows = []
     for case, of_estimator in cases.items():

@@ -69,7 +69,7 @@ def start_table(starts: Mapping[str, Sequence[Start]], flow_ms: float) -> str:
     """The table of the starts."""
     from statistics import median
 
-    from slam_init.output.tables import markdown_table, number
+    from tests.benchmarks.tables import markdown_table, number
 
     rows = []
     for name, processes in starts.items():
