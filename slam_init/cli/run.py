@@ -197,17 +197,13 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.matcher is not None:
         config = replace(config, tracking=replace(config.tracking, matcher=arguments.matcher))
     if arguments.live is not None:
-        from slam_init.recording.live_viewer import leave_open, viewer_url
+        from slam_init.recording.live_viewer import viewer_url
 
         arguments.live = viewer_url(arguments.live)
-    try:
-        if live:
-            result, summary = _run_live(arguments, config, out)
-        else:
-            result, summary = _run_on(_source(arguments, config.seed), arguments, config, out)
-    finally:
-        if arguments.live is not None:
-            leave_open()
+    if live:
+        result, summary = _run_live(arguments, config, out)
+    else:
+        result, summary = _run_on(_source(arguments, config.seed), arguments, config, out)
     if arguments.json:
         from slam_init.output.summary import summary_text
 

@@ -1,6 +1,6 @@
 """Starts Rerun's viewer on a recording: in a window, for a browser, or without a display for screenshots.
 
-The viewer is the program of the package ``rerun-sdk``. It runs in a process group of its own, which ends with this one.
+The viewer is the program of the package ``rerun-sdk``. It runs in a process group of its own, which is ended with the command.
 It listens on this machine only.
 """
 
@@ -19,8 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from slam_init.errors import SourceError, ViewerError, plain_line
-from slam_init.system.ports import answers_within
-from slam_init.system.process_guard import launcher
+from slam_init.recording.live_viewer import answers
 from slam_init.system.regular_file import open_regular
 
 if TYPE_CHECKING:
@@ -168,12 +167,12 @@ def _settled(client: ViewerClient, frame: int) -> bytes:
 
 @contextmanager
 def _viewer(options: Sequence[str]) -> Iterator[tuple[subprocess.Popen[bytes], BinaryIO]]:
-    """Run the viewer under a guard that ends it with this process, and end it with the ``with`` block."""
+    """Run the viewer in a process group of its own, and end it with the ``with`` block."""
     environment = {"RERUN_ANALYTICS": "false", "NO_COLOR": "1"} | dict(os.environ)
     with tempfile.TemporaryFile() as log:
         try:
             process = subprocess.Popen(
-                [*launcher(), sys.executable, "-m", "rerun", *options],
+                [sys.executable, "-m", "rerun", *options],
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
@@ -203,7 +202,7 @@ def _end(process: subprocess.Popen[bytes]) -> None:
 
 
 def _wait_for_group(leader: int) -> None:
-    """Wait until the processes of a group have ended: the viewer ends shortly after its guard, and then its port."""
+    """Wait until the processes of a group have ended: the module ``rerun`` ends before the program."""
     if not hasattr(os, "killpg"):
         return
     end = time.monotonic() + _END_S
@@ -215,10 +214,13 @@ def _wait_for_group(leader: int) -> None:
 
 def _wait_for(port: int, process: subprocess.Popen[bytes], log: BinaryIO) -> None:
     """Wait until a port answers."""
-    if answers_within(_HOST, port, process, _START_S):
-        return
-    if process.poll() is not None:
-        raise _no_start(process, log)
+    end = time.monotonic() + _START_S
+    while time.monotonic() < end:
+        if process.poll() is not None:
+            raise _no_start(process, log)
+        if answers(_HOST, port):
+            return
+        time.sleep(_POLL_S)
     raise ViewerError(f"the viewer did not start within {_START_S:.0f} s{_last_line(log)}")
 
 

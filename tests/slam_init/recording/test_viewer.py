@@ -1,17 +1,11 @@
 """Starting the viewer: what it says where it fails, and that no process is left. A stand-in is the viewer."""
 
-import os
-import signal
 import socket
-import subprocess
-import sys
 import urllib.request
 from types import SimpleNamespace
 from urllib.parse import urlsplit
 
 import pytest
-from paths import ROOT
-from process_tree import MARK, left_over, new_mark
 
 import slam_init.recording.viewer as viewer_module
 from slam_init.errors import SourceError, ViewerError
@@ -128,26 +122,6 @@ def test_viewers_that_start_at_once_share_no_port(tmp_path, viewer):
     viewer(SERVER)  # it takes its web port alone, as a viewer does that has not opened the others yet
     with serve(tmp_path / "a.rrd") as one, serve(tmp_path / "b.rrd") as two:
         assert one.url.split("%3A")[-1] != two.url.split("%3A")[-1]
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(sys.platform != "linux", reason="finds processes by their environment")
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGQUIT])
-def test_a_server_ends_with_the_process_that_was_killed(tmp_path, viewer, number):
-    viewer(SERVER)
-    mark, code = (
-        new_mark(),
-        "import signal, sys, time; from pathlib import Path; from slam_init.recording.viewer import serve\n",
-    )
-    code += "signal.signal(signal.SIGQUIT, signal.SIG_DFL)\n"  # a shell ignores it for what runs in its background
-    code += "with serve(Path(sys.argv[1])): print('serves', flush=True); time.sleep(100)"
-    words = [sys.executable, "-c", code, str(tmp_path / "a.rrd")]
-    variables = os.environ | {MARK: mark, "PYTHONPATH": os.pathsep.join([str(tmp_path), str(ROOT)])}
-    process = subprocess.Popen(words, env=variables, stdout=subprocess.PIPE)
-    assert process.stdout.readline() == b"serves\n"
-    process.send_signal(number)
-    process.wait(timeout=10)
-    assert left_over(mark, within_s=10) == []
 
 
 def test_only_a_recording_is_opened(tmp_path):
