@@ -1,7 +1,7 @@
 """Starts Rerun's viewer on a recording: in a window, for a browser, or without a display for screenshots.
 
-The viewer is the program of the package ``rerun-sdk``. It runs in a process group of its own, which is ended with the command.
-It listens on this machine only.
+The viewer is the program of the package ``rerun-sdk``. It runs in a process group of its own, which ends with the
+command. It listens on this machine only.
 """
 
 from __future__ import annotations
