@@ -88,8 +88,7 @@ def _audit(arguments: argparse.Namespace) -> int:
     elif not found and source is not None and moves_otherwise(map_, poses, views, found.pair):
         found = replace(found, reason=None, advice=_OTHER_IMAGES)
     found = replace(found, notes=notes)
-    record = {name: value for name, value in plain_fields(found).items() if name != "matches"}
-    tell(json.dumps(record, indent=2, allow_nan=False) + "\n" if arguments.json else f"{found}\n")
+    tell(json.dumps(plain_fields(found), indent=2, allow_nan=False) + "\n" if arguments.json else f"{found}\n")
     if found:
         return DONE
     return WRONG if found.verdict is AuditVerdict.WRONG else DOUBTFUL

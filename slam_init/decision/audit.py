@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from quest.estimate import RelativePose
-from quest.geometry.epipolar import depths_from_pose
 from slam_init.config import Config
 from slam_init.decision.judged_window import JudgedWindow
 from slam_init.decision.lens import priors_of
@@ -28,7 +27,7 @@ from slam_init.frontend.tracks import History
 from slam_init.mapping.views import further_views
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Floats, evenly_spaced
-from slam_init.types.audit import Audit, AuditedMatches, AuditVerdict
+from slam_init.types.audit import Audit, AuditVerdict
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.lens_in_use import LensInUse
@@ -224,34 +223,6 @@ def _stated(known: Mapping[int, Pose], window: JudgedWindow, terms: MapPosterior
         better=None if is_best or terms.only_rotates else best.cam2_from_cam1,
         reason=reason,
         advice=advice,
-        matches=_matches(known, window),
-    )
-
-
-def _matches(known: Mapping[int, Pose], window: JudgedWindow) -> AuditedMatches:
-    """What the picture of the audit shows."""
-    pair, best, camera = window.pair, window.best, window.lens.camera
-    first, second = best.frames[:2]
-    given = known[second].inverse() @ known[first]
-    unit = float(np.linalg.norm(given.t))
-    given = Pose(given.R, given.t / unit)
-    depths, others = depths_from_pose(given.R, given.t, pair.rays1, pair.rays2)
-    points = np.where(((depths > 0) & (others > 0))[:, None], depths[:, None] * pair.rays1, np.nan)
-    # The best motion has a lens of its own.
-    state = best.fit.state
-    lens = window.lens.moved(state.lens.log_scale, state.lens.k1).camera
-    fitted = [lens.bearings(pixels - state.lens.principal_px) for pixels in (pair.pixels1, pair.pixels2)]
-    frames = [frame for frame in best.frames if frame in known]
-    motion = best.motion.cam_from_world
-    length = max(float(np.linalg.norm(motion[second].t)), 1e-300)
-    return AuditedMatches(
-        size=(camera.width, camera.height),
-        pixels2=pair.pixels2,
-        map_px=camera.focal_px * off_plane(given, pair.rays1, pair.rays2),
-        best_px=lens.focal_px * off_plane(best.cam2_from_cam1, *fitted),
-        points=points,
-        map_centres=np.array([(known[first].inverse() @ known[frame]).t / unit for frame in frames]),
-        best_centres=np.array([motion[frame].inverse().t / length for frame in frames]),
     )
 
 

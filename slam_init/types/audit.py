@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from quest.display import Described
-from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict, in_words
 
@@ -17,34 +16,6 @@ class AuditVerdict(StrEnum):
     SOUND = "sound"
     DOUBTFUL = "doubtful"
     WRONG = "wrong"
-
-
-@dataclass(frozen=True, eq=False)
-class AuditedMatches:
-    """The matches and the cameras of an audited pair, by the map and by the best motion.
-
-    Attributes
-    ----------
-    size : (int, int)
-        Width and height of the images.
-    pixels2 : (N, 2) float
-        The matches in the second frame of the pair.
-    map_px, best_px : (N,) float
-        Their distances from the epipolar lines of the map, and of the best motion.
-    points : (N, 3) float
-        The points by the map, in the camera of the first frame; the baseline has the length 1. NaN behind a camera.
-    map_centres, best_centres : (V, 3) float
-        Centres of the cameras of the map that were judged, in the same frame and unit, by the map and by the best
-        motion. The pair stands first.
-    """
-
-    size: tuple[int, int]
-    pixels2: Floats
-    map_px: Floats
-    best_px: Floats
-    points: Floats
-    map_centres: Floats
-    best_centres: Floats
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -87,8 +58,6 @@ class Audit(Described):
         Where the doubt is about the tracks: the reason that a map of our own would be refused for.
     advice : str
         What would tell; empty for a sound map.
-    matches : AuditedMatches
-        What the picture of the audit shows.
     notes : tuple of str
         How the poses of a file were read, where its form does not state it.
     """
@@ -111,7 +80,6 @@ class Audit(Described):
     better: Pose | None
     reason: Verdict | None
     advice: str
-    matches: AuditedMatches
     notes: tuple[str, ...] = ()
 
     def __bool__(self) -> bool:

@@ -67,13 +67,6 @@ def test_the_same_map_has_the_same_risk_in_all_formats(map_, tmp_path, capsys):
     assert found[0][1]["verdict"] == "sound" and found[0][1]["better"] is None
 
 
-def test_the_picture_and_the_record_go_to_a_folder(map_, tmp_path, capsys):
-    (tmp_path / "handover.npz").write_bytes(handover_bytes(map_))
-    _, found = told([str(tmp_path / "handover.npz"), "--out", str(tmp_path / "out")], capsys)
-    assert json.loads((tmp_path / "out" / "audit.json").read_text()) == found
-    assert cv2.imread(str(tmp_path / "out" / "audit.png")).shape == (960, 1600, 3)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("moved", "code"), [(False, 0), (True, 4)])
 def test_a_trajectory_is_audited_by_the_images(moved, code, tmp_path, capsys):
