@@ -179,10 +179,11 @@ class OutputFolder:
 
     * ``path``: The folder.
     * ``command``: The command that it belongs to.
+    * ``in_place``: Whether the folder stays where it is, since the command writes to files in it (:meth:`claim`).
     * ``staging``: Empty folder on the same file system, for new results.
     """
 
-    def __init__(self, path: str | os.PathLike[str], command: str) -> None:
+    def __init__(self, path: str | os.PathLike[str], command: str, *, in_place: bool = False) -> None:
         check_type(path, (str, os.PathLike), "the folder", "text, or a pathlib.Path", OutputError)
         # A path of the command line has its home folder already. "./~" has become "~" there.
         self.path = user_path(path) if isinstance(path, str) else Path(path)
@@ -190,14 +191,15 @@ class OutputFolder:
             raise OutputError(f"the folder {str(self.path)!r:.60} has a null byte: give another one")
         self._command = command
         self._created: list[Path] = []
-        self._lock, self._in_place = -1, False
+        self._lock, self._in_place = -1, in_place
+        self._claimed: frozenset[str] = frozenset()
 
     def __enter__(self) -> OutputFolder:
         check_folder(self.path, self._command)
         try:
             # Of a link the folder that it leads to is replaced.
             self._place = self.path.resolve()
-            self._in_place = self._cannot_move()
+            self._in_place = self._in_place or self._cannot_move()
             home = self._place if self._in_place else self._place.parent
             missing = [folder for folder in (home, *home.parents) if not folder.exists()]
             for folder in reversed(missing):
@@ -237,6 +239,15 @@ class OutputFolder:
                 path = self.staging / name
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.write_bytes(content)
+        except OSError as error:
+            raise output_error(self.path, error) from error
+
+    def claim(self, name: str) -> None:
+        """Take a file of a folder that stays in its place: the command writes to it itself, and it is no staged file."""
+        self._claimed |= {name}
+        earlier = read_marker(self._place) or Marker(self._command)
+        try:
+            Marker(self._command, earlier.files | self._claimed).write(self._place)
         except OSError as error:
             raise output_error(self.path, error) from error
 
@@ -281,17 +292,17 @@ class OutputFolder:
         return Path.cwd().is_relative_to(self._place)
 
     def _move_each(self, names: list[str]) -> None:
-        earlier = read_marker(self._place) or Marker(self._command)
-        Marker(self._command, earlier.files | frozenset(names)).write(self._place)
+        earlier, now = read_marker(self._place) or Marker(self._command), self._claimed | frozenset(names)
+        Marker(self._command, earlier.files | now).write(self._place)
         for name in names:
             (self._place / name).parent.mkdir(parents=True, exist_ok=True)
             (self.staging / name).replace(self._place / name)
-        for name in earlier.files.difference(names):
+        for name in earlier.files - now:
             (self._place / name).unlink(missing_ok=True)
             for folder in Path(name).parents[:-1]:
                 with suppress(OSError):  # it holds other files
                     (self._place / folder).rmdir()
-        Marker(self._command, frozenset(names)).write(self._place)
+        Marker(self._command, now).write(self._place)
 
 
 def _exchange(new: Path, place: Path) -> None:
