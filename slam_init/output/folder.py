@@ -243,7 +243,7 @@ class OutputFolder:
             raise output_error(self.path, error) from error
 
     def claim(self, name: str) -> None:
-        """Take a file of a folder that stays in its place: the command writes to it itself, and it is no staged file."""
+        """Take a file that the command writes to its place itself, and that is no staged file."""
         self._claimed |= {name}
         earlier = read_marker(self._place) or Marker(self._command)
         try:
