@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import io
 import itertools
+import math
 import os
 import re
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -151,20 +153,24 @@ def _has_whole_chunks(png: bytes) -> bool:
 
 def _check_header(name: str, data: bytes) -> None:
     """Refuse an image by the size that its header states: a few bytes may state one of 40 GB."""
-    import imagesize
+    from PIL import Image as Pillow
 
     try:
         # A JPEG may have fill bytes before each marker, which are read one by one. Its size is before its pixels.
         head = data[:_JPEG_HEADER] if data.startswith(b"\xff\xd8") else data
-        width, height = imagesize.get(io.BytesIO(head), exif_rotation=False)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            pixels = math.prod(Pillow.open(io.BytesIO(head)).size)
+    except Pillow.DecompressionBombError:
+        pixels = MAX_PIXELS + 1
     except Exception:  # the library raises what its parsers raise, for headers that are broken
-        width, height = -1, -1
-    if width < 1 or height < 1:
+        pixels = 0
+    if pixels < 1:
         raise SourceError(f"{name}: not a readable image")
-    if width * height > MAX_PIXELS:
+    if pixels > MAX_PIXELS:
         raise SourceError(
-            f"{name}: the header states {width}x{height} pixels, more than {MAX_PIXELS / 1e6:.0f} million: "
-            "shrink the image and scale its calibration"
+            f"{name}: the header states more than {MAX_PIXELS / 1e6:.0f} million pixels: shrink the image and scale "
+            "its calibration"
         )
 
 

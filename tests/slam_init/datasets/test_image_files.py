@@ -67,7 +67,7 @@ def png_that_states(width, height):
 
 def test_an_image_is_refused_by_the_size_that_its_header_states(tmp_path):
     write(tmp_path / "a.png", png_that_states(100_000, 100_000))
-    with pytest.raises(SourceError, match=r"a.png.*100000x100000.*134 million"):
+    with pytest.raises(SourceError, match=r"a.png.*134 million"):
         read_image(tmp_path / "a.png")
     write(tmp_path / "a.png", png_that_states(64, 48))
     np.testing.assert_array_equal(read_image(tmp_path / "a.png"), picture())
