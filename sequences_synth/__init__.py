@@ -23,10 +23,10 @@ pose and the time stamp of a frame are those of its middle row (:mod:`sequences_
 from sequences_synth.camera import LENSES, LensCamera, PinholeCamera
 from sequences_synth.options import PointOptions, SynthOptions
 from sequences_synth.points import POINT_SCENES, SCENES_WITHOUT_TRANSLATION, PointSequence, make_points
-from sequences_synth.scene import SCENES, STANDARD_SCENES
+from sequences_synth.scenes import SCENES, STANDARD_SCENES
 from sequences_synth.sequence import SynthSequence, make_sequence
 from sequences_synth.tracking_error import TrackingError
-from sequences_synth.writer import write_euroc, write_tum
+from sequences_synth.writer import write_tum
 
 __all__ = [
     "LENSES",
@@ -43,6 +43,5 @@ __all__ = [
     "TrackingError",
     "make_points",
     "make_sequence",
-    "write_euroc",
     "write_tum",
 ]

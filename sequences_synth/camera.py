@@ -1,21 +1,13 @@
-"""The cameras of the synthetic worlds: a pinhole with one coefficient of radial distortion, and wide lenses.
+"""The cameras of the synthetic worlds: a pinhole with one coefficient of radial distortion, and two lenses.
 
-The lenses are written from the papers and manuals of the models. Each has usual parameters, and a field of view beyond
-which its image is black. The formulas project; a ray of a pixel is found by Newton's method. Coefficients are in the
-order of OpenCV and COLMAP.
+The lenses are written from the papers of the models. Each has usual parameters, and a field of view beyond which its
+image is black. The formulas project; a ray of a pixel is found by Newton's method. Coefficients are in the order of
+OpenCV.
 
-======================  ============================================================================================
-``radtan``              k1 k2 p1 p2: OpenCV
-``rational``            k1 k2 p1 p2 k3 k4 k5 k6: OpenCV
-``thin-prism``          k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4: OpenCV
-``fisheye``             k1 k2 k3 k4: Kannala and Brandt, PAMI 2006, with odd powers of the angle only
-``thin-prism-fisheye``  k1 k2 p1 p2 k3 k4 s1 s2: COLMAP
-``fov``                 w: Devernay and Faugeras, MVA 2001
-``omni``                xi k1 k2 p1 p2: Mei and Rives, ICRA 2007
-``double-sphere``       xi alpha: Usenko, Demmel and Cremers, 3DV 2018
-``eucm``                alpha beta: Khomutenko, Garcia and Martinet, RA-L 2016
-``equirectangular``     longitude and latitude
-======================  ============================================================================================
+===========  ==================================================================================
+``radtan``   k1 k2 p1 p2: OpenCV
+``fisheye``  k1 k2 k3 k4: Kannala and Brandt, PAMI 2006, with odd powers of the angle only
+===========  ==================================================================================
 """
 
 from __future__ import annotations
@@ -23,7 +15,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple, TypeVar
+from typing import ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -40,15 +32,7 @@ class _Usual(NamedTuple):
 
 _USUAL = {
     "radtan": _Usual(0.61, (-0.283, 0.074, 1.9e-4, 1.8e-5), 60.0),
-    "rational": _Usual(0.5, (0.5, 0.1, 4e-4, -2e-4, 0.02, 0.75, 0.3, 0.03), 75.0),
-    "thin-prism": _Usual(0.6, (-0.2, 0.05, 1e-3, -5e-4, 2e-3, 0.05, 0.01, 3e-3, 2e-3, -1e-3, -1e-3, 5e-4), 65.0),
     "fisheye": _Usual(0.3, (0.02, -0.01, 3e-3, -1e-3), 100.0),
-    "thin-prism-fisheye": _Usual(0.3, (0.02, -0.01, 1e-3, -5e-4, 3e-3, -1e-3, 2e-3, -1e-3), 100.0),
-    "fov": _Usual(0.4, (0.93,), 85.0),
-    "omni": _Usual(0.7, (1.2, -0.1, 0.05, 5e-4, -3e-4), 100.0),
-    "double-sphere": _Usual(0.3, (-0.2, 0.59), 100.0),
-    "eucm": _Usual(0.35, (0.63, 1.05), 100.0),
-    "equirectangular": _Usual(1 / (2 * math.pi), (), 180.0),
 }
 #: The names of the lenses.
 LENSES = tuple(_USUAL)
@@ -98,12 +82,6 @@ class LensCamera:
         * Returns: Unit rays in the frame of the camera; 0 outside of the field of view.
         """
         seen = (np.asarray(pixels, float) - (self.cx, self.cy)) / (self.fx, self.fy)
-        if self.model == "equirectangular":
-            longitude, latitude = seen[..., 0], seen[..., 1]
-            ring = np.cos(latitude)
-            rays = np.stack([ring * np.sin(longitude), np.sin(latitude), ring * np.cos(longitude)], axis=-1)
-            inside = (np.abs(longitude) <= math.pi) & (np.abs(latitude) <= math.pi / 2)
-            return np.where(inside[..., None], rays, 0.0)
         angles = np.linspace(0, self.half_field_rad, _TABLE)
         target = np.linalg.norm(seen, axis=-1)
         along = np.stack([np.sin(angles), np.zeros(_TABLE), np.cos(angles)], axis=-1)
@@ -139,24 +117,8 @@ def lens_camera(model: str, width: int, height: int) -> LensCamera:
     """Make a camera with the usual parameters of a model."""
     usual = _USUAL[model]
     fx = usual.focal * width
-    fy = height / math.pi if model == "equirectangular" else fx
     centre = (width - 1) / 2, (height - 1) / 2
-    return LensCamera(width, height, fx, fy, *centre, model, usual.coefficients, math.radians(usual.half_field_deg))
-
-
-@lru_cache(maxsize=4)
-def sample_rays(camera: LensCamera, per_pixel: int) -> Floats:
-    """Compute the rays of a grid of samples.
-
-    Shapes: returns (H, W, 3).
-
-    * ``per_pixel``: 1: the centres of the pixels; 2: two rows and two columns of samples in each pixel.
-    """
-    first = 0.5 / per_pixel - 0.5
-    x, y = (first + np.arange(per_pixel * side) / per_pixel for side in (camera.width, camera.height))
-    rays = camera.rays(np.stack(np.meshgrid(x, y), axis=-1))
-    rays.setflags(write=False)
-    return rays
+    return LensCamera(width, height, fx, fx, *centre, model, usual.coefficients, math.radians(usual.half_field_deg))
 
 
 def _ray(place: Floats) -> Floats:
@@ -165,87 +127,27 @@ def _ray(place: Floats) -> Floats:
     return np.concatenate([place * np.sinc(angle / np.pi), np.cos(angle)], axis=-1)
 
 
-Pair = tuple[Floats, Floats]
-
-
-def _opencv(X: Floats, Y: Floats, Z: Floats, k: tuple[float, ...]) -> Pair:
-    """OpenCV's model with 4, 8 or 12 coefficients."""
-    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = (*k, *(12 - len(k)) * [0.0])
+def _radtan(X: Floats, Y: Floats, Z: Floats, k: tuple[float, ...]) -> tuple[Floats, Floats]:
+    k1, k2, p1, p2 = k
     x, y = X / Z, Y / Z
     r2 = x**2 + y**2
-    bend = (1 + k1 * r2 + k2 * r2**2 + k3 * r2**3) / (1 + k4 * r2 + k5 * r2**2 + k6 * r2**3)
-    u = x * bend + 2 * p1 * x * y + p2 * (r2 + 2 * x**2) + s1 * r2 + s2 * r2**2
-    v = y * bend + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y + s3 * r2 + s4 * r2**2
+    bend = 1 + k1 * r2 + k2 * r2**2
+    u = x * bend + 2 * p1 * x * y + p2 * (r2 + 2 * x**2)
+    v = y * bend + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y
     return u, v
 
 
-def _equidistant(X: Floats, Y: Floats, Z: Floats) -> Pair:
-    """Angle from the axis times the direction in the image."""
+def _fisheye(X: Floats, Y: Floats, Z: Floats, k: tuple[float, ...]) -> tuple[Floats, Floats]:
     side = np.hypot(X, Y)
     angle = np.arctan2(side, Z)
     side = np.where(side > 0, side, 1.0)
-    return angle * X / side, angle * Y / side
-
-
-def _fisheye(X: Floats, Y: Floats, Z: Floats, k: tuple[float, ...]) -> Pair:
-    u, v = _equidistant(X, Y, Z)
+    u, v = angle * X / side, angle * Y / side
     t2 = u**2 + v**2
     bend = 1 + k[0] * t2 + k[1] * t2**2 + k[2] * t2**3 + k[3] * t2**4
     return u * bend, v * bend
 
 
-def _thin_prism_fisheye(X: Floats, Y: Floats, Z: Floats, k: tuple[float, ...]) -> Pair:
-    k1, k2, p1, p2, k3, k4, s1, s2 = k
-    u, v = _equidistant(X, Y, Z)
-    t2 = u**2 + v**2
-    radial = k1 * t2 + k2 * t2**2 + k3 * t2**3 + k4 * t2**4
-    du = u * radial + 2 * p1 * u * v + p2 * (t2 + 2 * u**2) + s1 * t2
-    dv = v * radial + 2 * p2 * u * v + p1 * (t2 + 2 * v**2) + s2 * t2
-    return u + du, v + dv
-
-
-def _fov(X: Floats, Y: Floats, Z: Floats, k: tuple[float, ...]) -> Pair:
-    (w,) = k
-    ideal = np.hypot(X, Y) / Z
-    bend = np.where(ideal > 1e-9, np.arctan(2 * ideal * math.tan(w / 2)) / (w * ideal), 2 * math.tan(w / 2) / w)
-    return X / Z * bend, Y / Z * bend
-
-
-def _omni(X: Floats, Y: Floats, Z: Floats, k: tuple[float, ...]) -> Pair:
-    xi, *radtan = k
-    mirror = Z + xi * np.sqrt(X**2 + Y**2 + Z**2)
-    return _opencv(X, Y, mirror, tuple(radtan))
-
-
-def _double_sphere(X: Floats, Y: Floats, Z: Floats, k: tuple[float, ...]) -> Pair:
-    xi, alpha = k
-    shifted = Z + xi * np.sqrt(X**2 + Y**2 + Z**2)
-    depth = alpha * np.sqrt(X**2 + Y**2 + shifted**2) + (1 - alpha) * shifted
-    return X / depth, Y / depth
-
-
-def _eucm(X: Floats, Y: Floats, Z: Floats, k: tuple[float, ...]) -> Pair:
-    alpha, beta = k
-    depth = alpha * np.sqrt(beta * (X**2 + Y**2) + Z**2) + (1 - alpha) * Z
-    return X / depth, Y / depth
-
-
-def _equirectangular(X: Floats, Y: Floats, Z: Floats, _: tuple[float, ...]) -> Pair:
-    return np.arctan2(X, Z), np.arctan2(Y, np.hypot(X, Z))
-
-
-_FORMULAS = {
-    "radtan": _opencv,
-    "rational": _opencv,
-    "thin-prism": _opencv,
-    "fisheye": _fisheye,
-    "thin-prism-fisheye": _thin_prism_fisheye,
-    "fov": _fov,
-    "omni": _omni,
-    "double-sphere": _double_sphere,
-    "eucm": _eucm,
-    "equirectangular": _equirectangular,
-}
+_FORMULAS = {"radtan": _radtan, "fisheye": _fisheye}
 
 
 # -- pinhole ---------------------------------------------------------------------------------------
@@ -271,6 +173,9 @@ class PinholeCamera:
     #: Radial distortion: a ray (x, y, 1) is seen where an ideal camera would see (x d, y d, 1), with ``d = 1 + k1
     #: (x^2 + y^2)``. The stated cameras have none.
     k1: float = 0.0
+
+    #: Rays farther from the optical axis lie outside of every image.
+    half_field_rad: ClassVar[float] = math.radians(89.0)
 
     @property
     def K(self) -> Floats:
@@ -326,21 +231,51 @@ class PinholeCamera:
 
 
 #: Either camera.
-AnyCamera = TypeVar("AnyCamera", bound=PinholeCamera | LensCamera)
+AnyCamera = PinholeCamera | LensCamera
+_Same = TypeVar("_Same", bound=AnyCamera)
 
 
-def stated_camera(true: AnyCamera, focal_error: float, principal_error: float, rng: np.random.Generator) -> AnyCamera:
+def stated_camera(true: _Same, focal_error: float, principal_error: float, rng: np.random.Generator) -> _Same:
     """Make the camera that the data state, which lacks the distortion of a pinhole and may have wrong values.
 
     * ``focal_error``: The stated focal length is the true one times ``1 + focal_error``.
     * ``principal_error``: Horizontal error of the principal point over the width, and vertical error over the height.
     """
     right, down = rng.choice([-1.0, 1.0], 2).tolist()
-    ideal: AnyCamera = replace(true, k1=0.0) if isinstance(true, PinholeCamera) else true
+    stated: _Same = replace(true, k1=0.0) if isinstance(true, PinholeCamera) else true
     return replace(
-        ideal,
+        stated,
         fx=true.fx * (1 + focal_error),
         fy=true.fy * (1 + focal_error),
         cx=true.cx + right * principal_error * true.width,
         cy=true.cy + down * principal_error * true.height,
     )
+
+
+#: What a pixel sees, three coordinates: of a lens its ray, else (u, v, 1) where a pinhole without distortion sees it.
+Sights = tuple[Floats, Floats, Floats]
+
+
+def sights_of(camera: AnyCamera, x: Floats, y: Floats) -> Sights:
+    """Compute what pixels see.
+
+    Shapes: ``x, y`` (...), returns (...) three times.
+    """
+    if isinstance(camera, PinholeCamera) and camera.k1 == 0.0:
+        return x, y, np.ones_like(x)
+    rays = camera.rays(np.stack([x, y], axis=-1))
+    if isinstance(camera, LensCamera):
+        return rays[..., 0], rays[..., 1], rays[..., 2]
+    return camera.fx * rays[..., 0] + camera.cx, camera.fy * rays[..., 1] + camera.cy, np.ones_like(x)
+
+
+@lru_cache(maxsize=4)
+def all_sights(camera: AnyCamera, per_pixel: int) -> Sights:
+    """Compute what a grid of samples sees, (H, W) three times.
+
+    * ``per_pixel``: 1: the centres of the pixels; 2: two rows and two columns of samples in each pixel.
+    """
+    first = 0.5 / per_pixel - 0.5
+    x, y = (first + np.arange(per_pixel * side) / per_pixel for side in (camera.width, camera.height))
+    u, v, w = sights_of(camera, *np.broadcast_arrays(x[None], y[:, None]))
+    return u, v, np.broadcast_to(w[:1, :1], u.shape) if isinstance(camera, PinholeCamera) else w

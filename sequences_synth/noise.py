@@ -6,7 +6,7 @@ from typing import cast
 
 import numpy as np
 
-from sequences_synth.arrays import Floats, Floats32, Image
+from sequences_synth.arrays import Floats32, Image
 
 # Blur of less than this half length in pixels is skipped: it does not affect feature detectors.
 _LEAST_BLUR_PX = 0.1
@@ -46,19 +46,17 @@ def blur_along(image: Image, half_flow: Floats32) -> Image:
     return cast(Image, cv2.convertScaleAbs(total, alpha=1 / samples))
 
 
-def expose(image: Image, gain: float | Floats, noise: float, rng: np.random.Generator) -> Image:
+def expose(image: Image, gain: float, noise: float, rng: np.random.Generator) -> Image:
     """Apply a gain and sensor noise.
 
-    Shapes: ``image`` (H, W, 3), ``gain`` (H, 1), returns (H, W, 3).
+    Shapes: ``image`` (H, W, 3), returns (H, W, 3).
 
-    * ``gain``: Factor on the light, of the whole image or of each row or column.
+    * ``gain``: Factor on the light.
     * ``noise``: Standard deviation of the luminance at mid grey, grey levels. Shot noise grows with the square root of
       the light; read noise does not depend on the light.
     """
     import cv2
 
-    if isinstance(gain, np.ndarray):
-        return _expose_lines(image, gain, noise, rng)
     if noise == 0.0:
         return image if gain == 1.0 else cast(Image, cv2.convertScaleAbs(image, alpha=gain))
     grey = np.arange(256) * gain
@@ -70,12 +68,3 @@ def expose(image: Image, gain: float | Floats, noise: float, rng: np.random.Gene
     noisy = cv2.scaleAdd(image.astype(np.float32), gain, noisy)
     # This rounds and saturates.
     return cast(Image, np.clip(noisy + np.float32(0.5), 0, 255).astype(np.uint8))
-
-
-def _expose_lines(image: Image, gain: Floats, noise: float, rng: np.random.Generator) -> Image:
-    """As :func:`expose`, with a gain for each row or column."""
-    light = image.astype(np.float32) * gain.astype(np.float32)[..., None]
-    if noise > 0.0:
-        sigma = noise * np.sqrt(_READ_SHARE + (1 - _READ_SHARE) * light[..., 1] / _MID_GREY)
-        light += (rng.standard_normal(image.shape[:2], np.float32) * sigma.astype(np.float32))[..., None]
-    return cast(Image, np.clip(light + np.float32(0.5), 0, 255).astype(np.uint8))

@@ -7,24 +7,25 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from difflib import get_close_matches
 
+import numpy as np
+
 from sequences_synth.camera import LENSES
 from sequences_synth.shutter import READOUT_DIRECTIONS
 
 # The lowest and the highest value of options, by their names. Beyond the limits of k1, the lens would not be invertible
 # within the image.
 _EFFECT_LIMITS: dict[str, tuple[float, float]] = {
-    "fps": (1e-3, 1e4), "focal_error": (-0.9, 10), "readout_ms": (0, 1e6), "exposure_ms": (0, 1e6),
-    "turning_deg_s": (0, 1000), "speed": (0, 100), "body_turn_deg_s": (0, 1000), "principal_error": (0, 0.5),
-    "k1": (-0.2, 1), "stabilized": (0, 1), "dropped": (0, 0.9), "repeated": (0, 0.9),
+    "fps": (1e-3, 1e4), "focal_error": (-0.9, 10), "principal_error": (0, 0.5), "k1": (-0.2, 1), "readout_ms": (0, 1e6),
+    "turning_deg_s": (0, 1000), "speed": (0, 100),
 }  # fmt: skip
 _POINT_LIMITS = _EFFECT_LIMITS | {
-    "views": (2, 10_000), "points": (1, 100_000), "noise_px": (0, 100), "outliers": (0, 1), "moving": (0, 1),
-    "baseline": (0, 10), "field_px": (0, 100), "drift_px": (0, 100), "bodies": (1, 100), "cut": (0, 10_000),
+    "views": (2, 10_000), "points": (1, 100_000), "noise_px": (0, 100), "outliers": (0, 1), "baseline": (0, 10),
+    "moving": (0, 1), "bodies": (1, 100), "body_turn_deg_s": (0, 1000), "field_px": (0, 100), "drift_px": (0, 100),
+    "cut": (0, 10_000),
 }  # fmt: skip
 _RENDERED_LIMITS = _EFFECT_LIMITS | {
     "frames": (1, 100_000), "width": (64, 4096), "height": (64, 4096), "noise": (0, 100), "motion_blur": (0, 1),
-    "exposure_change": (0, 0.9), "moving_objects": (0, 0.8), "slow_start": (0, 100_000), "moving": (0, 0.8),
-    "bodies": (1, 20), "flicker": (0, 0.9), "fade": (0, 100_000), "cut": (0, 100_000), "tag_m": (0, 100),
+    "exposure_change": (0, 0.9), "slow_start": (0, 100_000), "cut": (0, 100_000), "tag_m": (0, 100),
 }  # fmt: skip
 
 
@@ -49,32 +50,12 @@ class EffectOptions:
         :mod:`sequences_synth.shutter`.
     readout_direction : str
         Order in which rows or columns are read: ``down``, ``up``, ``right`` or ``left``.
-    exposure_ms : float
-        Exposure time, at most a frame interval. A rendered image is the mean of renders along the true path, about one
-        per pixel of blur. The standard deviation of a track along its motion in the image is
-        ``hypot(noise_px, 0.1 * motion during the exposure)``; across its motion it is ``noise_px``.
     turning_deg_s : float
         Root mean square of the angular speed in the scenes ``handheld`` and ``handheld-wall`` (of rendered ones over
         10 s), and speed of the scene ``pan``. The other scenes ignore it.
     speed : float
         Speed of the translation in the scenes ``handheld`` and ``handheld-wall``, median depths per second. The median
         depth of the rendered room is taken as 3 m. The other scenes ignore it.
-    moving : float
-        Share of the tracks, or of the rendered view, on bodies that move on their own.
-    bodies : int
-        Number of these bodies. In a rendered view they are boards that follow the gaze of the camera, sway and turn.
-    body_turn_deg_s : float
-        Angular speed of each body about its own centre, about drawn axes. Of boards it is the root mean square of the
-        speed about the vertical axis, with respect to the camera.
-    stabilized : bool
-        Whether each frame is warped to a smoothed path, see :mod:`sequences_synth.stabilizer`. The true poses are then
-        those of the virtual camera.
-    dropped : float
-        Share of the frames that are missing. The number of those that are left is that of the options, and their time
-        stamps jump.
-    repeated : float
-        Share of the frames that repeat the frame before, with a new time stamp. The true pose of such a frame is that
-        of the frame that it repeats.
     cut : int
         Position of the frame at which another scene of the same kind begins; 0 for none. All tracks are then new. The
         poses of the second scene have the world frame of the second scene: they have no relation to those before.
@@ -86,15 +67,8 @@ class EffectOptions:
     k1: float = 0.0
     readout_ms: float = 0.0
     readout_direction: str = "down"
-    exposure_ms: float = 0.0
     turning_deg_s: float = 60.0
     speed: float = 0.0
-    moving: float = 0.0
-    bodies: int = 1
-    body_turn_deg_s: float = 0.0
-    stabilized: bool = False
-    dropped: float = 0.0
-    repeated: float = 0.0
     cut: int = 0
 
     def _check(self, limits: Mapping[str, tuple[float, float]]) -> None:
@@ -105,10 +79,9 @@ class EffectOptions:
         if self.readout_direction not in READOUT_DIRECTIONS:
             known = ", ".join(READOUT_DIRECTIONS)
             raise ValueError(f"readout_direction is {self.readout_direction!r}: use one of {known}")
-        for name in ("readout_ms", "exposure_ms"):
-            value, interval_ms = getattr(self, name), 1000 / self.fps
-            if value > interval_ms:
-                raise ValueError(f"{name} is {value}: it must not exceed the frame interval, {interval_ms:g} ms")
+        if self.readout_ms > 1000 / self.fps:
+            limit = f"it must not exceed the frame interval, {1000 / self.fps:g} ms"
+            raise ValueError(f"readout_ms is {self.readout_ms}: {limit}")
 
 
 @dataclass(frozen=True)
@@ -125,6 +98,12 @@ class PointOptions(EffectOptions):
         Standard deviation of one coordinate of a pixel.
     outliers : float
         Share of the tracks that are outliers: in each view at a random place in the image.
+    moving : float
+        Share of the tracks on bodies that move on their own.
+    bodies : int
+        Number of these bodies.
+    body_turn_deg_s : float
+        Angular speed of each body about its own centre, about drawn axes.
     baseline : float
         Distance of the camera from first to last view over the median depth. Where the camera does not translate, and
         in ``handheld`` and ``handheld-wall``, it is only the scale of the motion of bodies.
@@ -149,7 +128,9 @@ class PointOptions(EffectOptions):
     field_px: float = 0.0
     drift_px: float = 0.0
     fps: float = 10.0
+    moving: float = 0.0
     bodies: int = 2
+    body_turn_deg_s: float = 0.0
 
     def __post_init__(self) -> None:
         self._check(_POINT_LIMITS)
@@ -172,23 +153,15 @@ class SynthOptions(EffectOptions):
     noise : float
         Standard deviation of the luminance at mid grey, grey levels (shot and read noise).
     motion_blur : float
-        Exposure as a fraction of the frame interval, 0 to 1: each image is blurred along its flow. Ignored if
-        ``exposure_ms`` is not 0.
+        Exposure as a fraction of the frame interval, 0 to 1: each image is blurred along its flow.
     exposure_change : float
         Relative amplitude of a slow change of gain: 0.08 is 8 % up and down.
-    moving_objects : float
-        Approximate share of the image area covered by objects that move on their own, 0 to 0.8.
     slow_start : int
         Number of frames over which the motion rises from rest to full speed. The scenes ``handheld``,
         ``handheld-wall`` and ``pan`` move from the first frame on.
     lens : str
         ``pinhole``, or one of :data:`sequences_synth.camera.LENSES`, with usual parameters that the stated camera
-        has as well. It has no ``k1``, and its frames are not ``stabilized``.
-    flicker : float
-        Relative amplitude of the flicker of lamps, at 100 or 120 Hz, whichever changes more from frame to frame. A
-        rolling shutter shows it as bands.
-    fade : int
-        Number of frames over which the sequence rises from black and, at its end and before a cut, falls to black.
+        has as well. It has no ``k1``.
     tag_m : float
         Side of the black square of an AprilTag (family 36h11, number 7) on a board in front of the scene, metres; 0 for
         none.
@@ -207,25 +180,21 @@ class SynthOptions(EffectOptions):
     noise: float = 3.0
     motion_blur: float = 0.3
     exposure_change: float = 0.06
-    moving_objects: float = 0.0
     slow_start: int = 12
     lens: str = "pinhole"
-    flicker: float = 0.0
-    fade: int = 0
     tag_m: float = 0.0
     imu: bool = False
-    body_turn_deg_s: float = 30.0
 
     def __post_init__(self) -> None:
         self._check(_RENDERED_LIMITS)
         if self.cut >= self.frames:
             raise ValueError(f"cut is {self.cut}: it must be less than the number of frames, {self.frames}")
-        if self.imu and (self.cut or self.stabilized):
-            raise ValueError("imu is 1: it needs one path of the true camera, so leave cut and stabilized out")
+        if self.imu and self.cut:
+            raise ValueError("imu is 1: it needs one path of the camera, so leave cut out")
         if self.lens not in ("pinhole", *LENSES):
-            raise ValueError(f"lens is {self.lens!r}: use one of pinhole, {', '.join(LENSES)}")
-        if self.lens != "pinhole" and (self.k1 or self.stabilized):
-            raise ValueError(f"lens is {self.lens!r}: k1 and stabilized need lens=pinhole")
+            raise ValueError(f"lens is {self.lens!r}: use one of pinhole, {', '.join(LENSES)}; fisheye is the widest")
+        if self.lens != "pinhole" and self.k1:
+            raise ValueError(f"lens is {self.lens!r}: k1 needs lens=pinhole")
 
 
 def check_scene(name: str, seed: int, scenes: Sequence[str]) -> None:
@@ -236,3 +205,13 @@ def check_scene(name: str, seed: int, scenes: Sequence[str]) -> None:
         raise ValueError(f"unknown scene {name!r}: {hint}use one of {', '.join(scenes)}")
     if seed < 0:
         raise ValueError(f"seed is {seed}: it must not be negative")
+
+
+def stream(seed: int, purpose: bytes, name: str) -> np.random.Generator:
+    """Make a generator for one effect. The options of the effect then change neither the scene nor the noise."""
+    return np.random.default_rng((seed, *purpose, *name.encode()))
+
+
+def scenes_of(frames: int, cut: int) -> tuple[range, ...]:
+    """The frames before and after a cut; all frames if there is none, 0."""
+    return (range(cut), range(cut, frames)) if cut else (range(frames),)

@@ -117,23 +117,23 @@ def _pan(rng: np.random.Generator) -> PathFunction:
     return lambda s: _times(s, total)
 
 
-def _room(rng: np.random.Generator) -> Layout:
+def _room(rng: np.random.Generator, _: Handling) -> Layout:
     return Layout(_cloud(rng), _hand_position(rng), _hand_rotation(rng))
 
 
-def _wall(rng: np.random.Generator) -> Layout:
+def _wall(rng: np.random.Generator, _: Handling) -> Layout:
     normal = _unit(np.array([rng.uniform(-0.7, 0.7), rng.uniform(-0.7, 0.7), 1.0]))
     return Layout(_plane(normal, 2.0), _hand_position(rng), _hand_rotation(rng))
 
 
-def _nadir(rng: np.random.Generator) -> Layout:
+def _nadir(rng: np.random.Generator, _: Handling) -> Layout:
     """A straight level flight over flat ground; the camera looks straight down."""
     heading = rng.uniform(0, 2 * np.pi)
     position = _straight(np.array([np.cos(heading), np.sin(heading), 0.0]))
     return Layout(_plane(np.array([0.0, 0.0, 1.0]), 2.0), position, _no_motion)
 
 
-def _nadir_turn(rng: np.random.Generator) -> Layout:
+def _nadir_turn(rng: np.random.Generator, _: Handling) -> Layout:
     """A level flight over flat ground in a turn of 30 to 60 degrees; the camera turns with the direction of flight."""
     heading, turn = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(30, 60)) * rng.choice([-1.0, 1.0])
 
@@ -145,10 +145,10 @@ def _nadir_turn(rng: np.random.Generator) -> Layout:
     return Layout(_plane(np.array([0.0, 0.0, 1.0]), 2.0), position, rotation)
 
 
-def _tilted(tilt_deg: float) -> Callable[[np.random.Generator], Layout]:
+def _tilted(tilt_deg: float) -> Callable[[np.random.Generator, Handling], Layout]:
     """A straight level flight over flat ground; the camera is tilted from straight down, along or across the track."""
 
-    def draw(rng: np.random.Generator) -> Layout:
+    def draw(rng: np.random.Generator, _: Handling) -> Layout:
         heading = rng.uniform(0, 2 * np.pi)
         # The camera is tilted forward in half of the worlds, and to the left or right in the others.
         towards = heading + rng.choice([0.0, rng.choice([-0.5, 0.5]) * np.pi])
@@ -162,29 +162,29 @@ def _tilted(tilt_deg: float) -> Callable[[np.random.Generator], Layout]:
     return draw
 
 
-def _corridor(rng: np.random.Generator) -> Layout:
+def _corridor(rng: np.random.Generator, _: Handling) -> Layout:
     position = _straight(_unit(np.array([*(0.05 * rng.normal(size=2)), 1.0])))
     return Layout(_tunnel(rng), position, _hand_rotation(rng))
 
 
-def _desk(rng: np.random.Generator) -> Layout:
+def _desk(rng: np.random.Generator, _: Handling) -> Layout:
     # The camera looks down at 40 to 60 degrees. As y points down, the normal of the table leans towards +y.
     down = np.radians(rng.uniform(40, 60))
     plane = _plane(np.array([0.0, np.cos(down), np.sin(down)]), 1.5)
     return Layout(_with_objects_on_it(rng, plane), _hand_position(rng), _hand_rotation(rng))
 
 
-def _rotation_only(rng: np.random.Generator) -> Layout:
+def _rotation_only(rng: np.random.Generator, _: Handling) -> Layout:
     return Layout(_cloud(rng), _no_motion, _pan(rng))
 
 
-def _rotate_then_move(rng: np.random.Generator) -> Layout:
+def _rotate_then_move(rng: np.random.Generator, _: Handling) -> Layout:
     """The translation starts after 30 to 40 % of the views."""
     position, rotation, start = _hand_position(rng), _pan(rng), rng.uniform(0.3, 0.4)
     return Layout(_cloud(rng), lambda s: position(np.maximum(0.0, (s - start) / (1 - start))), rotation)
 
 
-def _static(rng: np.random.Generator) -> Layout:
+def _static(rng: np.random.Generator, _: Handling) -> Layout:
     return Layout(_cloud(rng), _no_motion, _no_motion, tremor=False)
 
 
@@ -222,8 +222,8 @@ def _steady_pan(rng: np.random.Generator, handling: Handling) -> Layout:
     return Layout(_cloud(rng), _no_motion, _straight(np.array([0.0, turn, 0.0])), tremor=False, in_depths=True)
 
 
-#: Scene name -> function that draws the scene from a random generator.
-LAYOUTS: dict[str, Callable[[np.random.Generator], Layout]] = {
+#: Scene name -> function that draws the scene from a random generator, and from how the camera is handled.
+LAYOUTS: dict[str, Callable[[np.random.Generator, Handling], Layout]] = {
     "room": _room,
     "wall": _wall,
     "nadir": _nadir,
@@ -236,10 +236,6 @@ LAYOUTS: dict[str, Callable[[np.random.Generator], Layout]] = {
     "tilted-15": _tilted(15.0),
     "tilted-30": _tilted(30.0),
     "tilted-45": _tilted(45.0),
-}
-
-#: The same for the scenes whose camera moves as the options of the handling say.
-HAND_LAYOUTS: dict[str, Callable[[np.random.Generator, Handling], Layout]] = {
     "handheld": _handheld,
     "handheld-wall": _handheld_wall,
     "pan": _steady_pan,

@@ -1,16 +1,195 @@
-"""The world of a sequence of tracks: points on the surfaces of a scene, moving objects, and the path of the camera."""
+"""The world of a sequence of tracks: points on the surfaces of a scene, bodies that move, and a camera on its path.
+
+The path is a continuous function of the time, since a rolling shutter sees each pixel at the time of its own row, and
+the row is that in which the pixel lies. The projection of a point is therefore a fixed point: of the row, to the time,
+to the pose, and to the projected row. The iteration contracts by the rows that the image moves in the time in which one
+row is read, at most a few tenths.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from sequences_synth.arrays import Floats, Ints
+from sequences_synth.arrays import Bools, Floats, Ints
 from sequences_synth.camera import PinholeCamera
 from sequences_synth.options import PointOptions
-from sequences_synth.point_scenes import HAND_LAYOUTS, LAYOUTS, Layout
-from sequences_synth.point_shot import Bodies, PointPath, Shot
+from sequences_synth.point_scenes import LAYOUTS, Layout
 from sequences_synth.shutter import Shutter
-from sequences_synth.trajectory import Handling
+from sequences_synth.trajectory import Handling, rotation_from_vector, rotations_from_vectors
+
+# Frequencies of the tremor, periods over the whole path: rotation, translation.
+_WAVES = np.array([[1.0, 1.3, 0.8], [1.1, 0.7, 1.4]])
+# The tremor of a steady hand: a third of a degree, and a hundredth of the path length.
+_SHAKE_RAD, _OFFSET = np.radians(0.3), 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class PointPath:
+    """The path of a camera. Its argument is the tick: the time in frame intervals, not necessarily whole."""
+
+    layout: Layout
+    #: Unit of the path in metres.
+    scale: float
+    #: Tick at which the path ends. Rows of the first and last frame lie a little outside.
+    last_tick: int
+    #: phases_rad, sizes: (2, 3) Tremor of rotation and translation.
+    phases_rad: Floats
+    sizes: Floats
+
+    def at_frame(self, tick: int) -> Floats:
+        """Compute the pose at a frame.
+
+        Shapes: returns (4, 4).
+        """
+        s = np.array(tick / self.last_tick)
+        shake, offset = self._tremor(s)
+        pose = np.eye(4)
+        pose[:3, :3] = rotation_from_vector(self.layout.rotation(s)) @ rotation_from_vector(shake)
+        pose[:3, 3] = self.scale * (self.layout.position(s) + offset * self._moves(np.array(tick)))
+        return pose
+
+    def at(self, ticks: Floats) -> Floats:
+        """Compute the poses at any times.
+
+        Shapes: ``ticks`` (N,), returns (N, 4, 4).
+        """
+        s = ticks / self.last_tick
+        shake, offset = self._tremor(s)
+        # The tremor of the position starts with the translation, from one frame to the next.
+        before = np.floor(ticks)
+        weight = ticks - before
+        moves = (1 - weight) * self._moves(before) + weight * self._moves(before + 1)
+        poses = np.tile(np.eye(4), (len(ticks), 1, 1))
+        rotations = rotations_from_vectors(self.layout.rotation(s))
+        poses[:, :3, :3] = rotations @ rotations_from_vectors(shake) if self.layout.tremor else rotations
+        poses[:, :3, 3] = self.scale * (self.layout.position(s) + offset * moves[:, None])
+        return poses
+
+    def _tremor(self, s: Floats) -> tuple[Floats, Floats]:
+        """Rotation vectors (..., 3) and offsets (..., 3) of the tremor, the latter in units of the path."""
+        if not self.layout.tremor:
+            return np.zeros((*np.shape(s), 3)), np.zeros((*np.shape(s), 3))
+        waves = self.sizes * np.sin(self.phases_rad + 2 * np.pi * s[..., None, None] * _WAVES)
+        return _SHAKE_RAD * waves[..., 0, :], _OFFSET * waves[..., 1, :]
+
+    def _moves(self, ticks: Floats) -> Floats:
+        """(...) 1 where the camera has left its start, else 0. A camera that does not translate has no such tremor."""
+        moves = bool(np.any(self.layout.position(np.array(1.0))))
+        gone = np.any(self.layout.position(ticks / self.last_tick), axis=-1)
+        return np.asarray(moves * (ticks > 0) * gone, float)
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """Rigid bodies that translate steadily and turn steadily about their own centres."""
+
+    #: (M,) Number of the body to which a track belongs, -1 where it belongs to none.
+    body_of_track: Ints
+    #: (B, 3) Translation from the first to the last tick of the path, metres.
+    shift: Floats
+    #: (B, 3) Rotation vector of the same time.
+    turn_rad: Floats
+    #: (B, 3) Centre of the turning at the first tick, metres.
+    centre: Floats
+
+    def displaced(self, points: Floats, progress: Floats | float) -> Floats:
+        """Move the points that lie on bodies.
+
+        Shapes: ``points`` (M, 3), ``progress`` (M,), returns (M, 3).
+        """
+        X = points.copy()
+        moving = np.flatnonzero(self.body_of_track >= 0)
+        body = self.body_of_track[moving]
+        s = np.asarray(progress)
+        share = s[moving, None] if s.ndim else s
+        if self.turn_rad.any():
+            around = X[moving] - self.centre[body]
+            turned = rotations_from_vectors(share * self.turn_rad[body]) @ around[..., None]
+            X[moving] = self.centre[body] + turned[..., 0]
+        X[moving] += share * self.shift[body]
+        return X
+
+
+# -- views -----------------------------------------------------------------------------------------
+
+
+# A point nearer than this share of the median depth is not visible: it would be out of focus.
+_NEAREST = 0.05
+# The iteration ends where no pixel moves by more than this. A point that does not converge is not visible: it would be
+# seen several times, or not at all.
+_CONVERGED_PX = 1e-9
+_ITERATIONS = 60
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """A camera on its path through a world of points."""
+
+    #: The true camera.
+    camera: PinholeCamera
+    shutter: Shutter
+    path: PointPath
+    bodies: Bodies
+    #: (M, 3) In the world frame at the first frame, metres.
+    points: Floats
+    #: Time from one tick to the next.
+    interval_s: float
+
+    def pixel_poses(self, tick: int, pixels: Floats) -> Floats:
+        """Compute the poses that the camera had when it exposed pixels.
+
+        Shapes: ``pixels`` (N, 2), returns (N, 4, 4).
+        """
+        return self.path.at(tick + self.shutter.delay_s(pixels) / self.interval_s)
+
+    def see(self, tick: int) -> tuple[Floats, Bools]:
+        """Project the points without noise.
+
+        Shapes: returns ``pixels`` (M, 2), returns ``visible`` (M,).
+
+        * Returns ``pixels``: Meaningless for points that are not visible.
+        """
+        pose = self.path.at_frame(tick)
+        X = (self.bodies.displaced(self.points, tick / self.path.last_tick) - pose[:3, 3]) @ pose[:3, :3]
+        pixels, ahead = self._project(X)
+        if self.shutter.readout_s > 0:
+            pixels, ahead = self._roll(tick, pixels, ahead)
+        return pixels, ahead & inside(self.camera, pixels)
+
+    def _roll(self, tick: int, exposed: Floats, ahead: Bools) -> tuple[Floats, Bools]:
+        """Pixels with the shutter, from those without it, and which are seen."""
+        size = np.array([self.camera.width, self.camera.height], float)
+        change = np.full(len(exposed), np.inf)
+        for _ in range(_ITERATIONS):
+            # A row outside of the image has no time of its own. The bound keeps the iteration finite there.
+            ticks = tick + self.shutter.delay_s(np.clip(exposed, -size, 2 * size)) / self.interval_s
+            before, poses = exposed, self.path.at(ticks)
+            X = self.bodies.displaced(self.points, ticks / self.path.last_tick) - poses[:, :3, 3]
+            exposed, ahead = self._project(np.asarray(np.einsum("ni,nij->nj", X, poses[:, :3, :3])))
+            change = np.abs(exposed - before).max(axis=1)
+            if not (change[ahead & inside(self.camera, exposed)] > _CONVERGED_PX).any():
+                break
+        return exposed, ahead & (change <= _CONVERGED_PX)
+
+    def _project(self, X: Floats) -> tuple[Floats, Bools]:
+        """Pixels of camera points, and which of these lie before the camera and within its lens."""
+        ahead = X[:, 2] > _NEAREST * np.median(np.abs(X[:, 2]))
+        X = np.column_stack([X[:, :2], np.where(ahead, X[:, 2], 1.0)])
+        if self.camera.k1 < 0:
+            ahead &= np.linalg.norm(X[:, :2], axis=1) < self.camera.largest_radius * X[:, 2]
+        return self.camera.project(X), ahead
+
+
+def inside(camera: PinholeCamera, pixels: Floats) -> Bools:
+    """Find the pixels (..., 2) that lie in the image of a camera."""
+    size = np.array([camera.width, camera.height], float)
+    return np.asarray(((pixels >= 0) & (pixels <= size - 1)).all(axis=-1))
+
+
+# -- the draw --------------------------------------------------------------------------------------
+
 
 # Number of tracks of a sequence over the number of visible points in a view: points leave the view and others enter.
 _TRACKS_BY_VISIBLE = 1.15
@@ -23,26 +202,22 @@ STATIC, MOVING, OUTLIER = 0, 1, 2
 def film(
     name: str,
     camera: PinholeCamera,
-    ticks: Ints,
+    views: int,
     options: PointOptions,
     rng: np.random.Generator,
     body_rng: np.random.Generator,
 ) -> tuple[Shot, Ints]:
     """Draw the world, the path and the bodies of a scene.
 
-    Shapes: ``ticks`` (V,), returns ``kinds`` (M,).
+    Shapes: returns ``kinds`` (M,).
     """
-    interval_s, last_tick = 1 / options.fps, int(ticks[-1])
-    if name in HAND_LAYOUTS:
-        handling = Handling(last_tick * interval_s, options.turning_deg_s, options.speed)
-        layout = HAND_LAYOUTS[name](rng, handling)
-    else:
-        layout = LAYOUTS[name](rng)
+    interval_s, last_tick = 1 / options.fps, views - 1
+    layout = LAYOUTS[name](rng, Handling(last_tick * interval_s, options.turning_deg_s, options.speed))
     depth = _median_depth(layout, camera, rng)
     scale = depth if layout.in_depths else options.baseline * depth
     phases, sizes = rng.uniform(0, 2 * np.pi, (2, 3)), rng.uniform(0.3, 1.0, (2, 3))
     path = PointPath(layout, scale, last_tick, phases, sizes)
-    poses = np.stack([path.at_frame(int(tick)) for tick in ticks])
+    poses = np.stack([path.at_frame(tick) for tick in range(views)])
     draw = _spread_points if layout.in_depths else _points
     points = draw(layout, poses, camera, options, rng)
     kinds, clusters = _kinds(points, options, rng)
@@ -54,8 +229,7 @@ def film(
     bodies = _bodies(points, clusters, reach, last_tick * interval_s, options, rng, body_rng)
     size = camera.width, camera.height
     shutter = Shutter(options.readout_ms / 1000, options.readout_direction, *size)
-    shot = Shot(camera, shutter, path, bodies, points, interval_s, options.exposure_ms / 1000, options.stabilized)
-    return shot, kinds
+    return Shot(camera, shutter, path, bodies, points, interval_s), kinds
 
 
 def _median_depth(layout: Layout, camera: PinholeCamera, rng: np.random.Generator) -> float:
@@ -95,7 +269,6 @@ def _spread_points(
     the probability 1 / n.
     """
     poses = poses[np.unique(np.linspace(0, len(poses) - 1, _SPREAD_VIEWS).round().astype(int))]
-    size = np.array([camera.width, camera.height], float)
     found, views_of, wanted = np.zeros((0, 3)), np.zeros(0), options.points * len(poses)
     while views_of.sum() < wanted:
         ends = _candidates(layout, poses, camera, 2 * options.points, rng)
@@ -104,7 +277,7 @@ def _spread_points(
             X = (ends - pose[:3, 3]) @ pose[:3, :3]
             ahead = X[:, 2] > 0
             pixels = camera.project(np.where(ahead[:, None], X, [0.0, 0.0, 1.0]))
-            seen += ahead & (pixels >= 0).all(axis=1) & (pixels <= size - 1).all(axis=1)
+            seen += ahead & inside(camera, pixels)
         taken = rng.random(len(ends)) * np.maximum(seen, 1) < 1
         found, views_of = np.concatenate([found, ends[taken]]), np.concatenate([views_of, seen[taken]])
     return found[: int(np.searchsorted(np.cumsum(views_of), wanted)) + 1]

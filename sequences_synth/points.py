@@ -2,9 +2,8 @@
 
 The scenes have the names of the rendered ones, and depth, planes and motion of the same kind, drawn from a seed. Tracks
 have Gaussian noise. Some tracks are outliers, and on request some lie on bodies that move on their own. On request the
-tracks of a view also have a smooth error in common (:mod:`sequences_synth.tracking_error`), and the camera has a
-rolling shutter (:mod:`sequences_synth.shutter`), a long exposure, wrong calibration, or electronic stabilization
-(:mod:`sequences_synth.stabilizer`). Frames may be dropped or repeated, and a cut may lead to another scene. Poses are
+tracks of a view also have a smooth error in common (:mod:`sequences_synth.tracking_error`), the camera has a rolling
+shutter (:mod:`sequences_synth.shutter`) or a wrong calibration, and a cut leads to another scene. Poses are
 ``world_from_cam`` of the middle row. The world frame is the pose at which the camera would start without the tremor of
 the hand; in the scenes ``handheld`` and ``handheld-wall`` it is the pose about which the hand turns the camera. The
 length of the path is given relative to the median depth of the scene ::
@@ -15,7 +14,7 @@ length of the path is given relative to the median depth of the scene ::
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,26 +22,19 @@ from numpy.typing import NDArray
 
 from sequences_synth.arrays import Bools, Floats, Ints
 from sequences_synth.camera import PinholeCamera, stated_camera
-from sequences_synth.options import PointOptions, check_scene
-from sequences_synth.point_scenes import HAND_LAYOUTS, LAYOUTS
-from sequences_synth.point_shot import Shot
-from sequences_synth.point_world import MOVING, OUTLIER, film
-from sequences_synth.schedule import Schedule, stream
+from sequences_synth.options import PointOptions, check_scene, scenes_of, stream
+from sequences_synth.point_scenes import LAYOUTS
+from sequences_synth.point_world import MOVING, OUTLIER, Shot, film, inside
 from sequences_synth.tracking_error import TrackingError
 
 #: Names of the scenes.
-POINT_SCENES: tuple[str, ...] = (*LAYOUTS, *HAND_LAYOUTS)
+POINT_SCENES: tuple[str, ...] = tuple(LAYOUTS)
 #: Scenes in which the camera never translates. In the scenes ``handheld`` and ``handheld-wall`` the camera does not
 #: translate either if the option ``speed`` is 0.
 SCENES_WITHOUT_TRANSLATION: tuple[str, ...] = ("rotation", "static", "pan")
 
 # A horizontal field of view of 70 degrees at 640x480: an ordinary wide lens.
 _WIDTH, _HEIGHT, _FOCAL_PX = 640, 480, 458.0
-# Standard deviation of a track along the blur of a long exposure, over the length of the blur. In rendered frames of
-# the scenes `handheld` and `pan` (80 deg/s, exposures of 10 to 30 ms) Lucas-Kanade tracks err along the blur by
-# 0.015 of its length from one frame to the next. Such errors add up: to 0.1 over 45 frames. The error here is
-# independent in each view, and has this size from the first view on; a tracker has less on its first frames.
-_BLUR = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,8 +68,6 @@ class PointSequence:
     body_of_track: Ints
     #: (M,) 0 for tracks before the cut, 1 for tracks after it.
     scene_of_track: Ints
-    #: Dropped and repeated frames, and the cut.
-    schedule: Schedule
     #: The true camera, path, shutter and bodies of each scene.
     shots: tuple[Shot, ...]
 
@@ -102,7 +92,7 @@ class PointSequence:
         """
         cam_from_world = np.linalg.inv(self.poses[index])
         z = self.points @ cam_from_world[2, :3] + cam_from_world[2, 3]
-        elsewhere = self.scene_of_track != self.schedule.shown(index)[0]
+        elsewhere = self.scene_of_track != self._shown(index)[0]
         return np.asarray(np.where(self.is_outlier | self.is_moving | elsewhere, np.nan, z))
 
     def pixel_poses(self, index: int, pixels: Floats) -> Floats:
@@ -110,11 +100,16 @@ class PointSequence:
 
         Shapes: ``pixels`` (N, 2), returns (N, 4, 4).
 
-        * Returns: Poses world_from_cam, of the virtual camera in a stabilized view. With a global shutter all are the
-          pose of the view.
+        * Returns: Poses world_from_cam. With a global shutter all are the pose of the view.
         """
-        scene, tick = self.schedule.shown(index)
+        scene, tick = self._shown(index)
         return self.shots[scene].pixel_poses(tick, pixels)
+
+    def _shown(self, index: int) -> tuple[int, int]:
+        """The number of the scene that a view shows, and the position of the view in it."""
+        view = range(len(self))[index]
+        scene = int(0 < self.options.cut <= view)
+        return scene, view - scene * self.options.cut
 
 
 def make_points(name: str, seed: int = 0, options: PointOptions | None = None) -> PointSequence:
@@ -141,91 +136,67 @@ def make_points(name: str, seed: int = 0, options: PointOptions | None = None) -
     options = options or PointOptions()
     centre = (_WIDTH - 1) / 2, (_HEIGHT - 1) / 2
     true_camera = PinholeCamera(_WIDTH, _HEIGHT, _FOCAL_PX, _FOCAL_PX, *centre, k1=options.k1)
-    error = TrackingError.draw(
-        stream(seed, b"tracking error ", name), options.views, _WIDTH, _HEIGHT, options.field_px, options.drift_px
-    )
-    schedule = Schedule.draw(stream(seed, b"schedule ", name), options.views, options)
+    error_rng = stream(seed, b"tracking error ", name)
+    error = TrackingError.draw(error_rng, options.views, _WIDTH, _HEIGHT, options.field_px, options.drift_px)
     scenes = []
-    for number, frames in enumerate(schedule.scenes):
-        rng, body_rng, blur_rng = (
-            stream(seed, number * b"after the cut " + purpose, name) for purpose in (b"", b"bodies ", b"blur ")
-        )
-        ticks = schedule.ticks[frames] - schedule.ticks[frames.start]
-        shot, kinds = film(name, true_camera, ticks, options, rng, body_rng)
-        pixels, visible = _measure(shot, kinds, ticks, frames.start, error, options, rng, blur_rng)
-        scenes.append(_Scene(shot, kinds, np.stack([shot.pose(int(tick)) for tick in ticks]), pixels, visible))
+    for number, views in enumerate(scenes_of(options.views, options.cut)):
+        rng, body_rng = (stream(seed, number * b"after the cut " + purpose, name) for purpose in (b"", b"bodies "))
+        shot, kinds = film(name, true_camera, len(views), options, rng, body_rng)
+        pixels, visible = _measure(shot, kinds, views, error, options, rng)
+        scenes.append(_Scene(shot, kinds, pixels, visible))
     counts = [len(scene.kinds) for scene in scenes]
-    kinds, content = np.concatenate([scene.kinds for scene in scenes]), schedule.content
+    kinds = np.concatenate([scene.kinds for scene in scenes])
+    shots, camera_rng = tuple(scene.shot for scene in scenes), stream(seed, b"principal point ", name)
     return PointSequence(
         name=name,
         seed=seed,
         options=options,
-        camera=stated_camera(
-            true_camera, options.focal_error, options.principal_error, stream(seed, b"principal point ", name)
-        ),
+        camera=stated_camera(true_camera, options.focal_error, options.principal_error, camera_rng),
         true_camera=true_camera,
-        poses=np.concatenate([scene.poses for scene in scenes])[content],
-        timestamps_s=np.asarray(1 / options.fps * schedule.ticks, float),
-        points=np.concatenate([scene.shot.points for scene in scenes]),
+        poses=np.stack([one.shot.path.at_frame(view) for one in scenes for view in range(len(one.pixels))]),
+        timestamps_s=np.asarray(1 / options.fps * np.arange(options.views), float),
+        points=np.concatenate([shot.points for shot in shots]),
         is_outlier=kinds == OUTLIER,
         is_moving=kinds == MOVING,
-        pixels=_block_diagonal([scene.pixels for scene in scenes], np.nan)[content],
-        visible=_block_diagonal([scene.visible for scene in scenes], False)[content],
-        tracking_error=replace(error, coefficients_px=error.coefficients_px[content]),
-        body_of_track=np.concatenate([scene.shot.bodies.body_of_track for scene in scenes]),
+        pixels=_block_diagonal([scene.pixels for scene in scenes], np.nan),
+        visible=_block_diagonal([scene.visible for scene in scenes], False),
+        tracking_error=error,
+        body_of_track=np.concatenate([shot.bodies.body_of_track for shot in shots]),
         scene_of_track=np.repeat(np.arange(len(counts)), counts),
-        schedule=schedule,
-        shots=tuple(scene.shot for scene in scenes),
+        shots=shots,
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _Scene:
-    """The tracks of one scene: kinds (M,), true poses (V, 4, 4), measured pixels (V, M, 2), visible (V, M)."""
+    """The tracks of one scene: kinds (M,), measured pixels (V, M, 2), visible (V, M)."""
 
     shot: Shot
     kinds: Ints
-    poses: Floats
     pixels: Floats
     visible: Bools
 
 
 def _block_diagonal(blocks: list[NDArray[Any]], fill: float | bool) -> NDArray[Any]:
     """Blocks (V_k, M_k, ...) as one array (sum of V_k, sum of M_k, ...)."""
-    if len(blocks) == 1:
-        return blocks[0]
-    rows, columns = (sum(block.shape[axis] for block in blocks) for axis in (0, 1))
-    whole = np.full((rows, columns, *blocks[0].shape[2:]), fill, blocks[0].dtype)
-    row = column = 0
-    for block in blocks:
-        whole[row : row + block.shape[0], column : column + block.shape[1]] = block
-        row, column = row + block.shape[0], column + block.shape[1]
+    rows, columns = (np.cumsum([0, *(block.shape[axis] for block in blocks)]) for axis in (0, 1))
+    whole = np.full((rows[-1], columns[-1], *blocks[0].shape[2:]), fill, blocks[0].dtype)
+    for k, block in enumerate(blocks):
+        whole[rows[k] : rows[k + 1], columns[k] : columns[k + 1]] = block
     return whole
 
 
 def _measure(
-    shot: Shot,
-    kinds: Ints,
-    ticks: Ints,
-    first_view: int,
-    error: TrackingError,
-    options: PointOptions,
-    rng: np.random.Generator,
-    blur_rng: np.random.Generator,
+    shot: Shot, kinds: Ints, views: range, error: TrackingError, options: PointOptions, rng: np.random.Generator
 ) -> tuple[Floats, Bools]:
     """Measured pixels (V, M, 2), and which tracks each view sees (V, M)."""
     size = np.array([shot.camera.width, shot.camera.height], float)
-    pixels = np.empty((len(ticks), len(kinds), 2))
+    pixels = np.empty((len(views), len(kinds), 2))
     visible = np.empty(pixels.shape[:2], bool)
-    for view, tick in enumerate(ticks.tolist()):
-        truth = shot.see(tick)
-        true = truth.pixels
-        measured = true + options.noise_px * rng.normal(size=true.shape) + error.at(first_view + view, true)
-        if options.exposure_ms > 0:
-            # Across the motion the noise is that of a sharp image. The normal draw along the motion is a scalar.
-            measured = measured + _BLUR * truth.smear_px * blur_rng.normal(size=(len(true), 1))
+    for tick, view in enumerate(views):
+        true, seen = shot.see(tick)
+        measured = true + options.noise_px * rng.normal(size=true.shape) + error.at(view, true)
         anywhere = rng.uniform(0, size - 1, measured.shape)
-        pixels[view] = np.where((kinds == OUTLIER)[:, None], anywhere, measured)
-        inside = ((pixels[view] >= 0) & (pixels[view] <= size - 1)).all(axis=1)
-        visible[view] = truth.visible & inside
+        pixels[tick] = np.where((kinds == OUTLIER)[:, None], anywhere, measured)
+        visible[tick] = seen & inside(shot.camera, pixels[tick])
     return pixels, visible

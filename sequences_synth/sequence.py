@@ -4,27 +4,126 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from sequences_synth.arrays import Bools, Floats, Floats32, Image
-from sequences_synth.camera import LensCamera, PinholeCamera, lens_camera, stated_camera
+from sequences_synth.arrays import Floats, Floats32, Image
+from sequences_synth.camera import AnyCamera, LensCamera, PinholeCamera, all_sights, lens_camera, stated_camera
 from sequences_synth.inertial import InertialSamples, measure
-from sequences_synth.noise import expose
-from sequences_synth.options import SynthOptions, check_scene
-from sequences_synth.scene import SCENES, World, build_world
-from sequences_synth.schedule import Schedule, stream
-from sequences_synth.sensor import Sensor
+from sequences_synth.noise import blur_along, expose
+from sequences_synth.options import SynthOptions, check_scene, scenes_of, stream
+from sequences_synth.render import View, render, render_lines
+from sequences_synth.scenes import SCENES, World, build_world
 from sequences_synth.shutter import Shutter
 
 # Focal length over image width: 525 px at 640, as of a usual hand-held RGB-D camera. The horizontal field of view is
 # 63 degrees.
 _FOCAL_BY_WIDTH = 525.0 / 640.0
-# Lamps flicker at twice the frequency of the mains, 50 or 60 Hz.
-_LAMPS_HZ = (100.0, 120.0)
 # Rate of an inertial sensor, and the time that it is on before the first and after the last frame.
 _INERTIAL_HZ, _MARGIN_S = 200.0, 0.1
+# The flow of the motion blur is smooth away from silhouettes. It is computed on every fourth pixel of each row and
+# column.
+_FLOW_STEP = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Sensor:
+    """A camera on its path through a world: one frame with its rolling shutter, lens and motion blur."""
+
+    #: The true camera.
+    camera: AnyCamera
+    shutter: Shutter
+    #: Frames per second.
+    fps: float
+    #: Exposure as a fraction of the frame interval: the image is blurred along its flow.
+    motion_blur: float
+    world: World
+
+    def pose(self, frame: float) -> Floats:
+        """Compute the true pose at a frame.
+
+        Shapes: returns (4, 4).
+        """
+        return self.world.path.world_from_cam(frame)
+
+    def view(self, frame: int) -> View:
+        """Render a sharp frame.
+
+        * Returns: With a lens camera its inverse depth is the inverse distance along the ray.
+        """
+        camera = self.camera
+        # One homography for each surface is enough with a global shutter and without distortion.
+        if isinstance(camera, PinholeCamera) and self.shutter.readout_s == 0.0 and camera.k1 == 0.0:
+            cam_from_world = np.asarray(np.linalg.inv(self.pose(frame)), float)
+            return render(self.world.quads, camera.K, cam_from_world, camera.width, camera.height)
+        frames_of = partial(self._frames_of, frame)
+        return render_lines(self.world.quads, camera, self.shutter.by_columns, frames_of, self.pose)
+
+    def expose(self, frame: int) -> View:
+        """Render a frame with its motion blur; depth and ids are those of the middle of the exposure."""
+        view = self.view(frame)
+        if self.motion_blur == 0:
+            return view
+        return replace(view, image=blur_along(view.image, self._half_flow(frame, view)))
+
+    def pixel_poses(self, frame: int, pixels: Floats) -> Floats:
+        """Compute the poses world_from_cam that the camera had when it exposed pixels, metres.
+
+        Shapes: ``pixels`` (N, 2), returns (N, 4, 4).
+        """
+        return np.stack([self.pose(float(f)) for f in frame + self.fps * self.shutter.delay_s(pixels)])
+
+    def depth(self, view: View) -> Floats32:
+        """Compute the depths of a view.
+
+        Shapes: returns (H, W).
+
+        * Returns: Along the optical axis (z) in metres; 0 where there is no surface, or a surface behind the image
+          plane.
+        """
+        hit = view.inverse_depth > 0
+        depth = np.divide(1, view.inverse_depth, out=np.zeros_like(view.inverse_depth), where=hit)
+        if isinstance(self.camera, LensCamera):
+            depth = np.asarray(depth * np.maximum(all_sights(self.camera, 1)[2], 0.0), np.float32)
+        return depth
+
+    def _frames_of(self, frame: float, lines: Floats) -> Floats:
+        """Frame numbers at which rows (or columns) are exposed."""
+        return frame + self.fps * self.shutter.line_delay_s(lines)
+
+    def _half_flow(self, frame: int, view: View) -> Floats32:
+        """(H, W, 2): motion of each pixel from the middle of the exposure to its end, with the pose of its line."""
+        import cv2
+
+        half, along = 0.5 * self.motion_blur, 0 if self.shutter.by_columns else 1
+        nodes = slice(_FLOW_STEP // 2, None, _FLOW_STEP)
+        height, width = view.inverse_depth.shape
+        x, y = np.meshgrid(np.arange(width, dtype=float)[nodes], np.arange(height, dtype=float)[nodes])
+        inverse_depth = view.inverse_depth[nodes, nodes].astype(float)[..., None]
+        frames, lines = np.unique(self._frames_of(frame, x[0] if along == 0 else y[:, 0]), return_inverse=True)
+        now, later = (
+            np.expand_dims(np.stack([self.pose(float(f + shift)) for f in frames])[lines], along)
+            for shift in (0.0, half)
+        )
+        pixels = np.stack([x, y], axis=-1)
+        rays = self.camera.rays(pixels)
+        # Homogeneous world points (ray + centre / z, 1 / z), so that a pixel without surface is infinitely far away.
+        X = np.concatenate([_turn(now[..., :3, :3], rays), np.zeros_like(inverse_depth)], axis=-1)
+        X += inverse_depth * now[..., :, 3]
+        cam = np.asarray(np.linalg.inv(later), float)
+        moved = _turn(cam[..., :3, :3], X[..., :3]) + X[..., 3:] * cam[..., :3, 3]
+        if isinstance(self.camera, PinholeCamera):
+            moved[..., 2] = np.maximum(moved[..., 2], 1e-3)
+        # A pixel outside of the field of view does not move.
+        flow = np.nan_to_num(self.camera.project(moved) - pixels).astype(np.float32)
+        return np.asarray(cv2.resize(flow, (width, height), interpolation=cv2.INTER_LINEAR), np.float32)
+
+
+def _turn(R: Floats, X: Floats) -> Floats:
+    """Rotations (..., 3, 3) times vectors (..., 3)."""
+    return np.asarray((R @ X[..., None])[..., 0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,14 +139,10 @@ class SynthSequence:
         The stated camera, which has the errors of the options and no distortion besides that of the lens.
     true_camera : PinholeCamera or LensCamera
         The camera by which the images are rendered.
-    world : World
-        That of the first scene.
     poses : (N, 4, 4) float
         world_from_cam at the middle row and the middle of each exposure, metres. After a cut the world is another one.
     timestamps_s : (N,) float
         Time of the middle row.
-    schedule : Schedule
-        Dropped and repeated frames, and the cut.
     sensors : tuple of Sensor
         The true camera, path, shutter and world of each scene.
     """
@@ -55,12 +150,10 @@ class SynthSequence:
     name: str
     seed: int
     options: SynthOptions
-    camera: PinholeCamera | LensCamera
-    true_camera: PinholeCamera | LensCamera
-    world: World
+    camera: AnyCamera
+    true_camera: AnyCamera
     poses: Floats
     timestamps_s: Floats
-    schedule: Schedule
     sensors: tuple[Sensor, ...]
 
     def __len__(self) -> int:
@@ -88,11 +181,10 @@ class SynthSequence:
         """
         sensor, frame = self._sensor(index)
         view = sensor.expose(frame)
-        # A repeated frame is the same image. The generator is seeded for this frame, so that the frame does not depend
-        # on those rendered before.
-        shown = int(self.schedule.content[index])
-        rng = np.random.default_rng([self.seed, shown, 1])
-        image = expose(view.image, self._gain(shown), self.options.noise, rng)
+        # The generator is seeded for this frame, so that the frame does not depend on those rendered before.
+        phase, rate = self.sensors[0].world.exposure_phase
+        gain = 1.0 + self.options.exposure_change * math.sin(phase + rate * index)
+        image = expose(view.image, gain, self.options.noise, np.random.default_rng([self.seed, index, 1]))
         return image, sensor.depth(view)
 
     def frames(self, start: int = 0, stop: int | None = None) -> Iterator[tuple[int, float, Image, Floats32, Floats]]:
@@ -118,28 +210,6 @@ class SynthSequence:
             image, depth = self.render(index)
             yield index, float(self.timestamps_s[index]), image, depth, self.poses[index]
 
-    def moving_mask(self, index: int) -> Bools:
-        """Find the pixels of moving objects in one frame.
-
-        Parameters
-        ----------
-        index : int
-            Position of the frame, from 0.
-
-        Returns
-        -------
-        (H, W) bool
-            True on objects that move on their own.
-
-        Raises
-        ------
-        IndexError
-            If the sequence has no such frame.
-        """
-        sensor, frame = self._sensor(index)
-        moves = np.array([quad.moves for quad in sensor.quads] + [False])
-        return np.asarray(moves[sensor.view(frame).ids])
-
     def pixel_poses(self, index: int, pixels: Floats) -> Floats:
         """Compute the poses that the camera had when it exposed pixels of one frame.
 
@@ -152,8 +222,7 @@ class SynthSequence:
         Returns
         -------
         (N, 4, 4) float
-            Poses world_from_cam, of the virtual camera in a stabilized frame. With a global shutter all are the pose of
-            the frame.
+            Poses world_from_cam. With a global shutter all are the pose of the frame.
 
         Raises
         ------
@@ -173,7 +242,7 @@ class SynthSequence:
         """
         if not self.options.imu:
             return None
-        path, fps = self.sensors[0].path, self.options.fps
+        path, fps = self.sensors[0].world.path, self.options.fps
         last_s = float(self.timestamps_s[-1]) + _MARGIN_S
         times_s = np.arange(-_MARGIN_S, last_s, 1 / _INERTIAL_HZ)
         rng = stream(self.seed, b"inertial sensor ", self.name)
@@ -183,31 +252,8 @@ class SynthSequence:
         """The sensor of a frame, and the frame number on its path."""
         if not 0 <= index < len(self):
             raise IndexError(f"frame {index} of a sequence of {len(self)} frames")
-        scene, tick = self.schedule.shown(index)
-        return self.sensors[scene], tick
-
-    def _gain(self, index: int) -> float | Floats:
-        """Factor on the light of one frame; of each of its lines where the flicker of lamps makes bands."""
-        phase, rate = self.world.exposure_phase
-        gain = 1.0 + self.options.exposure_change * math.sin(phase + rate * index)
-        if self.options.fade:
-            gain *= self._faded(index)
-        if not self.options.flicker:
-            return gain
-        shutter, fps = self.sensors[0].shutter, self.options.fps
-
-        def change(hertz: float) -> float:
-            return abs(hertz / fps - round(hertz / fps))
-
-        lamp_hz = max(_LAMPS_HZ, key=change)
-        times_s = self.timestamps_s[index] + shutter.line_delay_s(np.arange(shutter.lines, dtype=float))
-        light = 1.0 + self.options.flicker * np.sin(phase + 2 * np.pi * lamp_hz * times_s)
-        return np.asarray(gain * (light[None, :] if shutter.by_columns else light[:, None]))
-
-    def _faded(self, index: int) -> float:
-        """Light of a frame between black, 0, and full, 1."""
-        frames = next(f for f in self.schedule.scenes if f.start <= index < f.stop)
-        return float(min(1.0, (min(index - frames.start, frames.stop - 1 - index) + 1) / (self.options.fade + 1)))
+        scene = int(0 < self.options.cut <= index)
+        return self.sensors[scene], index - scene * self.options.cut
 
 
 def make_sequence(name: str, seed: int = 0, options: SynthOptions | None = None) -> SynthSequence:
@@ -236,39 +282,21 @@ def make_sequence(name: str, seed: int = 0, options: SynthOptions | None = None)
     focal = _FOCAL_BY_WIDTH * width
     pinhole = PinholeCamera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2, options.k1)
     true_camera = pinhole if options.lens == "pinhole" else lens_camera(options.lens, width, height)
-    schedule = Schedule.draw(stream(seed, b"schedule ", name), options.frames, options)
-    worlds = []
-    for number in range(len(schedule.scenes)):
+    shutter = Shutter(options.readout_ms / 1000, options.readout_direction, width, height)
+    sensors, poses = [], []
+    for number, frames in enumerate(scenes_of(options.frames, options.cut)):
         entropy = (seed, *number * b"after the cut ", *name.encode())
-        worlds.append(build_world(name, entropy, pinhole.K, options))
-    sensors = tuple(_sensor(true_camera, world, options) for world in worlds)
-    poses = []
-    for sensor, frames in zip(sensors, schedule.scenes, strict=True):
-        poses += [sensor.pose(int(tick - schedule.ticks[frames.start])) for tick in schedule.ticks[frames]]
+        world = build_world(name, entropy, pinhole.K, options)
+        sensors.append(Sensor(true_camera, shutter, options.fps, options.motion_blur, world))
+        poses += [sensors[-1].pose(frame) for frame in range(len(frames))]
+    rng = stream(seed, b"principal point ", name)
     return SynthSequence(
         name=name,
         seed=seed,
         options=options,
-        camera=stated_camera(
-            true_camera, options.focal_error, options.principal_error, stream(seed, b"principal point ", name)
-        ),
+        camera=stated_camera(true_camera, options.focal_error, options.principal_error, rng),
         true_camera=true_camera,
-        world=worlds[0],
-        poses=np.stack(poses)[schedule.content],
-        timestamps_s=schedule.ticks / options.fps,
-        schedule=schedule,
-        sensors=sensors,
-    )
-
-
-def _sensor(camera: PinholeCamera | LensCamera, world: World, options: SynthOptions) -> Sensor:
-    return Sensor(
-        camera=camera,
-        shutter=Shutter(options.readout_ms / 1000, options.readout_direction, camera.width, camera.height),
-        fps=options.fps,
-        motion_blur=options.motion_blur,
-        exposure_s=options.exposure_ms / 1000,
-        stabilized=options.stabilized,
-        quads=world.quads,
-        path=world.path,
+        poses=np.stack(poses),
+        timestamps_s=np.arange(options.frames) / options.fps,
+        sensors=tuple(sensors),
     )

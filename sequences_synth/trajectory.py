@@ -96,7 +96,7 @@ class Path:
     #: Progress of the translation -> camera centre (3,) in the world, metres.
     centre: Callable[[float], Floats]
     #: Progress of the rotation -> yaw, pitch, roll in radians, see :func:`orientation`.
-    angles: Callable[[float], tuple[float, float, float]]
+    angles: Callable[[float], Floats]
     #: See :func:`progress`.
     slow_start: float
     #: Frame at which the translation starts.

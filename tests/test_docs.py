@@ -80,7 +80,7 @@ def test_the_tutorials_run(page, tmp_path, monkeypatch):
 def test_a_tutorial_names_an_extra_before_the_step_that_needs_it():
     extras = {
         re.match(r"[\w-]+", requirement)[0]: extra
-        for extra in ("colmap", "ros", "poselib", "superansac", "dask")
+        for extra in ("colmap", "ros", "poselib", "dask")
         for requirement in PROJECT["project"]["optional-dependencies"][extra]
     }
     for page in TUTORIALS:

@@ -23,13 +23,9 @@ from slam_init.compare.trial_table import TrialTable
 from slam_init.compare.trials import Settings
 from slam_init.datasets.points import POINTS
 from slam_init.errors import ConfigError, SourceError
-from slam_init.methods.external_command import is_external
-from slam_init.methods.registry import method_info
 from slam_init.output.names import DIGESTS, SHEET_FILES
 
 _JSON, _MARKDOWN = SHEET_FILES
-#: In the description of a method whose library has no seed.
-_NOT_REPEATABLE = "not deterministic"
 
 
 @dataclass(frozen=True)
@@ -72,9 +68,6 @@ def run_bench(
         ),
     )
     notes += not_applicable_lines(plan)
-    for method in run.methods:
-        if not is_external(method) and _NOT_REPEATABLE in method_info(method).summary:
-            notes.append(f"{method} is not deterministic: its figures differ from run to run")
     made: list[Sheet] = []
 
     def _texts(table: TrialTable, plan: Plan, digests: Digests) -> Mapping[str, str]:

@@ -261,7 +261,7 @@ def _row(table: TrialTable, run: Run, method: str, not_applicable: int) -> Row:
     expected = trials.select(trials["reason_expected"])
     figures, reliability = figures_of(trials), reliability_of(trials)
     info = method_info(method)
-    about = "an external program" if is_external(method) else f"{info.summary} ({info.source})"
+    about = "an external program" if is_external(method) else info.summary
     return Row(
         method=method,
         label=method_label(method),

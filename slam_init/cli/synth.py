@@ -5,18 +5,19 @@ from __future__ import annotations
 import argparse
 
 from slam_init.cli.parser import DONE, Commands, at_least
+from slam_init.errors import ConfigError
 from slam_init.system.process_io import tell
 
 
 def add_synth(commands: Commands) -> None:
     """Add the command."""
     synth = commands.add_parser("synth", help="write a synthetic sequence", allow_abbrev=False)
-    synth.description = (
-        "Render a synthetic sequence into a folder in the layout of TUM RGB-D; with imu=1 in that of EuRoC."
-    )
+    synth.description = "Render a synthetic sequence into a folder in the layout of TUM RGB-D."
     synth.set_defaults(command=_synth)
     synth.add_argument(
-        "scene", metavar="NAME", help="room, wall, desk, ..., or with options 'room?lens=omni'; a wrong name lists all"
+        "scene",
+        metavar="NAME",
+        help="room, wall, desk, ..., or with options 'room?lens=fisheye'; a wrong name lists all",
     )
     synth.add_argument("--out", metavar="DIR", required=True, help="a new or empty folder, or one of an earlier synth")
     synth.add_argument("--seed", type=int, default=0, metavar="N", help="of the world (default: 0)")
@@ -33,11 +34,13 @@ def _synth(arguments: argparse.Namespace) -> int:
 
     from tqdm import tqdm
 
-    from sequences_synth import SynthOptions, write_euroc, write_tum
+    from sequences_synth import SynthOptions, write_tum
     from slam_init.datasets.synth import make_synth, option_values
 
     name, _, query = arguments.scene.partition("?")
     values = option_values(arguments.scene, query, SynthOptions())
+    if values.get("imu"):
+        raise ConfigError("a written sequence has no inertial sensor: use slam-init run 'synth:NAME?imu=1' --scale imu")
     if arguments.frames is not None:
         values["frames"] = arguments.frames
     sequence = make_synth(name, arguments.seed, values)
@@ -49,8 +52,7 @@ def _synth(arguments: argparse.Namespace) -> int:
 
         with OutputFolder(out, "synth") as folder:
             try:
-                write = write_euroc if sequence.options.imu else write_tum
-                write(sequence, folder.staging, progress=advance)
+                write_tum(sequence, folder.staging, progress=advance)
             except OSError as error:
                 raise output_error(out, error) from error
             folder.publish()

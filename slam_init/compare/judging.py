@@ -88,8 +88,8 @@ _SCENES = {
 #: What options of a synthetic scene make difficult, by a word in the name of its group.
 EFFECTS = {
     "rolling": ("readout_ms",),
-    "moving": ("moving", "moving_objects"),
-    "blur": ("exposure_ms", "motion_blur", "flicker", "fade"),
+    "moving": ("moving",),
+    "blur": ("motion_blur",),
     "calibration": ("focal_error", "principal_error", "k1"),
 }
 #: The same word for a camera that only turns, in scenes whose camera translates by the option ``speed`` alone.

@@ -29,7 +29,6 @@ import os
 import shutil
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -45,7 +44,7 @@ from slam_init.recording.recorder import Recorder
 from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap, Keyframe
-from slam_init.types.pose import Pose
+from slam_init.types.pose import Pose, Trajectory
 from slam_init.types.reasons import REASONS, Verdict
 from slam_init.types.result import Result
 from slam_init.types.status import Status, frame_of
@@ -56,7 +55,6 @@ if TYPE_CHECKING:
     from slam_init.config import Config
     from slam_init.types.arrays import Image
     from slam_init.types.camera import Camera
-    from slam_init.types.pose import Trajectory
 
 _TRAJECTORY, _FRAMES_READ, _REASON = "trajectory.txt", "frames_read.txt", "reason.txt"
 #: Length of a number or of a reason.
@@ -65,16 +63,6 @@ _MAX_WORD_BYTES = 200
 _MAX_LINE = 300
 #: Zlib level 1: higher levels take five times as long for a tenth of the size.
 _PNG_COMPRESSION = 1
-
-
-@dataclass(frozen=True)
-class _Given:
-    """A frame that the program gets."""
-
-    index: int
-    timestamp_s: float
-    name: str
-    file: str
 
 
 class ExternalInitializer:
@@ -110,12 +98,22 @@ class ExternalInitializer:
         self.stopwatch = Stopwatch()
         self.map: InitialMap | None = None
         self.status = Status()
-        self.frames_read = 0
         self.program: ProgramRun | None = None
         self._scratch = scratch
         self._folder: Path | None = None
-        self._given: list[_Given] = []
-        self._result: Result | None = None
+        # The frames that the program gets.
+        self._given: list[Observations] = []
+        self._finished: Result | None = None
+
+    @property
+    def frames_read(self) -> int:
+        """Number of frames that the program gets."""
+        return len(self._given)
+
+    @property
+    def result(self) -> Result:
+        """Result up to now: before :meth:`finish`, that there is no map yet."""
+        return self._finished or self._result(Verdict.TOO_FEW_FRAMES)
 
     def process(self, image: Image | Frame, timestamp_s: float | None = None) -> Status:
         """Write the next frame to the folder of the program.
@@ -124,13 +122,14 @@ class ExternalInitializer:
 
         * Returns: Without a map. Frames beyond the limit of the configuration are not taken.
         """
-        if self._result is not None or self.frames_read >= self._limits.max_frames:
+        if self._finished is not None or self.frames_read >= self._limits.max_frames:
             return self.status
-        frame = frame_of(image, timestamp_s, self._given[-1].index + 1 if self._given else 0, self.camera)
-        self.recorder.frame(frame, _without_tracks(frame.index, frame.timestamp_s, frame.name))
+        frame = frame_of(image, timestamp_s, self._given[-1].frame + 1 if self._given else 0, self.camera)
+        given = _without_tracks(frame.index, frame.timestamp_s, frame.name)
+        self.recorder.frame(frame, given)
         with self.stopwatch("write"):
-            self._write(frame)
-        self.frames_read += 1
+            self._write(frame.image)
+        self._given.append(given)
         return self.status
 
     def process_tracks(self, current: Observations, *, revised: Sequence[Observations] = ()) -> Status:
@@ -143,14 +142,9 @@ class ExternalInitializer:
 
     def finish(self) -> Result:
         """Run the program, and read its trajectory."""
-        if self._result is None:
-            self._result = self._run() if self.frames_read > 1 else self._without_map(Verdict.TOO_FEW_FRAMES)
-        return self._result
-
-    @property
-    def result(self) -> Result:
-        """Result up to now: before :meth:`finish`, that there is no map yet."""
-        return self._result or self._without_map(Verdict.TOO_FEW_FRAMES)
+        if self._finished is None:
+            self._finished = self._run() if self.frames_read > 1 else self.result
+        return self._finished
 
     def close(self) -> None:
         """Remove the folder of the program, if the program was not run."""
@@ -161,7 +155,7 @@ class ExternalInitializer:
     def __del__(self) -> None:
         self.close()
 
-    def _write(self, frame: Frame) -> None:
+    def _write(self, image: Image) -> None:
         import cv2
 
         try:
@@ -169,76 +163,52 @@ class ExternalInitializer:
                 self._folder = Path(tempfile.mkdtemp(prefix="slam-init-external-", dir=self._scratch))
                 for name in ("images", "out"):
                     (self._folder / name).mkdir()
-            file = f"{len(self._given):06d}.png"
-            _, encoded = cv2.imencode(".png", frame.image, [cv2.IMWRITE_PNG_COMPRESSION, _PNG_COMPRESSION])
-            (self._folder / "images" / file).write_bytes(encoded.tobytes())
+            _, encoded = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, _PNG_COMPRESSION])
+            (self._folder / "images" / _file(self.frames_read)).write_bytes(encoded.tobytes())
         except OSError as error:
-            raise OutputError(
-                f"cannot write the frames for {self._command.label} ({error.strerror}): make room, or set TMPDIR"
-            ) from None
-        self._given.append(_Given(frame.index, frame.timestamp_s, frame.name, file))
+            raise self._no_room(error) from None
+
+    def _no_room(self, error: OSError) -> OutputError:
+        label = self._command.label
+        return OutputError(f"cannot write the frames for {label} ({error.strerror}): make room, or set TMPDIR")
 
     def _run(self) -> Result:
         assert self._folder is not None
+        names = {"images": "images", "times": "times.txt", "camera": "camera.yaml", "out": "out"}
+        values = {key: str(self._folder / name) for key, name in names.items()} | {"count": str(self.frames_read)}
+        lines = [f"{given.timestamp_s:.9f} {_file(i)}\n" for i, given in enumerate(self._given)]
         try:
-            self._write_lists(self._folder)
-            values = {
-                "images": str(self._folder / "images"),
-                "times": str(self._folder / "times.txt"),
-                "camera": str(self._folder / "camera.yaml"),
-                "out": str(self._folder / "out"),
-                "count": str(len(self._given)),
-            }
+            Path(values["times"]).write_text("".join(lines), encoding="ascii")
+            Path(values["camera"]).write_text(camera_yaml(self.camera), encoding="ascii")
+            words, limits = self._command.filled(values), self._limits
             with self.stopwatch("program"):
-                self.program = run_program(
-                    self._command.filled(values), self._limits.time_limit_s, self._limits.memory_limit_mb
-                )
+                self.program = run_program(words, limits.time_limit_s, limits.memory_limit_mb)
             if self.program.failure:
-                lines = [line.strip() for line in self.program.output.splitlines() if line.strip()]
-                message = f": {lines[-1][-_MAX_LINE:]}" if lines else ", without a message"
+                said = [line.strip() for line in self.program.output.splitlines() if line.strip()]
+                message = f": {said[-1][-_MAX_LINE:]}" if said else ", without a message"
                 raise SlamInitError(f"{self._command.label} {self.program.failure}{message}")
             return self._read(self._folder / "out")
+        except OSError as error:
+            raise self._no_room(error) from None
         finally:
             self.close()
-
-    def _write_lists(self, folder: Path) -> None:
-        lines = [f"{given.timestamp_s:.9f} {given.file}" for given in self._given]
-        try:
-            (folder / "times.txt").write_text("\n".join(lines) + "\n", encoding="ascii")
-            (folder / "camera.yaml").write_text(camera_yaml(self.camera), encoding="ascii")
-        except OSError as error:
-            raise OutputError(
-                f"cannot write the frames for {self._command.label} ({error.strerror}): make room"
-            ) from None
 
     def _read(self, out: Path) -> Result:
         if not (out / _TRAJECTORY).exists():
             word = self._word(out, _REASON)
-            return self._without_map(Verdict(word) if word in REASONS else Verdict.EXTERNAL_METHOD)
-        trajectory = read_trajectory(out / _TRAJECTORY, out)
-        keyframes, unmatched = self._keyframes(trajectory)
-        notes = [f"{self._command.label}: an external program; its map has no landmarks"]
-        if unmatched:
-            notes.append(f"{self._command.label}: {unmatched} poses have the time stamp of no frame and are left out")
+            return self._result(Verdict(word) if word in REASONS else Verdict.EXTERNAL_METHOD)
+        label = self._command.label
+        keyframes, unmatched = self._keyframes(read_trajectory(out / _TRAJECTORY, out))
+        astray = f"{label}: {unmatched} poses of its trajectory have the time stamp of no frame"
         if len(keyframes) < 2:
             if unmatched:
-                raise SlamInitError(
-                    f"{self._command.label}: {unmatched} poses of its trajectory have the time stamp of no frame: "
-                    "write those of {times}"
-                )
-            return self._without_map(Verdict.EXTERNAL_METHOD)
+                raise SlamInitError(f"{astray}: write those of {{times}}")
+            return self._result(Verdict.EXTERNAL_METHOD)
         self.map = _map_of(keyframes, self.camera)
         self.status = Status.initialized(None)
-        return Result(
-            map=self.map,
-            reason=None,
-            frames_read=self.frames_read,
-            frames_to_init=self._frames_to_init(out, keyframes),
-            attempts=(),
-            timing_ms=self.stopwatch.summary(),
-            notes=tuple(notes),
-            hypotheses=(self.map,),
-        )
+        notes = [f"{label}: an external program; its map has no landmarks"]
+        notes += [f"{astray} and are left out"] if unmatched else []
+        return self._result(None, self._frames_to_init(out, keyframes[-1].frame), tuple(notes))
 
     def _keyframes(self, trajectory: Trajectory | None) -> tuple[list[Keyframe], int]:
         """Match the poses with the frames by their time stamps; return the number of poses without a frame."""
@@ -256,22 +226,19 @@ class ExternalInitializer:
             else:
                 unmatched += 1
         first = found[min(found)].inverse() if found else Pose.identity()
-        given = self._given
-        return [
-            Keyframe(given[i].index, given[i].timestamp_s, given[i].name, first @ pose)
-            for i, pose in sorted(found.items())
-        ], unmatched
+        matched = [(self._given[i], first @ pose) for i, pose in sorted(found.items())]
+        return [Keyframe(given.frame, given.timestamp_s, given.name, pose) for given, pose in matched], unmatched
 
-    def _frames_to_init(self, out: Path, keyframes: Sequence[Keyframe]) -> int:
+    def _frames_to_init(self, out: Path, last_frame: int) -> int:
         """The number of frames that the program says it has read; at least those up to its last keyframe."""
         word = self._word(out, _FRAMES_READ)
         if not word:
             return self.frames_read
-        last = next(i for i, given in enumerate(self._given) if given.index == keyframes[-1].frame)
-        if not (word.isdecimal() and last + 1 <= int(word) <= self.frames_read):
+        least = 1 + next(i for i, given in enumerate(self._given) if given.frame == last_frame)
+        if not (word.isdecimal() and least <= int(word) <= self.frames_read):
             raise SlamInitError(
                 f"{self._command.label}: {_FRAMES_READ} holds {word!r}: "
-                f"write a number from {last + 1} (its last keyframe) to {self.frames_read}"
+                f"write a number from {least} (its last keyframe) to {self.frames_read}"
             )
         return int(word)
 
@@ -281,17 +248,22 @@ class ExternalInitializer:
         check_inside(out / name, out)
         return read_regular(out / name, _MAX_WORD_BYTES, "one word", SlamInitError).decode("ascii", "replace").strip()
 
-    def _without_map(self, reason: Verdict) -> Result:
+    def _result(self, reason: Verdict | None, frames_to_init: int | None = None, notes: tuple[str, ...] = ()) -> Result:
         return Result(
-            map=None,
+            map=self.map,
             reason=reason,
             frames_read=self.frames_read,
-            frames_to_init=None,
+            frames_to_init=frames_to_init,
             attempts=(),
             timing_ms=self.stopwatch.summary(),
-            notes=(),
-            advice=reason.advice,
+            notes=notes,
+            advice="" if reason is None else reason.advice,
+            hypotheses=() if self.map is None else (self.map,),
         )
+
+
+def _file(position: int) -> str:
+    return f"{position:06d}.png"
 
 
 def _without_tracks(frame: int, timestamp_s: float, name: str) -> Observations:

@@ -18,10 +18,6 @@ from pathlib import PurePath
 from slam_init.errors import ConfigError
 
 COMMAND = "command:"
-#: Folder of the frames, file of their time stamps, calibration, folder of the results, number of frames.
-PLACEHOLDERS = ("images", "times", "camera", "out", "count")
-#: Without these two a program can neither read frames nor return a trajectory.
-_NEEDED = ("images", "out")
 _NAMED = re.compile(r"([^\s=:]+)=command:")
 _NAME = re.compile(r"[A-Za-z0-9_.+-]{1,40}")
 #: Programs that run a script: the script names the method.
@@ -29,6 +25,7 @@ _INTERPRETERS = re.compile(
     r"(python|pypy|ruby|perl|node|bash|sh|dash|zsh|env|julia|Rscript|java|docker|pixi|uv|run)[\d.]*"
 )
 _LONGEST_LABEL = 40
+_USAGE = "'command:PROGRAM {images} {times} {camera} {out}'"
 
 
 @dataclass(frozen=True)
@@ -41,8 +38,8 @@ class ExternalCommand:
     words: tuple[str, ...]
 
     def filled(self, values: Mapping[str, str]) -> list[str]:
-        """Replace the placeholders."""
-        pattern = re.compile("{(" + "|".join(PLACEHOLDERS) + ")}")
+        """Replace the placeholders, which are the names of the values."""
+        pattern = re.compile("{(" + "|".join(values) + ")}")
         return [pattern.sub(lambda found: values[found[1]], word) for word in self.words]
 
 
@@ -71,9 +68,10 @@ def parse_external(method: str) -> ExternalCommand:
     if not method.startswith(COMMAND) and not _NAME.fullmatch(command.label):
         shown = command.label[:60]
         raise ConfigError(f"the name {shown!r} of a method: give at most 40 letters, digits and any of _.+-")
-    missing = [f"{{{name}}}" for name in _NEEDED if not any(f"{{{name}}}" in word for word in command.words)]
+    # Without these two a program can neither read frames nor return a trajectory.
+    missing = [name for name in ("{images}", "{out}") if not any(name in word for word in command.words)]
     if missing:
-        raise ConfigError(f"the method {method!r} lacks {' and '.join(missing)}: give {_usage()}")
+        raise ConfigError(f"the method {method!r} lacks {' and '.join(missing)}: give {_USAGE}")
     if shutil.which(command.words[0]) is None:
         raise ConfigError(f"the method {method!r}: the program {command.words[0]!r} is not found, or is not executable")
     return command
@@ -86,7 +84,7 @@ def _split(method: str) -> ExternalCommand:
     except ValueError as error:
         raise ConfigError(f"the method {method!r} cannot be split into words ({error}): check its quotes") from None
     if not words or "\0" in text:
-        raise ConfigError(f"the method {method!r} names no program: give {_usage()}")
+        raise ConfigError(f"the method {method!r} names no program: give {_USAGE}")
     return ExternalCommand(prefix.removesuffix("=") or _label(words), tuple(words))
 
 
@@ -95,7 +93,3 @@ def _label(words: Sequence[str]) -> str:
     named = (PurePath(word).name for word in words if not word.startswith("-") and not set(word) & set("{ \t\n"))
     names = [name for name in named if name and not _INTERPRETERS.fullmatch(name)]
     return (names[0] if names else PurePath(words[0]).name)[:_LONGEST_LABEL]
-
-
-def _usage() -> str:
-    return "'command:PROGRAM {images} {times} {camera} {out}'"

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slam_init.types.arrays import Floats
+from slam_init.types.arrays import Floats, Ints
 
 
 def homogeneous(pixels: Floats) -> Floats:
@@ -42,13 +42,29 @@ def normalize(transform: Floats, pixels: Floats) -> Floats:
     return np.asarray(pixels * np.diag(transform)[:2] + transform[:2, 2])
 
 
+def fundamentals(pixels1: Floats, pixels2: Floats, samples: Ints) -> Floats:
+    """Compute the fundamental matrices of samples of n >= 8 matches, from pixels normalized by all matches.
+
+    Shapes: ``pixels1, pixels2`` (N, 2), ``samples`` (B, n), returns (B, 3, 3).
+    """
+    T1, T2 = normalizing_transform(pixels1), normalizing_transform(pixels2)
+    normalized = fundamental_eight_point(normalize(T1, pixels1)[samples], normalize(T2, pixels2)[samples])
+    return np.asarray(T2.T @ normalized @ T1)
+
+
+def homographies(pixels1: Floats, pixels2: Floats, samples: Ints) -> Floats:
+    """Compute the homographies of samples of n >= 4 matches, as :func:`fundamentals`."""
+    T1, T2 = normalizing_transform(pixels1), normalizing_transform(pixels2)
+    normalized = homography_dlt(normalize(T1, pixels1)[samples], normalize(T2, pixels2)[samples])
+    return np.asarray(np.linalg.inv(T2) @ normalized @ T1)
+
+
 def fundamental_eight_point(points1: Floats, points2: Floats) -> Floats:
     """Compute fundamental matrices ``x2 . F x1 = 0`` of rank two from n >= 8 matches each [1]_.
 
     Shapes: ``points1, points2`` (B, n, 2), returns (B, 3, 3).
 
-    * ``points1, points2``: Matched points; the result is most accurate if they are normalized
-      (:func:`normalizing_transform`).
+    * ``points1, points2``: Matched points, normalized (:func:`normalizing_transform`).
     """
     x1, x2 = homogeneous(points1), homogeneous(points2)
     rows = (x2[..., :, None] * x1[..., None, :]).reshape(*x1.shape[:-1], 9)
@@ -62,8 +78,7 @@ def homography_dlt(points1: Floats, points2: Floats) -> Floats:
 
     Shapes: ``points1, points2`` (B, n, 2), returns (B, 3, 3).
 
-    * ``points1, points2``: Matched points; the result is most accurate if they are normalized
-      (:func:`normalizing_transform`).
+    * ``points1, points2``: Matched points, normalized (:func:`normalizing_transform`).
     """
     x1, zero = homogeneous(points1), np.zeros((*points1.shape[:-1], 3))
     u, v = points2[..., :1], points2[..., 1:]

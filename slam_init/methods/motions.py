@@ -46,18 +46,12 @@ def motions_of_homography(H: Floats, ratio_gate: float) -> tuple[Floats, Floats,
     x1, x3 = np.sqrt((d1**2 - d2**2) / (d1**2 - d3**2)), np.sqrt((d2**2 - d3**2) / (d1**2 - d3**2))
     across = np.sqrt((d1**2 - d2**2) * (d2**2 - d3**2)) / d2
     rotations, translations, normals = [], [], []
-    for reflected in (False, True):  # d' = d2 and d' = -d2
-        other = -d3 if reflected else d3
-        cosine, sine = (d2**2 + d1 * other) / ((d1 + other) * d2), across / (d1 + other)
-        if reflected:
-            cosine = -cosine
+    for side in (1, -1):  # d' = d2 and d' = -d2
+        cosine, sine = side * (d2**2 + d1 * side * d3) / ((d1 + side * d3) * d2), across / (d1 + side * d3)
         for e1, e3 in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
             s = e1 * e3 * sine
-            if reflected:
-                R = np.array([[cosine, 0, s], [0, -1, 0], [s, 0, -cosine]])
-            else:
-                R = np.array([[cosine, 0, -s], [0, 1, 0], [s, 0, cosine]])
-            t = U @ np.array([e1 * x1, 0, e3 * x3 if reflected else -e3 * x3])
+            R = np.array([[cosine, 0, -side * s], [0, side, 0], [s, 0, side * cosine]])
+            t = U @ np.array([e1 * x1, 0, -side * e3 * x3])
             rotations.append(sign * U @ R @ Vt)
             translations.append(t / np.linalg.norm(t))
             normals.append(Vt.T @ np.array([e1 * x1, 0, e3 * x3]))
@@ -103,6 +97,18 @@ class MotionCheck:
     def pose(self, k: int) -> Pose:
         """Return one motion."""
         return Pose(self.R[k], self.t[k])
+
+    def best(self) -> tuple[int, int, float]:
+        """Find the motion with most good matches: its position, their number, and their ranked parallax."""
+        good = self.good.sum(axis=1)
+        k = int(np.argmax(good))
+        return k, int(good[k]), float(self.parallax_deg[k])
+
+    def rival(self) -> float:
+        """Compute the number of good matches of the second best motion over that of the best one."""
+        good = self.good.sum(axis=1)
+        k = int(np.argmax(good))
+        return float(np.delete(good, k).max() / max(good[k], 1))
 
 
 def check_motions(

@@ -19,13 +19,13 @@ from slam_init.frontend.frame_clock import FrameClock
 from slam_init.frontend.matched_tracks import make_tracker
 from slam_init.frontend.tracks import common_tracks
 from slam_init.mapping.map_building import map_with_views
-from slam_init.methods.two_view import TwoViewMethod, TwoViewOutcome, undistorted_pixels
+from slam_init.methods.two_view import TwoViewMethod, undistorted_pixels
 from slam_init.recording.recorder import Recorder
 from slam_init.types.arrays import Image, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import MapEvidence
 from slam_init.types.frame import Frame, Observations
-from slam_init.types.gates import Gate, GateName, at_least
+from slam_init.types.gates import GateName, at_least
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
@@ -106,29 +106,23 @@ class PairInitializer:
         self._clock.took(current)
         self._maps.count(current.frame)
         attempt = None
-        self._replace_distant_reference(current.frame)
-        if self._reference is not None and current.frame - self._reference >= self.method.pair_rule.min_gap:
+        if self._reference is not None:
             outcome = self._try(self.history[self._reference], current)
             attempt = outcome.attempt
             self.recorder.attempt(attempt)
             self._attempts.add(attempt)
             self._maps.keep(outcome)
         if self._reference is None or (attempt is not None and attempt.verdict in _NEW_REFERENCE):
-            enough = len(current) >= self.method.pair_rule.min_features
-            self._reference = current.frame if enough else None
+            self._refer_to(current)
         self._attempts.forget_progress(keep=())  # none of these methods has a measure of progress
         self.history.forget(keep=() if self._reference is None else (self._reference,))
         self.status = self.status.after(attempt, 0.0) if self.map is None else Status.initialized(attempt)
         return self.status
 
-    def _replace_distant_reference(self, frame: int) -> None:
-        """Apply the rule of the largest gap: the frame before becomes the reference, if it has enough features."""
-        gap = self.method.pair_rule.max_gap
-        if gap is None or self._reference is None or frame - self._reference <= gap:
-            return
-        before = next((one for one in self.history if one.frame == frame - 1), None)
-        enough = before is not None and len(before) >= self.method.pair_rule.min_features
-        self._reference = frame - 1 if enough else None
+    def _refer_to(self, observed: Observations | None) -> None:
+        """Pair later frames with this one, if it has enough features."""
+        enough = observed is not None and len(observed) >= self.method.pair_rule.min_features
+        self._reference = observed.frame if observed is not None and enough else None
 
     def finish(self) -> Result:
         """End the sequence. The result is the same as :attr:`result`."""
@@ -151,8 +145,7 @@ class PairInitializer:
         newest = max(self.history.newest, 0)
         self.history.start_at(newest if since is None else min(since, newest))
         known = list(self.history)
-        enough = bool(known) and len(known[0]) >= self.method.pair_rule.min_features
-        self._reference = known[0].frame if enough else None
+        self._refer_to(known[0] if known else None)
         self._attempts, self.status = AttemptLog(), Status()
         self._maps.restart()
         for observed in known:
@@ -163,75 +156,53 @@ class PairInitializer:
     def _try(self, reference: Observations, current: Observations) -> Outcome:
         """Run the method on a pair, and build the map if the pair is accepted."""
         i, j = _matches_ahead(reference, current)
-        gates = self._tracks_gates(len(current), len(i))
+        rule = self.method.pair_rule
+        gates = (
+            at_least(GateName.FEATURES, len(current), rule.min_features, Verdict.TOO_FEW_FEATURES),
+            at_least(GateName.MATCHES, len(i), rule.min_matches, Verdict.TOO_FEW_MATCHES),
+        )
         attempt = with_gates(Attempt((reference.frame, current.frame), Verdict.ACCEPTED), gates)
         if attempt.failed_gates:
             return Outcome(refused(attempt, attempt.failed_gates[0].reason))
         m, n = reference.bearings[i], current.bearings[j]
+        x1, x2 = undistorted_pixels(self.camera, m), undistorted_pixels(self.camera, n)
         with self.stopwatch("two_view"):
-            outcome = self.method.bootstrap(
-                self.camera,
-                undistorted_pixels(self.camera, m),
-                undistorted_pixels(self.camera, n),
-                m,
-                n,
-                self.config.seed,
-            )
-        attempt = replace(
-            attempt,
-            verdict=outcome.verdict,
-            method_evidence=outcome.evidence,
-            pixels1=reference.pixels[i],
-            pixels2=current.pixels[j],
-            inliers=outcome.landmarks,
-        )
-        if outcome.cam2_from_cam1 is None:
+            outcome = self.method.bootstrap(self.camera, x1, x2, m, n, self.config.seed)
+        pixels1, pixels2, inliers = reference.pixels[i], current.pixels[j], outcome.landmarks
+        attempt = replace(attempt, verdict=outcome.verdict, method_evidence=outcome.evidence)
+        attempt = replace(attempt, pixels1=pixels1, pixels2=pixels2, inliers=inliers)
+        pose = outcome.cam2_from_cam1
+        if pose is None:
             return Outcome(refused(attempt, outcome.verdict))
-        if problem := outcome.cam2_from_cam1.problem():
+        if problem := pose.problem():
             raise SlamInitError(f"method {self.config.method}: the pose of frames {attempt.frames} {problem}")
-        with self.stopwatch("map"):
-            return self._adjusted(attempt, outcome, outcome.cam2_from_cam1, reference, current)
-
-    def _tracks_gates(self, features: int, matches: int) -> tuple[Gate, Gate]:
-        """Return the gates of the pair rule of the method."""
-        rule = self.method.pair_rule
-        return (
-            at_least(GateName.FEATURES, features, rule.min_features, Verdict.TOO_FEW_FEATURES),
-            at_least(GateName.MATCHES, matches, rule.min_matches, Verdict.TOO_FEW_MATCHES),
-        )
-
-    def _adjusted(
-        self, attempt: Attempt, outcome: TwoViewOutcome, pose: Pose, reference: Observations, current: Observations
-    ) -> Outcome:
-        """Adjust the accepted pair and build the map. If this fails, drop the reference, as the other systems do."""
-        i, j = _matches_ahead(reference, current)
-        kept = np.flatnonzero(outcome.landmarks)
-        count = len(kept)
-        problem = BundleProblem(
+        count = int(inliers.sum())
+        problem_of_pair = BundleProblem(
             frames=(reference.frame, current.frame),
             world_from_cam=(Pose.identity(), pose.inverse()),
-            points=outcome.points[kept],
-            track_ids=reference.track_ids[i[kept]],
+            points=outcome.points[inliers],
+            track_ids=reference.track_ids[i[inliers]],
             views=np.repeat(np.arange(2), count),
             landmarks=np.tile(np.arange(count), 2),
-            pixels=np.concatenate([reference.pixels[i[kept]], current.pixels[j[kept]]]),
+            pixels=np.concatenate([pixels1[inliers], pixels2[inliers]]),
         )
+        with self.stopwatch("map"):
+            return self._adjusted(attempt, problem_of_pair, "planar" if outcome.planar else "general")
+
+    def _adjusted(self, attempt: Attempt, problem: BundleProblem, scene: str) -> Outcome:
+        """Adjust the accepted pair and build the map. If this fails, drop the reference, as the other systems do."""
         bundle = adjust(self.camera, problem, replace(self.config.map, max_depth_sigma=_ANY_DEPTH_SIGMA))
         if not isinstance(bundle, BundleSolution):
             self._reference = None
             failed = replace(attempt, map=MapEvidence(failure=bundle.cause))
             return Outcome(refused(failed, Verdict.BUNDLE_ADJUSTMENT_FAILED))
-        landmarks = at_least(
-            GateName.LANDMARKS,
-            len(bundle.problem.points),
-            self.method.pair_rule.min_landmarks,
-            Verdict.TOO_FEW_LANDMARKS,
-        )
+        count, needed = len(bundle.problem.points), self.method.pair_rule.min_landmarks
+        landmarks = at_least(GateName.LANDMARKS, count, needed, Verdict.TOO_FEW_LANDMARKS)
         attempt = replace(with_gates(attempt, (landmarks,)), map=MapEvidence(reprojection_rmse_px=bundle.rmse_px))
         if not landmarks.passes():
             self._reference = None
             return Outcome(refused(attempt, Verdict.TOO_FEW_LANDMARKS))
-        return Outcome(attempt, map_with_views(self.history, bundle, "planar" if outcome.planar else "general"))
+        return Outcome(attempt, map_with_views(self.history, bundle, scene))
 
 
 def _matches_ahead(reference: Observations, current: Observations) -> tuple[Ints, Ints]:

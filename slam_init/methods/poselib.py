@@ -19,6 +19,7 @@ from quest.relative_pose import NoPose, PoseEvidence, RelativePose
 from slam_init.config import Config
 from slam_init.decision.two_views import MatchedPair
 from slam_init.methods.essential import EssentialMethod, Motions
+from slam_init.methods.rules import Pair
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 
@@ -32,46 +33,31 @@ class PoseLib(EssentialMethod):
     #: Smallest number of RANSAC iterations. 1000 is PoseLib's default; its authors benchmark it with 100.
     min_iterations: int = 1000
 
-    def motions(self, camera: Camera, pixels1: Floats, pixels2: Floats, seed: int) -> Motions | None:
+    def motions(self, pair: Pair) -> Motions | None:
         """Estimate the pose; None where PoseLib finds none."""
-        K = camera.K
-        pinhole = {
-            "model": "PINHOLE",
-            "width": camera.width,
-            "height": camera.height,
-            "params": [K[0, 0], K[1, 1], camera.cx, camera.cy],
-        }
-        ransac = {"min_iterations": self.min_iterations, "seed": seed}
-        pose, info = relative_pose_of_poselib(pixels1, pixels2, pinhole, self.max_epipolar_error_px, ransac)
-        inliers = np.asarray(info["inliers"], bool)
-        length = float(np.linalg.norm(pose.t))
-        if len(inliers) != len(pixels1) or not inliers.any() or not length > 0:
+        camera = pair.camera
+        size = {"model": "PINHOLE", "width": camera.width, "height": camera.height}
+        pinhole = {**size, "params": [camera.K[0, 0], camera.K[1, 1], camera.cx, camera.cy]}
+        ransac = {"min_iterations": self.min_iterations, "seed": pair.seed}
+        error_px = self.max_epipolar_error_px
+        pose, info = relative_pose_of_poselib(pair.pixels1, pair.pixels2, pinhole, error_px, ransac)
+        inliers, length = np.asarray(info["inliers"], bool), float(np.linalg.norm(pose.t))
+        if len(inliers) != len(pair) or not inliers.any() or not length > 0:
             return None
         return np.asarray(pose.R, float)[None], np.asarray(pose.t, float)[None] / length, inliers
 
 
 def relative_pose_of_poselib(
-    pixels1: Floats,
-    pixels2: Floats,
-    camera: dict[str, Any],
-    max_error_px: float,
-    ransac: dict[str, Any],
+    pixels1: Floats, pixels2: Floats, camera: dict[str, Any], max_error_px: float, ransac: dict[str, Any]
 ) -> tuple[Any, dict[str, Any]]:
-    """Call PoseLib, version 2 or 3."""
+    """Call PoseLib: version 2, which takes two flat dictionaries of options, or version 3 with its nested one."""
     import poselib
 
-    options = poselib_options(max_error_px, ransac)
+    options: tuple[dict[str, Any], ...] = ({"max_error": max_error_px, "ransac": ransac},)
+    if int(poselib.__version__.split(".")[0]) < 3:
+        options = {"max_epipolar_error": max_error_px, **ransac}, {}
     pose, info = poselib.estimate_relative_pose(pixels1, pixels2, camera, camera, *options)
     return pose, info
-
-
-def poselib_options(max_error_px: float, ransac: dict[str, Any]) -> tuple[dict[str, Any], ...]:
-    """The options of an estimate: two flat dictionaries of PoseLib 2, or the nested one of PoseLib 3."""
-    import poselib
-
-    if int(poselib.__version__.split(".")[0]) < 3:
-        return {"max_epipolar_error": max_error_px, **ransac}, {}
-    return ({"max_error": max_error_px, "ransac": ransac},)
 
 
 def poselib_100() -> PoseLib:
@@ -86,24 +72,24 @@ def propose(camera: Camera, config: Config, pair: MatchedPair) -> tuple[Relative
 
     * Returns ``pose``: Of kind "general": PoseLib tells neither planes nor rotations.
     """
-    method, m, n = PoseLib(), pair.rays1, pair.rays2
+    method, m, n, count = PoseLib(), pair.rays1, pair.rays2, len(pair.rays1)
     threshold_rad = config.two_view.threshold_px / camera.focal_px
-    count = len(m)
-    if count < method.min_matches:
-        return NoPose("too_few_matches", PoseEvidence(count, needed=method.min_matches)), threshold_rad
-    motions = method.motions(camera, pair.pixels1, pair.pixels2, config.seed)
+    if count < method.fewest:
+        return NoPose("too_few_matches", PoseEvidence(count, needed=method.fewest)), threshold_rad
+    motions = method.motions(Pair(camera, pair.pixels1, pair.pixels2, m, n, config.seed))
     if motions is None:
         return NoPose("no_consistent_motion", PoseEvidence(count)), threshold_rad
     (R,), (t,), inliers = motions
     depths1, depths2 = depths_from_pose(R, t, m, n)
     inliers &= (depths1 > 0) & (depths2 > 0)
-    if inliers.sum() < method.min_matches:
+    if inliers.sum() < method.fewest:
         return NoPose("no_consistent_motion", PoseEvidence(count)), threshold_rad
-    normal = np.cross(t, m[inliers] @ R.T)
+    turned, second = m[inliers] @ R.T, n[inliers]
+    normal = np.cross(t, turned)
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     # The median of the absolute value of a Gaussian is 0.674 deviations; the noise of both rays is in the residual.
-    noise_rad = float(np.median(np.abs(np.einsum("ij,ij->i", n[inliers], normal)))) / (0.674 * np.sqrt(2))
-    turned = np.clip(np.einsum("ij,ij->i", m[inliers] @ R.T, n[inliers]), -1.0, 1.0)
+    noise_rad = float(np.median(np.abs(np.einsum("ij,ij->i", second, normal)))) / (0.674 * np.sqrt(2))
+    parallax = np.arccos(np.clip(np.einsum("ij,ij->i", turned, second), -1.0, 1.0))
     pose = RelativePose(
         q_wxyz=quaternion_from_matrix(R),
         R=R,
@@ -114,7 +100,7 @@ def propose(camera: Camera, config: Config, pair: MatchedPair) -> tuple[Relative
         kind="general",
         alternatives=(),
         noise_rad=noise_rad,
-        parallax_rad=float(np.median(np.arccos(turned))),
+        parallax_rad=float(np.median(parallax)),
         parallax=None,
         covariance=np.full((5, 5), np.nan),
         evidence=PoseEvidence(count, inliers=int(inliers.sum()), noise_rad=noise_rad),

@@ -11,76 +11,31 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib.util import find_spec
 from types import BuiltinFunctionType
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from slam_init.errors import ConfigError
 from slam_init.methods.external_command import is_external, parse_external
 from slam_init.system.user_code import attribute_of, described_error
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from slam_init.config import Config
-    from slam_init.frontend.tracks import History, Tracker
+    from slam_init.initializer import Initializer
+    from slam_init.methods.external import ExternalInitializer
+    from slam_init.methods.pair_initializer import PairInitializer
     from slam_init.recording.recorder import Recorder
-    from slam_init.types.arrays import Image
     from slam_init.types.camera import Camera
-    from slam_init.types.frame import Frame, Observations
-    from slam_init.types.initial_map import InitialMap
-    from slam_init.types.result import Result
-    from slam_init.types.status import Status
 
-
-class FrontEnd(Protocol):
-    """The interface of an initializer: it takes frames until it has a map."""
-
-    status: Status
-
-    @property
-    def frames_read(self) -> int:
-        """Number of frames that it was given."""
-
-    @property
-    def tracker(self) -> Tracker:
-        """Follows the tracks."""
-
-    @property
-    def history(self) -> History:
-        """The observations of the last frames."""
-
-    @property
-    def map(self) -> InitialMap | None:
-        """The accepted map; None before."""
-
-    def process(self, image: Image | Frame, timestamp_s: float | None = None) -> Status:
-        """Process the next image (H, W)."""
-
-    def process_tracks(self, current: Observations, *, revised: Sequence[Observations] = ()) -> Status:
-        """Process the tracks of the next frame, which were found elsewhere."""
-
-    @property
-    def result(self) -> Result:
-        """The result up to now."""
-
-    def reset(self, since: int | None = None) -> None:
-        """Start anew with the same camera and tracks.
-
-        * ``since``: Absolute index of the first frame whose tracks the next map may use; by default the newest one.
-        """
-
-    def finish(self) -> Result:
-        """End the sequence."""
+#: What takes frames until it has a map. The three have the interface of :class:`slam_init.initializer.Initializer`.
+FrontEnd: TypeAlias = "Initializer | PairInitializer | ExternalInitializer"
 
 
 @dataclass(frozen=True)
 class MethodInfo:
-    """The description of a method."""
+    """The description of a method. The sources of its rules are told where it is defined."""
 
     name: str
     #: One line.
     summary: str
-    #: Source of its rules.
-    source: str
     #: ``package.module:attribute``; the attribute, called without arguments, returns a
     #: :class:`~slam_init.methods.two_view.TwoViewMethod`. Empty for the methods of :mod:`slam_init.initializer`.
     home: str = ""
@@ -89,111 +44,82 @@ class MethodInfo:
     #: The same method has this name as well. By default a comparison runs it once.
     alias_of: str | None = None
 
+    def check_installed(self) -> None:
+        """Refuse a method whose package is not installed."""
+        if self.needs is not None and find_spec(self.needs) is None:
+            raise ConfigError(f"the method {self.name} needs the package {self.needs}: pip install {self.needs}")
+
 
 _HERE = "slam_init.methods"
+_MAGSAC = f"{_HERE}.essential:EssentialFivePoint"
 
+_DESCRIBED = (
+    MethodInfo("quest", "QuEst; the stated risk of the joint estimate of all views decides"),
+    MethodInfo("quest-two-view", "the same without a third view: the joint estimate holds the pair alone"),
+    MethodInfo(
+        "orb-slam3",
+        "8-point F and H, H where its score is above 0.50 of both, 4 or 8 motions checked",
+        f"{_HERE}.slam_systems:orb_slam3",
+    ),
+    MethodInfo(
+        "orb-slam2",
+        "as orb-slam3 with H above 0.40, and 100 landmarks after bundle adjustment",
+        f"{_HERE}.slam_systems:orb_slam2",
+    ),
+    MethodInfo(
+        "stella",
+        "8-point F and 4-point H, the one of less truncated cost, 4 or 8 motions checked",
+        f"{_HERE}.slam_systems:Stella",
+    ),
+    MethodInfo("essential-5pt", "OpenCV's five-point USAC_MAGSAC, most points in front, parallax gate", _MAGSAC),
+    MethodInfo(
+        "essential-8pt",
+        "normalized 8-point E, most points in front, parallax gate",
+        f"{_HERE}.essential:EssentialEightPoint",
+    ),
+    MethodInfo(
+        "homography",
+        "a plane, always: H, the motion of most points in front, 50 px of disparity",
+        f"{_HERE}.essential:PlaneOnly",
+    ),
+    MethodInfo(
+        "colmap",
+        "five-point E or H by the ratio of their inliers, 16 degrees of parallax",
+        f"{_HERE}.sfm_systems:Colmap",
+    ),
+    MethodInfo(
+        "poselib",
+        "PoseLib's five-point LO-RANSAC, parallax gate",
+        f"{_HERE}.poselib:PoseLib",
+        needs="poselib",
+    ),
+    MethodInfo(
+        "poselib-100",
+        "as poselib with at least 100 iterations in place of 1000, as in the benchmark of its authors",
+        f"{_HERE}.poselib:poselib_100",
+        needs="poselib",
+    ),
+    MethodInfo(
+        "magsac",
+        "another name of essential-5pt: OpenCV's five-point USAC_MAGSAC, parallax gate",
+        _MAGSAC,
+        alias_of="essential-5pt",
+    ),
+    MethodInfo(
+        "poselib-window",
+        "PoseLib's relative pose in place of QuEst, judged by the window of quest",
+        needs="poselib",
+    ),
+    MethodInfo(
+        "opensfm",
+        "rotation-only test, then five-point or plane-based motion by their inliers, 20 points of 1 degree",
+        f"{_HERE}.sfm_systems:OpenSfm",
+    ),
+)
 #: The methods by name; those of this project come first.
-METHODS: dict[str, MethodInfo] = {
-    info.name: info
-    for info in (
-        MethodInfo(
-            "quest",
-            "QuEst; the stated risk of the joint estimate of all views decides",
-            "this project; Fathian et al. 2017, arXiv:1704.02672",
-        ),
-        MethodInfo(
-            "quest-two-view", "the same without a third view: the joint estimate holds the pair alone", "this project"
-        ),
-        MethodInfo(
-            "orb-slam3",
-            "8-point F and H, H where its score is above 0.50 of both, 4 or 8 motions checked",
-            "ORB-SLAM3 v1.0, TwoViewReconstruction; Campos et al., T-RO 2021",
-            f"{_HERE}.orb_slam:orb_slam3",
-        ),
-        MethodInfo(
-            "orb-slam2",
-            "as orb-slam3 with H above 0.40, and 100 landmarks after bundle adjustment",
-            "ORB-SLAM2, Initializer; Mur-Artal and Tardos, T-RO 2017",
-            f"{_HERE}.orb_slam:orb_slam2",
-        ),
-        MethodInfo(
-            "stella",
-            "8-point F and 4-point H, the one of less truncated cost, 4 or 8 motions checked",
-            "stella_vslam, initialize/perspective",
-            f"{_HERE}.stella:Stella",
-        ),
-        MethodInfo(
-            "essential-5pt",
-            "OpenCV's five-point USAC_MAGSAC, most points in front, parallax gate",
-            "OpenCV, findEssentialMat; Barath et al., CVPR 2020",
-            f"{_HERE}.essential:EssentialFivePoint",
-        ),
-        MethodInfo(
-            "essential-8pt",
-            "normalized 8-point E, most points in front, parallax gate",
-            "Hartley, PAMI 1997",
-            f"{_HERE}.essential:EssentialEightPoint",
-        ),
-        MethodInfo(
-            "homography",
-            "a plane, always: H, the motion of most points in front, 50 px of disparity",
-            "SVO, KltHomographyInit; Forster et al., ICRA 2014",
-            f"{_HERE}.homography:PlaneOnly",
-        ),
-        MethodInfo(
-            "colmap",
-            "five-point E or H by the ratio of their inliers, 16 degrees of parallax",
-            "COLMAP, two-view geometry and initial pair; Schoenberger and Frahm, CVPR 2016",
-            f"{_HERE}.colmap:Colmap",
-        ),
-        MethodInfo(
-            "poselib",
-            "PoseLib's five-point LO-RANSAC, parallax gate",
-            "PoseLib, estimate_relative_pose; Larsson 2020",
-            f"{_HERE}.poselib:PoseLib",
-            needs="poselib",
-        ),
-        MethodInfo(
-            "poselib-100",
-            "as poselib with at least 100 iterations in place of 1000, as in the benchmark of its authors",
-            "PoseLib, estimate_relative_pose and its benchmark; Larsson 2020",
-            f"{_HERE}.poselib:poselib_100",
-            needs="poselib",
-        ),
-        MethodInfo(
-            "magsac",
-            "another name of essential-5pt: OpenCV's five-point USAC_MAGSAC, parallax gate",
-            "OpenCV, findEssentialMat; Barath et al., CVPR 2020",
-            f"{_HERE}.essential:EssentialFivePoint",
-            alias_of="essential-5pt",
-        ),
-        MethodInfo(
-            "poselib-window",
-            "PoseLib's relative pose in place of QuEst, judged by the window of quest",
-            "this project, with PoseLib's estimate_relative_pose",
-            needs="poselib",
-        ),
-        MethodInfo(
-            "superansac",
-            "SupeRANSAC's five-point essential matrix with uniform samples, parallax gate; not deterministic",
-            "pysuperansac, estimateEssentialMatrix; Barath 2025, arXiv:2506.04803",
-            f"{_HERE}.superansac:SupeRansac",
-            needs="pysuperansac",
-        ),
-        MethodInfo(
-            "opensfm",
-            "rotation-only test, then five-point or plane-based motion by their inliers, 20 points of 1 degree",
-            "OpenSfM, two_view_reconstruction_general; Mapillary",
-            f"{_HERE}.opensfm:OpenSfm",
-        ),
-        MethodInfo(
-            "pyslam",
-            "five-point MAGSAC on pairs of 2 to 5 frames, 150 points, a point in each ninth of the image",
-            "pySLAM, Initializer; Freda 2025, arXiv:2502.11955",
-            f"{_HERE}.pyslam:PySlam",
-        ),
-    )
-}
+METHODS: dict[str, MethodInfo] = {info.name: info for info in _DESCRIBED}
+#: Methods of earlier versions, and what is nearest to each.
+_REMOVED = {"pyslam": "magsac", "superansac": "magsac or poselib"}
 
 
 def method_info(name: str) -> MethodInfo:
@@ -204,9 +130,12 @@ def method_info(name: str) -> MethodInfo:
     if name in METHODS:
         return METHODS[name]
     if is_external(name):
-        return MethodInfo(name, "an external program", " ".join(parse_external(name).words))
+        parse_external(name)
+        return MethodInfo(name, "an external program")
     if ":" in name:
-        return MethodInfo(name, "a method of your own", name, home=name)
+        return MethodInfo(name, "a method of your own", home=name)
+    if name in _REMOVED:
+        raise ConfigError(f"the method {name} is no longer part of slam-init: use {_REMOVED[name]}")
     meant = get_close_matches(name.lower(), METHODS, n=1, cutoff=0.7)
     hint = f"did you mean {meant[0]}? " if meant else ""
     raise ConfigError(
@@ -230,19 +159,15 @@ def make_two_view(name: str) -> Any:
     info = method_info(name)
     if not info.home:
         raise ConfigError(f"{name} is not a two-view method: use make_initializer")
-    if info.needs is not None and find_spec(info.needs) is None:
-        raise ConfigError(f"the method {name} needs the package {info.needs}: pip install {info.needs}")
+    info.check_installed()
     try:
         make = attribute_of(info.home)
-        if isinstance(make, BuiltinFunctionType) or not callable(make):  # sys:exit
-            raise ConfigError(f"{name!r} is not a two-view method: give package.module:Class")
-        method = make()
-    except ConfigError:
-        raise
+        # sys:exit is no method, and would end the process
+        method = None if isinstance(make, BuiltinFunctionType) else make()
     except (Exception, SystemExit) as error:  # the module of somebody else may raise anything
         raise ConfigError(f"the method {name!r} cannot be made: {described_error(error)}") from error
     if not hasattr(method, "bootstrap") or not hasattr(method, "pair_rule"):
-        raise ConfigError(f"{name!r} is not a two-view method: it has no bootstrap, or no pair_rule")
+        raise ConfigError(f"{name!r} is not a two-view method: give package.module:Class with bootstrap and pair_rule")
     return method
 
 
@@ -255,17 +180,16 @@ def make_initializer(name: str, camera: Camera, config: Config, recorder: Record
         from slam_init.methods.external import ExternalInitializer
 
         return ExternalInitializer(name, camera, config, recorder)
+    info = method_info(name)
+    if info.home:
+        from slam_init.methods.pair_initializer import PairInitializer
+
+        return PairInitializer(make_two_view(name), camera, config, recorder)
+    info.check_installed()
     from slam_init.initializer import Initializer
 
-    info = method_info(name)
-    if info.name == "poselib-window":
-        if find_spec("poselib") is None:
-            raise ConfigError(f"the method {name} needs the package poselib: pip install poselib")
+    if name == "poselib-window":
         from slam_init.methods.poselib import propose
 
         return Initializer(camera, config, recorder, propose=propose)
-    if not info.home:
-        return Initializer(camera, config, recorder, third_view=info.name != "quest-two-view")
-    from slam_init.methods.pair_initializer import PairInitializer
-
-    return PairInitializer(make_two_view(name), camera, config, recorder)
+    return Initializer(camera, config, recorder, third_view=name != "quest-two-view")

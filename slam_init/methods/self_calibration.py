@@ -11,6 +11,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -22,13 +23,11 @@ from slam_init.initializer import FittedPoses, Initializer
 from slam_init.mapping.resection import resect
 from slam_init.mapping.triangulation import triangulate
 from slam_init.types.camera import Camera
-from slam_init.types.evidence import WindowEvidence
 from slam_init.types.frame import Frame, Observations, Source, length_of
 from slam_init.types.lens_in_use import MAX_FOCAL_SIGMA
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Result
-from slam_init.types.status import Status
 from slam_init.window.locating import MIN_RESECTED
 
 #: A stretch without a map ends after so many frames: two seconds of video.
@@ -101,29 +100,17 @@ def calibrate(
     """
     from tqdm import tqdm
 
-    estimates: list[StretchEstimate] = []
-    advices: dict[Verdict, str] = {}
-    reasons: Counter[Verdict] = Counter()
-    tried = 0
     length = length_of(source)
     limits = [limit for limit in (None if length is None else length - start, max_frames) if limit is not None]
-    frames = iter(
-        tqdm(
-            source.frames(start, max_frames), "calibrating", min(limits, default=None), leave=False, unit="frame",
-            disable=not progress,
-        )
-    )  # fmt: skip
-    for first in frames:
-        tried += 1
-        found, result = _stretch(source, first, frames, camera, config or Config())
-        if found is not None:
-            estimates.append(found)
-        if result.reason is not None:
-            reasons[result.reason] += 1
-            advices[result.reason] = result.advice
-    reason = max(reasons, key=reasons.__getitem__, default=None)
-    advice = "" if reason is None else advices[reason]
-    return replace(combine(camera, estimates), tried=tried, reason=reason, advice=advice)
+    read, total = source.frames(start, max_frames), min(limits, default=None)
+    frames = iter(tqdm(read, "calibrating", total, leave=False, unit="frame", disable=not progress))
+    ended = (_stretch(source, first, frames, camera, config or Config()) for first in frames)
+    stretches = [(found, result.reason, result.advice) for found, result in ended]
+    combined = combine(camera, [found for found, _, _ in stretches if found is not None])
+    counts = Counter(reason for _, reason, _ in stretches if reason is not None)
+    reason = max(counts, key=counts.__getitem__, default=None)
+    advice = "" if reason is None else {reason: advice for _, reason, advice in stretches}[reason]
+    return replace(combined, tried=len(stretches), reason=reason, advice=advice)
 
 
 def combine(camera: Camera, estimates: Sequence[StretchEstimate]) -> SelfCalibration:
@@ -165,17 +152,13 @@ def _stretch(
     It is that of the most certain window. Where no window tells the focal length, it is that of all frames.
     """
     initializer = Initializer(camera, config)
-
-    def process(frame: Frame) -> Status:
-        if isinstance(source, KnowsTracks):
-            return initializer.process_tracks(source.observed(frame, camera))
-        return initializer.process(frame)
-
     last = first
-    process(first)
-    for frame in frames:
-        last = frame
-        if process(frame) or initializer.frames_read >= LONGEST_STRETCH:
+    for last in chain((first,), frames):
+        if isinstance(source, KnowsTracks):
+            status = initializer.process_tracks(source.observed(last, camera))
+        else:
+            status = initializer.process(last)
+        if status or initializer.frames_read >= LONGEST_STRETCH:
             break
     result = initializer.finish()
     if result.reason == Verdict.UNKNOWN_FOCAL_LENGTH:
@@ -184,19 +167,12 @@ def _stretch(
         if found is not None:
             return found, result
     windows = [attempt.window for attempt in result.attempts if attempt.window is not None]
-    best: WindowEvidence | None = min(windows, key=lambda window: window.focal_sigma, default=None)
+    best = min(windows, key=lambda window: window.focal_sigma, default=None)
     if best is None or best.focal_sigma > _TOLD_SIGMA:
         return None, result
-    first_coefficient = camera.distortion[0] if camera.distortion else 0.0
-    estimate = StretchEstimate(
-        first_frame=first.index,
-        last_frame=last.index,
-        focal_px=camera.focal_px * best.focal_factor,
-        focal_sigma=best.focal_sigma,
-        k1=first_coefficient + best.distortion_k1,
-        k1_sigma=best.distortion_sigma,
-    )
-    return estimate, result
+    focal_px = camera.focal_px * best.focal_factor
+    k1 = best.distortion_k1 + (camera.distortion[0] if camera.distortion else 0.0)
+    return StretchEstimate(first.index, last.index, focal_px, best.focal_sigma, k1, best.distortion_sigma), result
 
 
 def by_all_frames(

@@ -33,17 +33,11 @@ class PairRule:
         Smallest number of common tracks. If there are fewer, the current frame becomes the new reference.
     min_landmarks : int
         Smallest number of landmarks after bundle adjustment.
-    min_gap : int
-        A frame is paired with a reference that lies at least this number of frames back.
-    max_gap : int or None
-        If the reference lies farther back, the frame before the current one replaces it. None for no such rule.
     """
 
     min_features: int
     min_matches: int
     min_landmarks: int
-    min_gap: int = 1
-    max_gap: int | None = None
 
 
 @dataclass(frozen=True, eq=False)

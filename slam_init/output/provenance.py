@@ -97,7 +97,7 @@ def package_versions(names: Sequence[str]) -> dict[str, str]:
 
 
 #: Packages whose versions may change a figure.
-_BENCH_PACKAGES = ("slam-init", "numpy", "opencv-python-headless", "gtsam", "numba", "poselib", "pysuperansac")
+_BENCH_PACKAGES = ("slam-init", "numpy", "opencv-python-headless", "gtsam", "numba", "poselib")
 
 
 def hardware() -> dict[str, str]:

@@ -1,6 +1,4 @@
-"""Laws of point worlds with shutter, hand-held turning, bodies, blur, calibration errors, stabilization and cuts."""
-
-from itertools import cycle, pairwise, product
+"""Laws of point worlds with shutter, hand-held turning, bodies, calibration errors and cuts."""
 
 import numpy as np
 import pytest
@@ -8,12 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sequences_synth import POINT_SCENES, PointOptions, make_points
-from sequences_synth.stabilizer import LARGEST_WARP_RAD
-from sequences_synth.trajectory import rotation_from_vector, vector_from_rotation
+from sequences_synth.trajectory import vector_from_rotation
 
 EXACT = {"noise_px": 0.0, "outliers": 0.0}
 TURNING = ("handheld", "handheld-wall", "pan")
-DIRECTIONS = ("down", "up", "right", "left")
 
 
 def static_reprojections(sequence, index):
@@ -25,34 +21,21 @@ def static_reprojections(sequence, index):
     return pixels, sequence.true_camera.project(X), X[:, 2]
 
 
-@pytest.mark.parametrize(
-    ("scene", "direction"), [*zip(POINT_SCENES, cycle(DIRECTIONS), strict=False), *product(TURNING[:2], DIRECTIONS)]
-)
-def test_the_pose_at_the_time_of_its_own_row_projects_each_point_to_its_pixel(scene, direction):
-    options = PointOptions(**EXACT, fps=30, readout_ms=30, readout_direction=direction, speed=0.3, turning_deg_s=120)
-    sequence = make_points(scene, 3, options)
-    for index in range(len(sequence)):
-        pixels, projected, depth = static_reprojections(sequence, index)
-        assert len(pixels) > 100
-        assert (depth > 0).all()
-        np.testing.assert_allclose(projected, pixels, atol=1e-6)
-
-
-@settings(max_examples=15)
+@settings(max_examples=40)  # fifteen scenes, four directions
 @given(
     seed=st.integers(0, 10**6),
-    scene=st.sampled_from(TURNING),
+    scene=st.sampled_from(POINT_SCENES),
     readout_ms=st.floats(0, 33),
+    direction=st.sampled_from(("down", "up", "right", "left")),
     k1=st.floats(-0.15, 0.3),
-    stabilized=st.booleans(),
     cut=st.sampled_from([0, 3]),
-    repeated=st.sampled_from([0.0, 0.3]),
-    dropped=st.sampled_from([0.0, 0.3]),
 )
-def test_the_truth_is_exact_whatever_the_options(seed, scene, readout_ms, k1, stabilized, cut, repeated, dropped):
+def test_the_pose_at_the_time_of_its_own_row_projects_each_point_to_its_pixel(
+    seed, scene, readout_ms, direction, k1, cut
+):
     options = PointOptions(
-        **EXACT, views=6, points=60, fps=30, readout_ms=readout_ms, k1=k1, stabilized=stabilized, cut=cut, speed=0.2,
-        repeated=repeated, dropped=dropped, turning_deg_s=90,
+        **EXACT, views=6, points=60, fps=30, readout_ms=readout_ms, readout_direction=direction, k1=k1, cut=cut,
+        speed=0.2, turning_deg_s=90,
     )  # fmt: skip
     sequence = make_points(scene, seed, options)
     for index in range(len(sequence)):
@@ -67,29 +50,18 @@ def test_the_pose_of_a_frame_is_that_of_its_middle_row():
     assert np.abs(middle[2] - sequence.poses[4]).max() > 1e-3
 
 
-def test_a_rolling_shutter_moves_the_pixels_of_a_turning_camera_but_not_those_of_a_static_one():
-    for scene, moves in (("pan", True), ("static", False)):
-        rolled, at_once = (make_points(scene, 2, PointOptions(**EXACT, fps=30, readout_ms=r)) for r in (30, 0))
-        shift = np.abs(rolled.pixels[3] - at_once.pixels[3])[rolled.visible[3] & at_once.visible[3]].max()
-        # At 60 deg/s the border of the image moves by at least 458 px/rad: 7 px in half a readout.
-        assert shift > 7 if moves else shift < 1e-9
-
-
-@pytest.mark.parametrize("scene", TURNING)
-@pytest.mark.parametrize("speed", [20.0, 60.0, 150.0])
-def test_a_turning_camera_keeps_its_number_of_tracks_while_some_leave_and_others_come(scene, speed):
-    sequence = make_points(scene, 1, PointOptions(views=60, fps=30, turning_deg_s=speed))
-    counts = sequence.visible.sum(axis=1)
-    assert counts.mean() == pytest.approx(300, rel=0.15)
-    assert counts.min() > 200
-    if speed > 20:
+def test_a_turning_camera_keeps_its_number_of_tracks_while_some_leave_and_others_come():
+    for scene in TURNING:
+        sequence = make_points(scene, 1, PointOptions(views=60, fps=30, turning_deg_s=150.0))
+        counts = sequence.visible.sum(axis=1)
+        assert counts.mean() == pytest.approx(300, rel=0.15)
+        assert counts.min() > 200
         assert (sequence.visible[0] & ~sequence.visible[-1]).sum() > 20
         assert (sequence.visible[-1] & ~sequence.visible[0]).sum() > 20
 
 
-@pytest.mark.parametrize("scene", ["handheld", "handheld-wall"])
-def test_a_hand_held_camera_translates_by_the_requested_share_of_the_depth(scene):
-    for seed in range(2):
+def test_a_hand_held_camera_translates_by_the_requested_share_of_the_depth():
+    for scene, seed in (("handheld", 0), ("handheld-wall", 1)):
         sequence = make_points(scene, seed, PointOptions(views=40, fps=30, speed=0.25, points=1000))
         steps = np.linalg.norm(np.diff(sequence.poses[:, :3, 3], axis=0), axis=1)
         depth = np.nanmedian(sequence.depths(0)[sequence.visible[0]])
@@ -102,13 +74,6 @@ def test_the_points_of_a_hand_held_wall_lie_on_a_plane_and_those_of_a_hand_held_
         for scene in ("handheld-wall", "handheld")
     )
     assert flat < 1e-9 < 1 < deep
-
-
-def test_photographs_of_a_pan_are_as_far_apart_as_the_frame_rate_says():
-    sequence = make_points("pan", 5, PointOptions(fps=3, turning_deg_s=60))
-    for a, b in pairwise(sequence.poses[:, :3, :3]):
-        vector = vector_from_rotation(a.T @ b)
-        assert np.degrees(np.abs(vector)) == pytest.approx([0, 20, 0], abs=1e-9)
 
 
 @pytest.mark.parametrize(("moving", "bodies"), [(0.6, 1), (0.5, 2), (0.3, 3)])
@@ -145,56 +110,14 @@ def test_a_body_is_compact_in_the_first_view():
     assert np.median(cosine[sequence.is_moving]) > np.quantile(cosine[~sequence.is_moving], 0.9)
 
 
-def test_the_noise_of_a_long_exposure_grows_along_the_path_in_the_image_and_not_across():
-    options = {"fps": 30, "points": 4000, "outliers": 0.0, "turning_deg_s": 120.0}
-    blurred = make_points("pan", 8, PointOptions(**options, exposure_ms=30, noise_px=0.5))
-    exact = make_points("pan", 8, PointOptions(**options, exposure_ms=30, noise_px=0))
-    smear = blurred.shots[0].see(5).smear_px
-    seen = blurred.visible[5] & exact.visible[5]
-    truth = blurred.shots[0].see(5).pixels
-    error = (blurred.pixels[5] - truth)[seen]
-    along = smear[seen] / np.linalg.norm(smear[seen], axis=1, keepdims=True)
-    length = np.linalg.norm(smear[seen], axis=1)
-    # 120 deg/s for 30 ms: 29 px at the centre of the image, more towards its sides.
-    assert 25 < length.min() < 32
-    expected = np.hypot(0.5, 0.1 * length)
-    assert np.std(np.sum(error * along, axis=1) / expected) == pytest.approx(1, rel=0.05)
-    assert np.std(error[:, 1] * along[:, 0] - error[:, 0] * along[:, 1]) == pytest.approx(0.5, rel=0.05)
-
-
-def test_a_camera_that_does_not_move_has_no_blur():
-    a, b = (make_points("static", 8, PointOptions(exposure_ms=e)) for e in (0, 50))
-    np.testing.assert_allclose(a.pixels, b.pixels, atol=1e-9)
-
-
-@pytest.mark.parametrize("k1", [-0.2, 0.2])
-def test_a_lens_moves_the_pixels_towards_or_away_from_the_centre_and_the_stated_camera_lacks_it(k1):
+def test_a_lens_moves_the_pixels_away_from_the_centre_and_the_stated_camera_lacks_it():
+    k1 = 0.2
     sequence = make_points("static", 1, PointOptions(**EXACT, k1=k1))
     assert sequence.camera.k1 == 0 and sequence.true_camera.k1 == k1
     X = sequence.points[sequence.visible[0]]
     ideal = X[:, :2] / X[:, 2:]
     seen = (sequence.pixels[0, sequence.visible[0]] - [319.5, 239.5]) / 458
     np.testing.assert_allclose(seen, ideal * (1 + k1 * np.sum(ideal**2, axis=1, keepdims=True)), atol=1e-9)
-
-
-def test_a_stabilized_frame_is_the_view_of_the_virtual_camera():
-    options = {"fps": 30.0, "views": 20, "speed": 0.2, "turning_deg_s": 40.0}
-    shaken, steady = (make_points("handheld", 2, PointOptions(**EXACT, **options, stabilized=s)) for s in (0, 1))
-    for index in range(20):
-        # With a global shutter, the poses of the pixels are that of the frame.
-        pixels, projected, _ = static_reprojections(steady, index)
-        np.testing.assert_allclose(projected, pixels, atol=1e-8)
-        np.testing.assert_allclose(steady.pixel_poses(index, pixels[:3])[0], steady.poses[index], atol=1e-12)
-        warp = vector_from_rotation(steady.poses[index, :3, :3].T @ shaken.poses[index, :3, :3])
-        assert np.linalg.norm(warp) < LARGEST_WARP_RAD
-
-
-def test_stabilization_does_not_undo_a_rolling_shutter():
-    options = {"fps": 30.0, "turning_deg_s": 60.0, "stabilized": True}
-    rolled, at_once = (make_points("handheld", 2, PointOptions(**EXACT, **options, readout_ms=r)) for r in (30, 0))
-    np.testing.assert_allclose(rolled.poses, at_once.poses, atol=1e-12)
-    both = rolled.visible[5] & at_once.visible[5]
-    assert np.abs(rolled.pixels[5] - at_once.pixels[5])[both].max() > 2
 
 
 def test_after_a_cut_all_tracks_are_new_and_the_truth_is_that_of_the_second_scene():
@@ -213,13 +136,3 @@ def test_after_a_cut_all_tracks_are_new_and_the_truth_is_that_of_the_second_scen
         )
     assert np.abs(sequence.poses[4] - sequence.poses[3]).max() > 1e-3
     np.testing.assert_allclose(np.diff(sequence.timestamps_s), 0.1)
-
-
-def test_a_turning_body_keeps_its_centre():
-    sequence = make_points(
-        "static", 2, PointOptions(**EXACT, moving=0.4, bodies=1, body_turn_deg_s=45, baseline=0.0001)
-    )
-    bodies = sequence.shots[0].bodies
-    half = bodies.displaced(sequence.points, 0.5)[sequence.is_moving]
-    expected = (sequence.points[sequence.is_moving] - bodies.centre) @ rotation_from_vector(0.5 * bodies.turn_rad[0]).T
-    np.testing.assert_allclose(half - bodies.centre - 0.5 * bodies.shift, expected, atol=1e-12)

@@ -29,21 +29,21 @@ def test_noise_and_shares_are_the_requested_ones():
     assert residuals.std() == pytest.approx(0.7, rel=0.05)
 
 
-@pytest.mark.parametrize("scene", POINT_SCENES)
-def test_the_path_of_the_camera_has_the_requested_length_or_is_zero(scene):
-    sequence = make_points(scene, 3, PointOptions(baseline=0.2))
-    steps = np.linalg.norm(np.diff(sequence.poses[:, :3, 3], axis=0), axis=1)
-    if scene in SCENES_WITHOUT_TRANSLATION or scene in TIMED:
-        assert steps.sum() == 0
-    else:
-        # Bend and tremor make the path longer. The median depth in view differs from that of the whole scene.
-        assert 0.1 < steps.sum() / np.nanmedian(sequence.depths(0)) < 0.5
+def test_the_path_of_the_camera_has_the_requested_length_or_is_zero():
+    for scene in POINT_SCENES:
+        sequence = make_points(scene, 3, PointOptions(baseline=0.2))
+        steps = np.linalg.norm(np.diff(sequence.poses[:, :3, 3], axis=0), axis=1)
+        if scene in SCENES_WITHOUT_TRANSLATION or scene in TIMED:
+            assert steps.sum() == 0
+        else:
+            # Bend and tremor make the path longer. The median depth in view differs from that of the whole scene.
+            assert 0.1 < steps.sum() / np.nanmedian(sequence.depths(0)) < 0.5
 
 
-@pytest.mark.parametrize("scene", ["wall", "nadir", "nadir-turn", *TILTED])
-def test_the_points_of_a_planar_scene_lie_on_a_plane(scene):
-    points = make_points(scene, 4).points
-    assert np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[2] < 1e-9
+def test_the_points_of_a_planar_scene_lie_on_a_plane():
+    for scene in ("wall", "nadir", "nadir-turn", *TILTED):
+        points = make_points(scene, 4).points
+        assert np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[2] < 1e-9
 
 
 def test_in_a_rotation_scene_the_true_rotation_maps_the_tracks_only_with_the_true_focal_length():
@@ -60,15 +60,6 @@ def test_in_a_rotation_scene_the_true_rotation_maps_the_tracks_only_with_the_tru
     assert largest_error(sequence.camera) > 1
 
 
-@pytest.mark.parametrize("scene", TILTED)
-@pytest.mark.parametrize("seed", range(4))
-def test_the_camera_of_a_tilted_scene_is_off_the_normal_of_the_ground_by_the_angle_in_the_name(scene, seed):
-    sequence = make_points(scene, seed)
-    normal = np.linalg.svd(sequence.points - sequence.points.mean(axis=0))[2][2]
-    angles = np.degrees(np.arccos(np.abs(sequence.poses[:, :3, 2] @ normal)))
-    np.testing.assert_allclose(angles, TILTED[scene], atol=TREMOR_DEG)
-
-
 def heading_and_tilt(sequence):
     """Unit vectors in the ground plane: direction of flight, and direction in which the camera is tilted."""
     normal = np.linalg.svd(sequence.points - sequence.points.mean(axis=0))[2][2]
@@ -78,10 +69,13 @@ def heading_and_tilt(sequence):
 
 
 @pytest.mark.parametrize("scene", TILTED)
-def test_a_tilted_scene_is_a_level_flight_with_the_camera_tilted_forward_or_sideways(scene):
+def test_a_tilted_scene_is_a_level_flight_with_the_camera_tilted_forward_or_sideways_by_the_angle_in_the_name(scene):
     cosines = []
     for seed in range(12):
-        track, tilt, normal = heading_and_tilt(make_points(scene, seed))
+        sequence = make_points(scene, seed)
+        track, tilt, normal = heading_and_tilt(sequence)
+        angles = np.degrees(np.arccos(np.abs(sequence.poses[:, :3, 2] @ normal)))
+        np.testing.assert_allclose(angles, TILTED[scene], atol=TREMOR_DEG)
         # The tremor displaces the ends of the path by a hundredth of its length.
         assert abs(track @ normal) < 0.04
         cosines.append(track @ tilt)
@@ -117,8 +111,8 @@ def rms(values):
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-@pytest.mark.parametrize("scene", ["room", "rotation", "static", "tilted-30"])
-@pytest.mark.parametrize("errors", ERRORS)
+@pytest.mark.parametrize("scene", ["room", "static"])
+@pytest.mark.parametrize("errors", ERRORS[1:])
 def test_correlated_error_is_the_only_difference_from_the_world_without_it(scene, errors):
     clean = make_points(scene, 8, PointOptions(moving=0.2))
     given = make_points(scene, 8, PointOptions(moving=0.2, **errors))
@@ -135,21 +129,7 @@ def test_correlated_error_is_the_only_difference_from_the_world_without_it(scene
     assert rms(shift) > 0.2
 
 
-def test_without_correlated_error_the_field_is_zero():
-    sequence = make_points("wall", 2)
-    assert all(not field(sequence, index).any() for index in range(len(sequence)))
-
-
-def test_the_independent_field_of_each_view_has_the_requested_rms_over_the_image():
-    sequence = make_points("room", 4, PointOptions(field_px=0.8))
-    views = [field(sequence, index) for index in range(len(sequence))]
-    assert [rms(view) for view in views] == pytest.approx([0.8] * len(views), rel=0.01)
-    flat = np.array(views).reshape(len(views), -1)
-    cosines = flat @ flat.T / np.outer(*2 * [np.linalg.norm(flat, axis=1)])
-    assert abs(np.mean(cosines[np.triu_indices(len(views), 1)])) < 0.15
-
-
-@pytest.mark.parametrize("views", [2, 12, 40])
+@pytest.mark.parametrize("views", [2, 12])
 def test_the_drift_starts_at_zero_grows_in_small_steps_and_ends_at_the_requested_rms(views):
     ends, middles = [], []
     for seed in range(20):
@@ -166,23 +146,13 @@ def test_the_drift_starts_at_zero_grows_in_small_steps_and_ends_at_the_requested
         assert rms(middles) == pytest.approx(1.5 * np.sqrt(0.5), rel=0.25)
 
 
-@pytest.mark.parametrize("errors", ERRORS)
-def test_the_correlated_error_is_smooth(errors):
-    sequence = make_points("desk", 5, PointOptions(**errors))
-    total = float(np.hypot(*(errors.get(name, 0.0) for name in ("field_px", "drift_px"))))
-    for index in range(len(sequence)):
-        values = field(sequence, index)
-        for axis in (0, 1):
-            second = np.diff(values, n=2, axis=axis)
-            assert np.abs(second).max() < 0.1 * total
-            # The field is a polynomial of second degree.
-            np.testing.assert_allclose(np.diff(second, axis=axis), 0, atol=1e-9)
-
-
-def test_correlated_error_depends_on_the_seed_and_field_and_drift_add_up():
+def test_the_field_has_the_requested_rms_depends_on_the_seed_and_adds_up_with_the_drift():
     both, only_field, only_drift, other = (
         make_points("wall", seed, PointOptions(field_px=a, drift_px=b))
         for seed, a, b in ((1, 0.5, 1.0), (1, 0.5, 0.0), (1, 0.0, 1.0), (2, 0.5, 1.0))
     )
     np.testing.assert_allclose(field(both, 6), field(only_field, 6) + field(only_drift, 6), atol=1e-12)
     assert rms(field(both, 6) - field(other, 6)) > 0.1
+    assert [rms(field(only_field, index)) for index in range(12)] == pytest.approx([0.5] * 12, rel=0.01)
+    # It is smooth: a polynomial of second degree.
+    np.testing.assert_allclose(np.diff(field(both, 6), n=3, axis=0), 0, atol=1e-9)

@@ -1,4 +1,4 @@
-"""Laws that rendered worlds and worlds of tracks have in common: options, stated cameras, motions, schedules, cuts."""
+"""Laws that rendered worlds and worlds of tracks have in common: options, stated cameras, motions, cuts."""
 
 from itertools import pairwise
 
@@ -51,30 +51,22 @@ def turning_deg_s(world):
     return np.degrees(np.sqrt(np.mean((np.array(angles) / np.diff(world.timestamps_s)) ** 2)))
 
 
-OUT_OF_RANGE = [
-    {"k1": -1.0}, {"readout_ms": -1.0}, {"readout_ms": 40.0, "fps": 30.0}, {"exposure_ms": -1.0},
-    {"readout_direction": "in"}, {"dropped": 1.0}, {"repeated": -0.1}, {"bodies": 0}, {"turning_deg_s": float("nan")},
-    {"principal_error": 0.6}, {"moving": 2.0},
+OF_BOTH = [
+    {"k1": -1.0}, {"readout_ms": -1.0}, {"readout_ms": 400.0}, {"readout_direction": "in"}, {"principal_error": 0.6},
+    {"turning_deg_s": float("nan")},
 ]  # fmt: skip
-OF_POINTS = [
-    {"exposure_ms": 101.0},
-    {"cut": 1},
-    {"cut": 13},
-    {"fps": 0.0},
-    {"field_px": -1.0},
-    {"drift_px": float("nan")},
-]
-OF_RENDERED = [{"cut": 100}, {"flicker": 1.0}, {"fade": -1}, {"frames": 0}, {"noise": -1.0}, {"moving_objects": 2.0}]
+OF_POINTS = [{"cut": 1}, {"cut": 13}, {"fps": 0.0}, {"field_px": -1.0}, {"moving": 2.0}, {"bodies": 0}]
+OF_RENDERED = [{"cut": 100}, {"frames": 0}, {"noise": -1.0}, {"lens": "glass"}, {"lens": "fisheye", "k1": 0.1}]
 
 
-@pytest.mark.parametrize(
-    ("made", "options"),
-    [(PointOptions, one) for one in (*OUT_OF_RANGE, *OF_POINTS)]
-    + [(SynthOptions, {k: v for k, v in one.items() if k != "fps"}) for one in (*OUT_OF_RANGE, *OF_RENDERED)],
-)
-def test_options_out_of_range_are_refused_by_name(made, options):
-    with pytest.raises(ValueError, match=next(iter(options))):
-        made(**options)
+def test_options_out_of_range_are_refused_by_name():
+    for made, options in ((PointOptions, OF_BOTH + OF_POINTS), (SynthOptions, OF_BOTH + OF_RENDERED)):
+        for one in options:
+            with pytest.raises(ValueError, match=next(iter(one))):
+                made(**one)
+    for make in (make_points, make_sequence):
+        with pytest.raises(ValueError, match=r"'moon'.*room, wall, nadir"):
+            make("moon")
 
 
 def test_equal_seeds_give_equal_worlds_and_different_seeds_different_ones(kind):
@@ -98,19 +90,18 @@ def test_calibration_errors_change_only_the_stated_camera(kind):
     assert bent.camera == right.camera and bent.true_camera.k1 == 0.1
 
 
-@pytest.mark.parametrize("scene", ["room", "nadir-turn", "rotate-then-move", "static"])
+@pytest.mark.parametrize("scene", ["room", "rotate-then-move"])
 def test_options_that_do_not_apply_change_no_pixel(kind, scene):
-    neutral = {"turning_deg_s": 90.0, "speed": 1.0, "readout_direction": "left", "body_turn_deg_s": 0.0, "bodies": 2}
-    a, b = (kind.make(scene, 4, frames=12, **options) for options in ({"bodies": 2}, neutral))
+    neutral = {"turning_deg_s": 90.0, "speed": 1.0, "readout_direction": "left"}
+    a, b = (kind.make(scene, 4, frames=12, **options) for options in ({}, neutral))
     assert same(kind, a, 9, b, 9) and np.array_equal(a.poses, b.poses)
 
 
-@pytest.mark.parametrize("scene", ["handheld", "handheld-wall", "pan"])
-@pytest.mark.parametrize("speed", [20.0, 150.0])
-def test_a_turning_camera_has_the_requested_speed_and_no_translation(kind, scene, speed):
-    world = kind.make(scene, 1, frames=201, turning_deg_s=speed)
-    assert turning_deg_s(world) == pytest.approx(speed, rel=0.03)
-    assert (world.poses[:, :3, 3] == world.poses[0, :3, 3]).all()
+def test_a_turning_camera_has_the_requested_speed_and_no_translation(kind):
+    for scene, speed in (("handheld", 20.0), ("handheld-wall", 150.0), ("pan", 60.0)):
+        world = kind.make(scene, 1, frames=201, turning_deg_s=speed)
+        assert turning_deg_s(world) == pytest.approx(speed, rel=0.03)
+        assert (world.poses[:, :3, 3] == world.poses[0, :3, 3]).all()
 
 
 @pytest.mark.parametrize("scene", ["handheld", "handheld-wall"])
@@ -119,33 +110,6 @@ def test_a_hand_held_camera_translates_at_a_constant_speed(kind, scene):
     steps = np.linalg.norm(np.diff(world.poses[:, :3, 3], axis=0), axis=1) * 30
     np.testing.assert_allclose(steps, steps[0], rtol=1e-3)
     assert 0.1 < steps[0] < 0.5
-
-
-def test_a_stabilized_camera_is_where_the_shaken_one_is_and_turns_more_slowly(kind):
-    shaken, steady = (kind.make("handheld", 2, frames=60, stabilized=stabilized) for stabilized in (False, True))
-    np.testing.assert_array_equal(shaken.poses[:, :3, 3], steady.poses[:, :3, 3])
-    assert turning_deg_s(steady) < 0.9 * turning_deg_s(shaken)
-
-
-def test_dropped_frames_are_gaps_in_the_time_stamps(kind):
-    world = kind.make("pan", 3, frames=40, dropped=0.25, turning_deg_s=60.0)
-    gaps = np.diff(world.timestamps_s) * 30
-    np.testing.assert_allclose(gaps, np.round(gaps), atol=1e-6)
-    assert len(world) == 40 and gaps.sum() == pytest.approx(52) and gaps.max() >= 2
-    # The motion is even in time: the angle is that of the gap.
-    angles = [np.degrees(np.linalg.norm(vector_from_rotation(a.T @ b))) for a, b in pairwise(world.poses[:, :3, :3])]
-    np.testing.assert_allclose(angles, 2 * gaps, rtol=1e-6)
-
-
-def test_a_repeated_frame_has_a_new_time_and_shows_what_the_frame_before_shows(kind):
-    noise = {"noise": 3.0} if kind is Rendered else {"field_px": 0.3}
-    world = kind.make("room", 3, frames=30, repeated=0.2, **noise)
-    copies = [k for k in range(1, 30) if np.array_equal(world.poses[k], world.poses[k - 1])]
-    assert len(copies) == 6
-    assert all(same(kind, world, k, world, k - 1) for k in copies)
-    np.testing.assert_allclose(np.diff(world.timestamps_s), 1 / 30, atol=1e-9)
-    other = next(k for k in range(1, 30) if k not in copies)
-    assert not same(kind, world, other, world, other - 1)
 
 
 def test_the_first_scene_of_a_cut_is_a_scene_of_its_own_length(kind):

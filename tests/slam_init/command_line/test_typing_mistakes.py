@@ -43,7 +43,7 @@ def error_of(words, capsys):
         (["run", "synth:static?frames=2&width=96&height=64", "--imu=nowhere.csv"], "nowhere.csv"),
         (["run", "x", "--gravity", "g.txt", "--method", "orb-slam3"], "which orb-slam3 has not: leave it out"),
         (["run", "synth:static?frames=2&width=96&height=64", "--gravity", "imu"], "has no accelerations"),
-        (["run", "synth:static?frames=2&imu=1&cut=1"], "leave cut and stabilized out"),
+        (["run", "synth:static?frames=2&imu=1&cut=1"], "leave cut out"),
         (["run", "synth:static?frames=2&width=96&height=64", "--camera", "fx=90"], "give a file, f=1250 (pixels)"),
         (["bench", "--suite", "draw"], "did you mean drawn? (see slam-init bench --help)"),
         (["run", "synth:rom"], "unknown scene 'rom': did you mean room? use one of room, wall"),

@@ -1,10 +1,12 @@
 """Synthetic sequences as a source."""
 
 import numpy as np
+import pytest
 
 import sequences_synth
 from sequences_synth import SynthOptions, make_sequence, write_tum
 from slam_init.datasets import open_source
+from slam_init.errors import SourceError
 
 
 def test_a_synthetic_source_renders_only_the_requested_frames(monkeypatch):
@@ -28,3 +30,14 @@ def test_a_synthetic_source_equals_the_folder_written_from_it(tmp_path):
         true_a, true_b = read.groundtruth.at(a.timestamp_s), made.groundtruth.at(b.timestamp_s)
         np.testing.assert_allclose(true_a.R, true_b.R, atol=1e-7)
         np.testing.assert_allclose(true_a.t, true_b.t, atol=1e-7)
+
+
+def test_an_option_of_earlier_versions_names_what_to_use_and_a_switch_is_0_or_1():
+    for text, message in (
+        ("synth:room?stabilized=1", "no longer an option of these worlds: warp the frames"),
+        ("synth:room?moving=0.3", "use points:NAME"),
+        ("synth:room?lens=omni", "use one of pinhole, radtan, fisheye"),
+        ("synth:room?imu=yes", "give 0 or 1"),
+    ):
+        with pytest.raises(SourceError, match=message):
+            open_source(text)

@@ -1,14 +1,22 @@
-"""Laws of the motions of an essential matrix or a homography, and of the check of motions by triangulation."""
+"""Laws of fundamental matrices and homographies, of their motions, and of the check of motions by triangulation."""
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from make_model_views import estimate, views
 from two_view_scenes import CAMERA
 
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
-from slam_init.methods.models import fundamental_eight_point, homography_dlt
+from slam_init.methods.models import (
+    epipolar_errors,
+    fundamental_eight_point,
+    homography_dlt,
+    normalize,
+    normalizing_transform,
+    sampson_errors,
+    transfer_errors,
+)
 from slam_init.methods.motions import CheckRule, check_motions, motions_of_essential, motions_of_homography
 
 RULE = CheckRule(max_error_px=1e-3, distant_cos=1.0)
@@ -21,6 +29,7 @@ def contains(R, t, pose):
 
 
 # Eight points can lie near a critical surface, so the motion is estimated from twelve points or more.
+@settings(max_examples=15)
 @given(st.integers(0, 10_000), st.integers(12, 30))
 def test_the_motions_of_an_essential_matrix_contain_the_true_one(seed, count):
     pixels1, pixels2, pose = views(seed, count)
@@ -30,6 +39,7 @@ def test_the_motions_of_an_essential_matrix_contain_the_true_one(seed, count):
     assert contains(R, t, pose)
 
 
+@settings(max_examples=15)
 @given(st.integers(0, 10_000))
 def test_the_motions_of_a_homography_contain_the_true_one(seed):
     pixels1, pixels2, pose = views(seed, planar=True)
@@ -95,3 +105,40 @@ def test_the_ranked_parallax_is_that_after_the_given_number_of_larger_ones():
         rule = CheckRule(max_error_px=1e-3, distant_cos=1.0, ranked=ranked)
         check = check_motions(CAMERA, pose.R[None], pose.t[None], rays1, rays2, np.ones(60, bool), rule)
         assert check.parallax_deg[0] == pytest.approx(expected, abs=1e-6)
+
+
+# -- models ----------------------------------------------------------------------------------------
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 10_000), st.integers(8, 30))
+def test_a_fundamental_matrix_has_rank_two_and_fits_exact_matches(seed, count):
+    pixels1, pixels2, _ = views(seed, count)
+    F = estimate(fundamental_eight_point, pixels1, pixels2, "transpose")
+    assert max(e.max() for e in epipolar_errors(F, pixels1, pixels2)) < 1e-6
+    assert sampson_errors(F, pixels1, pixels2).max() < 1e-6
+    assert abs(np.linalg.det(F[0] / np.linalg.norm(F[0]))) < 1e-12
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 10_000), st.integers(4, 30))
+def test_a_homography_fits_an_exact_plane(seed, count):
+    pixels1, pixels2, _ = views(seed, count, planar=True)
+    H = estimate(homography_dlt, pixels1, pixels2, "inverse")
+    assert max(e.max() for e in transfer_errors(H, pixels1, pixels2)) < 1e-4
+
+
+@settings(max_examples=15)
+@given(st.integers(0, 10_000))
+def test_normalized_pixels_have_mean_zero_and_mean_absolute_coordinates_of_one(seed):
+    pixels = np.random.default_rng(seed).uniform((0, 0), (640, 480), (20, 2))
+    normalized = normalize(normalizing_transform(pixels), pixels)
+    np.testing.assert_allclose(normalized.mean(axis=0), 0, atol=1e-12)
+    np.testing.assert_allclose(np.abs(normalized).mean(axis=0), 1)
+
+
+def test_a_singular_homography_raises_no_warning():
+    pixels1, pixels2, _ = views(0)
+    in2, in1 = transfer_errors(np.zeros((1, 3, 3)), pixels1, pixels2)
+    assert not np.isfinite(in2).any()
+    assert not np.isfinite(in1).any()

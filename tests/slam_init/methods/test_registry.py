@@ -19,29 +19,28 @@ def test_each_method_is_described_and_can_be_made():
     for name, info in METHODS.items():
         assert info.name == name
         assert info.summary
-        assert info.source
         if info.needs is None or find_spec(info.needs):
             assert make_initializer(name, CAMERA, CONFIG).frames_read == 0
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
+def test_other_names_are_errors_with_a_way_out():
+    for name, message in (
         ("magic", "--list-methods names all"),
+        ("pyslam", "no longer part of slam-init: use magsac"),
+        ("superansac", "use magsac or poselib"),
         ("no_such_module:Method", "cannot be made"),
         ("slam_init.types.arrays:Nothing", "cannot be made"),
         ("slam_init.types.arrays:Pose", "cannot be made"),
         ("slam_init.config:Config", "not a two-view method"),
+        ("sys:exit", "not a two-view method"),
         ("quest", "use make_initializer"),
-    ],
-)
-def test_other_names_are_errors_with_a_way_out(name, message):
-    with pytest.raises(ConfigError, match=message):
-        make_two_view(name)
+    ):
+        with pytest.raises(ConfigError, match=message):
+            make_two_view(name)
 
 
 def test_a_method_whose_package_is_not_installed_names_the_package(monkeypatch):
-    monkeypatch.setitem(METHODS, "rare", MethodInfo("rare", "-", "-", "slam_init.config:Config", "no_such_package"))
+    monkeypatch.setitem(METHODS, "rare", MethodInfo("rare", "-", "slam_init.config:Config", "no_such_package"))
     with pytest.raises(ConfigError, match="pip install no_such_package"):
         make_two_view("rare")
 

@@ -1,4 +1,4 @@
-"""Textured parallelograms (quads). Every surface of a world is a quad."""
+"""Textured parallelograms (quads): every surface of a world is one. What the builders of all scenes share."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ import numpy as np
 
 from sequences_synth.arrays import Floats
 from sequences_synth.texture import Texture
+from sequences_synth.trajectory import Handling, Jitter
 
 # Largest side of a texture in texels: painting a larger one takes longer than rendering the sequence.
 _MAX_TEXELS = 4096
 # Direction towards the light: from above, and a little from the front left.
 _SUN = np.array([-0.35, -0.5, 0.79])
+# A hand trembles by a fraction of a degree and some millimetres.
+HAND_DEG, _HAND_M = 0.25, 0.004
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,63 +35,18 @@ class Quad:
     #: If true, the quad is visible only where ``edge_u x edge_v`` points away from the camera, that is from the side
     #: from which u runs right and v runs down. Used for the faces of closed boxes.
     one_sided: bool = False
-    #: For objects that move without turning: frame number -> displacement (3,) in metres.
-    displacement: Callable[[float], Floats] | None = None
-    #: For bodies that move and turn: frame number -> world_from_body (4, 4). Corner and edges are then in the frame
-    #: of the body.
-    body: Callable[[float], Floats] | None = None
 
-    @property
-    def moves(self) -> bool:
-        """Whether the quad moves in the world."""
-        return self.displacement is not None or self.body is not None
-
-    def motion(self, frame: float, later: float) -> Floats:
-        """Compute the motion of the quad from one frame to another.
-
-        Shapes: returns (4, 4).
-
-        * Returns: Maps world points on the quad at ``frame`` to where they are at ``later``, metres.
-        """
-        moved = np.eye(4)
-        if self.body is not None:
-            moved = self.body(later) @ np.linalg.inv(self.body(frame))
-        elif self.displacement is not None:
-            moved[:3, 3] = self.displacement(later) - self.displacement(frame)
-        return np.asarray(moved)
-
-    def corner_at(self, frame: float) -> Floats:
-        """Compute the position of the corner at a frame.
-
-        Shapes: returns (3,).
-        """
-        return self.corner if self.displacement is None else self.corner + self.displacement(frame)
-
-    def world_from_texel(self, frame: float) -> Floats:
-        """Compute the matrix that maps texels to world points.
-
-        Shapes: returns (3, 3).
-
-        * Returns: Its product with (s, t, 1) is the world point of texel (s, t), metres.
-        """
-        if self.body is not None:
-            world_from_body = self.body(frame)
-            columns = world_from_body[:3, :3] @ self._texel_frame
-            return np.asarray(columns + np.outer(world_from_body[:3, 3], [0.0, 0.0, 1.0]))
-        if self.displacement is None:
-            return self._texel_frame
-        return np.column_stack([self._texel_frame[:, :2], self.corner_at(frame)])
+    @cached_property
+    def world_from_texel(self) -> Floats:
+        """(3, 3) whose product with (s, t, 1) is the world point of texel (s, t), metres."""
+        u = self.edge_u / (self.texture.width - 1)
+        v = self.edge_v / (self.texture.height - 1)
+        return np.column_stack([u, v, self.corner])
 
     @cached_property
     def texel_area(self) -> float:
         """Area of a texel in square metres."""
-        return float(np.linalg.norm(np.cross(self._texel_frame[:, 0], self._texel_frame[:, 1])))
-
-    @cached_property
-    def _texel_frame(self) -> Floats:
-        u = self.edge_u / (self.texture.width - 1)
-        v = self.edge_v / (self.texture.height - 1)
-        return np.column_stack([u, v, self.corner])
+        return float(np.linalg.norm(np.cross(self.world_from_texel[:, 0], self.world_from_texel[:, 1])))
 
 
 @dataclass(eq=False)
@@ -114,7 +72,6 @@ class Painter:
         look: str,
         light: float = 1.0,
         one_sided: bool = False,
-        displacement: Callable[[float], Floats] | None = None,
         nearest_m: float = 0.0,
     ) -> Quad:
         """Make a quad with its own texture, of about 1.1 texels per pixel where it is nearest to the viewpoint.
@@ -133,7 +90,7 @@ class Painter:
         )
         texture = Texture((*self.seed, self.count), width, height, look)
         self.count += 1
-        return Quad(corner, edge_u, edge_v, texture, light, one_sided, displacement)
+        return Quad(corner, edge_u, edge_v, texture, light, one_sided)
 
 
 def box(
@@ -159,3 +116,59 @@ def box(
         light = 0.78 + 0.22 * float(outwards @ _SUN)
         quads.append(painter.quad(start, u, v, look, light, one_sided=True))
     return quads
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """Input of every scene builder: the random generator and the camera."""
+
+    #: Source of all draws of the scene.
+    rng: np.random.Generator
+    #: Entropy of the scene, from which the textures are seeded.
+    seed: tuple[int, ...]
+    #: (3, 3) True calibration matrix, pixels.
+    K: Floats
+    #: width, height: Image size in pixels.
+    width: int
+    height: int
+    #: Number of frames over which the motion rises to full speed, see :func:`sequences_synth.trajectory.progress`.
+    slow_start: float
+    #: Frames per second, for scenes whose motion is in seconds.
+    fps: float
+    #: How the camera of these scenes is handled.
+    handling: Handling
+
+    def painter(self, viewpoint: Floats, nearest_m: float) -> Painter:
+        """Make a painter whose textures suit this camera.
+
+        Shapes: ``viewpoint`` (3,).
+        """
+        return Painter(self.seed, float(self.K[0, 0]), viewpoint, nearest_m)
+
+    def random_sign(self) -> float:
+        """Draw a sign."""
+        return float(self.rng.choice([-1.0, 1.0]))
+
+
+def curved_path(start: Floats, along: Floats, bend: Floats) -> Callable[[float], Floats]:
+    """Make a path that is quadratic in the progress p: ``start + p along + p^2 bend``.
+
+    Shapes: ``start, along, bend`` (3,).
+    """
+    return lambda p: start + p * along + p * p * bend
+
+
+def linear_angles(start: Floats, by: Floats) -> Callable[[float], Floats]:
+    """Make angles that are linear in the progress p: ``start + p by``.
+
+    Shapes: ``start, by`` (3,).
+    """
+    return lambda p: start + p * by
+
+
+def hand_jitter(setup: Setup, distance_m: float) -> Jitter:
+    """Draw the tremor of a hand. The position trembles less when the scene is near, as people then move with care.
+
+    * ``distance_m``: Distance to the scene in metres; below 2 m the tremor of the position shrinks in proportion.
+    """
+    return Jitter.draw(setup.rng, HAND_DEG, _HAND_M * min(1.0, distance_m / 2))

@@ -1,0 +1,585 @@
+"""The scenes by name: their surfaces, and the path of the camera.
+
+Sizes are in metres; the z axis of the world points up. Each builder draws the path and keeps objects away from it.
+
+Scenes indoors are ``room``, ``static``, ``rotation`` and ``rotate-then-move`` in a furnished room, ``corridor`` and
+``desk``. ``wall``, ``nadir``, ``nadir-turn``, ``tilted-15``, ``tilted-30`` and ``tilted-45`` are one plane. In
+``handheld``, ``handheld-wall`` and ``pan`` the camera is handled in seconds and not in frames.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from sequences_synth.arrays import Floats, Image
+from sequences_synth.options import SynthOptions
+from sequences_synth.quads import HAND_DEG, Painter, Quad, Setup, box, curved_path, hand_jitter, linear_angles
+from sequences_synth.texture import Texture, halved
+from sequences_synth.trajectory import (
+    PROGRESS_RANGE,
+    Arc,
+    Handling,
+    HandTurning,
+    Jitter,
+    Path,
+    orientation,
+    progress,
+    rotation_from_vector,
+)
+
+# -- indoors ---------------------------------------------------------------------------------------
+
+
+# A standing person who looks about level sees no floor nearer than this.
+_LEVEL_GAZE_M = 2.0
+# Range of the frame at which the translation of `rotate-then-move` starts.
+_FIRST_TRANSLATION_FRAME = (40.0, 50.0)
+
+
+def room(setup: Setup) -> tuple[list[Quad], Path]:
+    """Build a furnished room; the camera is held by hand and moves mostly sideways."""
+    rng = setup.rng
+    side = setup.random_sign()
+    travel = rng.uniform(0.9, 1.3)
+    along = travel * np.array([side, rng.uniform(-0.1, 0.45), rng.uniform(-0.15, 0.15)])
+    bend = np.array([0, rng.uniform(-0.1, 0.15), rng.uniform(-0.08, 0.08)])
+    start = np.array([-0.4 * along[0] + rng.uniform(-0.2, 0.2), 0.0, rng.uniform(1.25, 1.6)])
+    turn_by = np.radians([side * rng.uniform(-3, 11), rng.uniform(-4, 4), rng.uniform(-4, 4)])
+    turn_from = np.radians([rng.uniform(-8, 8), rng.uniform(-10, 0), rng.uniform(-2, 2)])
+    centre, angles = curved_path(start, along, bend), linear_angles(turn_from, turn_by)
+    path = Path(centre, angles, setup.slow_start, jitter=hand_jitter(setup, 3.0))
+    return furnished_room(setup, start), path
+
+
+def furnished_room(setup: Setup, viewpoint: Floats) -> list[Quad]:
+    """Build walls, pictures and boxes around a viewpoint that looks along y. No object is near the camera.
+
+    Shapes: ``viewpoint`` (3,).
+    """
+    rng = setup.rng
+    painter = setup.painter(viewpoint, 1.3)
+    left, right = -rng.uniform(2.3, 3.4), rng.uniform(2.3, 3.4)
+    front, back, top = rng.uniform(4.2, 6.5), -rng.uniform(1.6, 2.5), rng.uniform(2.5, 3.0)
+    quads = _shell(painter, rng, left, right, back, front, top)
+    quads += _pictures(painter, rng, left, right, front, top)
+    for _ in range(int(rng.integers(9, 15))):
+        size = np.array([rng.uniform(0.3, 1.1), rng.uniform(0.3, 0.9), rng.uniform(0.3, 1.3)])
+        y = rng.uniform(1.9, front - 0.4)
+        # Near objects are low: high ones would hide the room.
+        size[2] = min(size[2], 0.35 + 0.3 * y)
+        x = rng.uniform(left + 0.4, right - 0.4)
+        look = str(rng.choice(["print", "print", "wood", "wall"]))
+        quads += box(painter, np.array([x, y, 0.0]), size, rng.uniform(-0.8, 0.8), look)
+    return quads
+
+
+def _shell(
+    painter: Painter, rng: np.random.Generator, left: float, right: float, back: float, front: float, top: float
+) -> list[Quad]:
+    """Floor, ceiling and four walls, each 2 cm too large on every side, so that no ray passes through a corner."""
+    m = 0.02
+    w, d, h = right - left + 2 * m, front - back + 2 * m, top + 2 * m
+    x, y, z = np.array([w, 0, 0]), np.array([0, d, 0]), np.array([0, 0, h])
+    lights = rng.uniform(0.75, 1.0, 4)
+    return [
+        painter.quad(np.array([left - m, front, top + m]), x, -z, "wall", lights[0]),
+        painter.quad(np.array([right + m, back, top + m]), -x, -z, "wall", lights[1]),
+        painter.quad(np.array([left, back - m, top + m]), y, -z, "wall", lights[2]),
+        painter.quad(np.array([right, front + m, top + m]), -y, -z, "wall", lights[3]),
+        painter.quad(np.array([left - m, front + m, 0]), x, -y, "wood", 0.9, nearest_m=_LEVEL_GAZE_M),
+        painter.quad(np.array([left - m, back - m, top]), x, y, "ceiling", 0.85, nearest_m=_LEVEL_GAZE_M),
+    ]
+
+
+def _pictures(
+    painter: Painter, rng: np.random.Generator, left: float, right: float, front: float, top: float
+) -> list[Quad]:
+    """Pictures and cupboards on the far and the side walls."""
+    quads = []
+    down = np.array([0, 0, -1.0])
+    for _ in range(int(rng.integers(4, 7))):
+        w, h, off = rng.uniform(0.5, 1.2), rng.uniform(0.4, 0.9), rng.uniform(0.02, 0.3)
+        corner = np.array([rng.uniform(left + 0.1, right - w - 0.1), front - off, rng.uniform(1.2, top - 0.1)])
+        quads.append(painter.quad(corner, np.array([w, 0, 0]), h * down, "print", rng.uniform(0.8, 1.05)))
+    for side, x in ((1, left), (-1, right)):
+        for _ in range(2):
+            w, h, off = rng.uniform(0.6, 1.2), rng.uniform(0.4, 0.9), rng.uniform(0.02, 0.25)
+            y = rng.uniform(1.5, front - w)
+            start = y if side > 0 else y + w
+            corner = np.array([x + side * off, start, rng.uniform(1.2, top - 0.1)])
+            quads.append(painter.quad(corner, np.array([0, side * w, 0]), h * down, "print", rng.uniform(0.7, 0.95)))
+    return quads
+
+
+def static(setup: Setup) -> tuple[list[Quad], Path]:
+    """Build the furnished room, seen by a static camera."""
+    quads, path = room(setup)
+    start, angles = path.centre(0.0), path.angles(0.0)
+    return quads, Path(centre=lambda _: start, angles=lambda _: angles, slow_start=0.0)
+
+
+def rotation(setup: Setup) -> tuple[list[Quad], Path]:
+    """Build the furnished room, seen by a rotation-only camera: it turns about its optical centre, without parallax."""
+    rng = setup.rng
+    start = np.array([rng.uniform(-0.4, 0.4), 0.0, rng.uniform(1.2, 1.6)])
+    pan = setup.random_sign() * rng.uniform(25, 45)
+    turn_from = np.radians([-0.5 * pan, rng.uniform(-8, 0), rng.uniform(-2, 2)])
+    turn_by = np.radians([pan, rng.uniform(-8, 8), rng.uniform(-4, 4)])
+    jitter = Jitter.draw(rng, HAND_DEG, 0.0)
+    path = Path(lambda _: start, linear_angles(turn_from, turn_by), setup.slow_start, jitter=jitter)
+    return furnished_room(setup, start), path
+
+
+def rotate_then_move(setup: Setup) -> tuple[list[Quad], Path]:
+    """Build the scene `rotation` in which the camera starts to move sideways after 40 to 50 frames."""
+    quads, rotating = rotation(setup)
+    rng = setup.rng
+    start = rotating.centre(0.0)
+    move_from = float(rng.uniform(*_FIRST_TRANSLATION_FRAME))
+    # Sideways with respect to the heading at the frame at which the translation starts.
+    yaw = rotating.angles(progress(move_from, setup.slow_start))[0]
+    side = setup.random_sign()
+    sideways, ahead = side * np.array([np.cos(yaw), np.sin(yaw), 0]), np.array([-np.sin(yaw), np.cos(yaw), 0])
+    # The whole translation has to fit into half of the frames.
+    along = rng.uniform(1.7, 2.1) * (sideways + rng.uniform(0, 0.3) * ahead)
+    bend = np.array([0, 0, rng.uniform(-0.1, 0.1)])
+    return quads, replace(rotating, centre=curved_path(start, along, bend), move_from=move_from)
+
+
+def corridor(setup: Setup) -> tuple[list[Quad], Path]:
+    """Build a corridor through which the camera is carried forwards."""
+    rng = setup.rng
+    half, top, length = rng.uniform(1.0, 1.4), rng.uniform(2.3, 2.7), rng.uniform(14, 20)
+    start = np.array([rng.uniform(-0.25, 0.25) * half, 0.0, rng.uniform(1.2, 1.6)])
+    along = np.array([rng.uniform(-0.08, 0.08), rng.uniform(1.5, 1.9), rng.uniform(-0.05, 0.05)])
+    turn_from = np.radians([rng.uniform(-3, 3), rng.uniform(-5, 0), rng.uniform(-1, 1)])
+    turn_by = np.radians([rng.uniform(-4, 4), rng.uniform(-2, 2), rng.uniform(-2, 2)])
+    centre, angles = curved_path(start, along, np.zeros(3)), linear_angles(turn_from, turn_by)
+    path = Path(centre, angles, setup.slow_start, jitter=hand_jitter(setup, 2.0))
+    painter = setup.painter(start, 1.4)
+    quads = _corridor_walls(painter, rng, half, top, length)
+    for _ in range(int(rng.integers(6, 10))):
+        side = setup.random_sign()
+        size = np.array([rng.uniform(0.25, 0.5), rng.uniform(0.3, 1.0), rng.uniform(0.3, 1.4)])
+        place = np.array([side * (half - 0.5 * size[0]), rng.uniform(3.4, 0.8 * length), 0])
+        quads += box(painter, place, size, 0.0, str(rng.choice(["print", "wood"])))
+    return quads, path
+
+
+def _corridor_walls(painter: Painter, rng: np.random.Generator, half: float, top: float, length: float) -> list[Quad]:
+    """Walls, floor and ceiling in panels, with some door frames between them.
+
+    Each panel has a texture as fine as its distance requires.
+    """
+    quads = []
+    x, z, m = np.array([2 * half + 0.04, 0, 0]), np.array([0, 0, top + 0.04]), 0.02
+    y0 = -2.0
+    while y0 < length:
+        step = rng.uniform(1.5, 2.6)
+        y, lights = np.array([0, step + 0.01, 0]), rng.uniform(0.75, 1.0, 4)
+        quads += [
+            painter.quad(np.array([-half, y0, top + m]), y, -z, "wall", lights[0]),
+            painter.quad(np.array([half, y0 + step, top + m]), -y, -z, "wall", lights[1]),
+            painter.quad(np.array([-half - m, y0 + step, 0]), x, -y, "wood", lights[2]),
+            painter.quad(np.array([-half - m, y0, top]), x, y, "ceiling", 0.9 * lights[3]),
+        ]
+        y0 += step
+        if y0 > 2.5 and rng.random() < 0.6:
+            depth, width = 0.2, rng.uniform(0.1, 0.25)
+            for side in (-1, 1):
+                post = np.array([side * (half - 0.5 * width), y0, 0])
+                quads += box(painter, post, np.array([width, depth, top]), 0.0, "wood")
+            lintel = np.array([0, y0, top - 0.3])
+            quads += box(painter, lintel, np.array([2 * half, depth, 0.32]), 0.0, "wood", floating=True)
+    quads.append(painter.quad(np.array([-half - m, length, top + m]), x, -z, "print", 0.9))
+    return quads
+
+
+def desk(setup: Setup) -> tuple[list[Quad], Path]:
+    """Build a desk top that fills most of the view, with boxes on it; the camera is held by hand above it."""
+    rng = setup.rng
+    desk_z = 0.75
+    pitch = np.radians(-rng.uniform(42, 55))
+    distance = rng.uniform(0.85, 1.15)
+    # Look at the middle of the desk from its near side.
+    middle = np.array([0, 0, desk_z])
+    start = middle + distance * np.array([0, -np.cos(pitch), -np.sin(pitch)])
+    side = setup.random_sign()
+    along = distance * rng.uniform(0.27, 0.36) * np.array([side, rng.uniform(-0.3, 0.3), rng.uniform(-0.2, 0.2)])
+    bend = distance * np.array([0, rng.uniform(-0.06, 0.06), rng.uniform(-0.05, 0.05)])
+    turn_from = np.array([-side * np.radians(rng.uniform(-4, 4)), pitch, np.radians(rng.uniform(-4, 4))])
+    turn_by = np.radians([side * rng.uniform(2, 14), rng.uniform(-3, 3), rng.uniform(-5, 5)])
+    start = start - 0.5 * along
+    centre, angles = curved_path(start, along, bend), linear_angles(turn_from, turn_by)
+    path = Path(centre, angles, setup.slow_start, jitter=hand_jitter(setup, 1.0))
+    painter = setup.painter(start, 0.6)
+    wide, deep = rng.uniform(1.0, 1.3), rng.uniform(0.75, 0.95)
+    quads = [
+        painter.quad(
+            np.array([-wide, deep, desk_z]), np.array([2 * wide, 0, 0]), np.array([0, -deep - 0.7, 0]), "desk"
+        ),
+        painter.quad(np.array([-4, 3, 0]), np.array([8.0, 0, 0]), np.array([0, -5.0, 0]), "wood", 0.7),
+        painter.quad(np.array([-4, 2.2, 3]), np.array([8.0, 0, 0]), np.array([0, 0, -3.0]), "wall", 0.9),
+    ]
+    spots = _spread(rng, int(rng.integers(6, 10)), np.array([-0.7, -0.32]), np.array([0.7, 0.6]), 0.24)
+    for spot in spots:
+        size = np.array([rng.uniform(0.08, 0.2), rng.uniform(0.08, 0.18), rng.uniform(0.04, 0.2)])
+        quads += box(painter, np.array([*spot, desk_z]), size, rng.uniform(0, np.pi), "print")
+    return quads, path
+
+
+def _spread(rng: np.random.Generator, count: int, low: Floats, high: Floats, apart: float) -> list[Floats]:
+    """Up to ``count`` points (2,) of a rectangle, no two nearer than ``apart``."""
+    spots: list[Floats] = []
+    for _ in range(20 * count):
+        spot = rng.uniform(low, high)
+        if len(spots) < count and all(np.linalg.norm(spot - other) >= apart for other in spots):
+            spots.append(spot)
+    return spots
+
+
+# -- planes ----------------------------------------------------------------------------------------
+
+
+# A gimbal trembles less than a hand (degrees), but the wind moves the drone (metres).
+_GIMBAL_DEG, _GIMBAL_M = 0.08, 0.03
+
+
+def _plane(setup: Setup, path: Path, origin: Floats, u: Floats, v: Floats, look: str, nearest_m: float) -> Quad:
+    """One quad on the plane ``origin + a u + b v`` (u, v orthonormal), large enough to fill every view."""
+    poses = [path.steady(p, p) for p in np.linspace(*PROGRESS_RANGE, 25)]
+    low, high = _extent(setup, poses, origin, u, v, np.cross(u, v))
+    # The steady path has no jitter. A margin of 5 % is many times the displacement by the jitter.
+    margin = 0.05 * (high - low)
+    return _part_of_plane(setup.painter(path.centre(0.0), nearest_m), origin, u, v, low - margin, high + margin, look)
+
+
+def _extent(
+    setup: Setup, poses: list[Floats], origin: Floats, u: Floats, v: Floats, normal: Floats
+) -> tuple[Floats, Floats]:
+    """The least and the largest coordinates (a, b) on the plane ``origin + a u + b v`` that corners of views see."""
+    corners = np.array([[x, y, 1] for x in (0, setup.width - 1) for y in (0, setup.height - 1)], float)
+    rays = corners @ np.linalg.inv(setup.K).T
+    spots = []
+    for pose in poses:
+        directions = rays @ pose[:3, :3].T
+        reach = ((origin - pose[:3, 3]) @ normal) / (directions @ normal)
+        spots.append(pose[:3, 3] + reach[:, None] * directions - origin)
+    ab = np.concatenate(spots) @ np.column_stack([u, v])
+    return ab.min(axis=0), ab.max(axis=0)
+
+
+def _part_of_plane(
+    painter: Painter, origin: Floats, u: Floats, v: Floats, low: Floats, high: Floats, look: str
+) -> Quad:
+    return painter.quad(origin + low[0] * u + low[1] * v, (high[0] - low[0]) * u, (high[1] - low[1]) * v, look)
+
+
+def wall(setup: Setup) -> tuple[list[Quad], Path]:
+    """Build one tilted wall and nothing else; the camera is held by hand and moves in a curve."""
+    rng = setup.rng
+    distance = rng.uniform(1.8, 3.5)
+    # The normal of the wall is 12 to 32 degrees off the optical axis. The wall leans by 10 degrees at most.
+    turned, leaning = setup.random_sign() * np.radians(rng.uniform(12, 30)), np.radians(rng.uniform(-10, 10))
+    u = np.array([np.cos(turned), np.sin(turned), 0])
+    v = np.array([-np.sin(turned) * np.sin(leaning), np.cos(turned) * np.sin(leaning), -np.cos(leaning)])
+    origin = np.array([0, distance, 1.5])
+    heading = rng.uniform(0, 2 * np.pi)
+    reach = distance * rng.uniform(0.26, 0.36)
+    # The motion is mostly parallel to the image. The path is curved: a straight path along a plane is scene `nadir`.
+    along = reach * np.array([np.cos(heading), rng.uniform(-0.2, 0.35), 0.6 * np.sin(heading)])
+    side = setup.random_sign()
+    bend = 0.25 * reach * side * np.array([-np.sin(heading), rng.uniform(-0.3, 0.3), 0.6 * np.cos(heading)])
+    start = np.array([0, 0, 1.5]) - 0.5 * along
+    turn_by = np.radians([rng.uniform(-8, 8), rng.uniform(-5, 5), rng.uniform(-6, 6)])
+    turn_from = np.radians([rng.uniform(-3, 3), rng.uniform(-3, 3), rng.uniform(-3, 3)])
+    centre, angles = curved_path(start, along, bend), linear_angles(turn_from, turn_by)
+    path = Path(centre, angles, setup.slow_start, jitter=hand_jitter(setup, distance))
+    return [_plane(setup, path, origin, u, v, "wall", 0.75 * distance)], path
+
+
+def _flight(setup: Setup, turn_deg: float, tilt_deg: float | None = None) -> tuple[list[Quad], Path]:
+    """A drone over flat ground; heading and velocity turn by ``turn_deg`` in 100 frames.
+
+    By default the drone climbs a little, and the camera is 0 to 30 degrees off the vertical in any direction. With
+    ``tilt_deg`` the flight is level, and the camera is tilted by this angle from the vertical, along or across the
+    direction of flight.
+    """
+    rng = setup.rng
+    height = rng.uniform(15, 35)
+    reach = height * rng.uniform(0.30, 0.38)
+    climb = reach * rng.uniform(0, 0.2)
+    pitch = np.radians(-90 + rng.uniform(0, 30))
+    # The direction of flight is independent of the heading: a drone can fly sideways and backwards.
+    course, yaw = rng.uniform(0, 2 * np.pi, 2)
+    turn = np.radians(turn_deg)
+    if tilt_deg is not None:
+        # The camera is tilted forward in half of the worlds, and to the left or right in the others. A yaw of 0 looks
+        # along the y axis, a course of 0 leads along the x axis.
+        climb, pitch = 0.0, np.radians(-90 + tilt_deg)
+        yaw = course + np.pi / 2 * (rng.choice([0.0, setup.random_sign()]) - 1)
+
+    def centre(p: float) -> Floats:
+        # An arc: the direction of the velocity is linear in p. np.sinc avoids 0 / 0 in the limit of a straight line.
+        ahead = p * np.sinc(turn * p / np.pi)
+        aside = 0.5 * turn * p * p * np.sinc(0.5 * turn * p / np.pi) ** 2
+        c, s = np.cos(course), np.sin(course)
+        flat = np.array([c * ahead - s * aside, s * ahead + c * aside])
+        return np.array([*(reach * flat), height + climb * p])
+
+    roll = np.radians(rng.uniform(-2, 2))
+    angles = linear_angles(np.array([yaw, pitch, roll]), np.array([turn, 0, 0]))
+    jitter = Jitter.draw(rng, _GIMBAL_DEG, _GIMBAL_M)
+    path = Path(centre, angles, setup.slow_start, jitter=jitter)
+    u, v = np.array([np.cos(yaw), np.sin(yaw), 0]), np.array([np.sin(yaw), -np.cos(yaw), 0])
+    return [_plane(setup, path, np.zeros(3), u, v, "ground", 0.9 * height)], path
+
+
+def nadir(setup: Setup) -> tuple[list[Quad], Path]:
+    """Build a straight flight over flat ground. Two poses explain its views, and later views do not decide."""
+    return _flight(setup, 0.0)
+
+
+def nadir_turn(setup: Setup) -> tuple[list[Quad], Path]:
+    """Build a flight in a turn over flat ground. Later views decide between the two poses."""
+    return _flight(setup, setup.random_sign() * float(setup.rng.uniform(45, 90)))
+
+
+def tilted(tilt_deg: float) -> Callable[[Setup], tuple[list[Quad], Path]]:
+    """Make the builder of a straight level flight over flat ground with a tilted camera.
+
+    * ``tilt_deg``: Angle between the optical axis and the normal of the ground. The camera is tilted forward in half of
+      the worlds, and to the left or right in the others.
+    * Returns: Setup -> the one quad of the ground, as a list, and the path.
+    """
+    return lambda setup: _flight(setup, 0.0, tilt_deg)
+
+
+# -- hand-held -------------------------------------------------------------------------------------
+
+
+# Median depth of the furnished room, metres: the unit of the speed of the translation.
+_ROOM_DEPTH_M = 3.0
+# The camera moves along a circle of at most this radius. The room has no object nearer than 1.3 m.
+_LARGEST_RADIUS_M = 0.4
+# Range of the distance of the wall, metres; largest angle between its normal and the axis about which the camera
+# oscillates; and largest tilt of the optical axis from that axis.
+_WALL_M, _WALL_DEG, _WALL_TILT_DEG = (1.2, 3.5), 12.0, 15.0
+# The wall fills the views of this many seconds.
+_WALL_S = 120.0
+
+
+@dataclass(frozen=True, eq=False)
+class HandPath:
+    """The path of a camera that is turned by hand, or steadily."""
+
+    #: Frames per second.
+    fps: float
+    #: (4, 4) Pose world_from_cam about which the camera is turned, metres.
+    start: Floats
+    #: Time (N,) in seconds -> rotation vector (N, 3), radians.
+    turning: Callable[[Floats], Floats]
+    #: Translation in the axes of ``start``.
+    arc: Arc
+    #: Unit of the arc.
+    depth_m: float
+
+    def world_from_cam(self, frame: float) -> Floats:
+        """Compute the pose at a frame.
+
+        Shapes: returns (4, 4).
+        """
+        time_s = np.array(frame / self.fps)
+        pose = self.start.copy()
+        pose[:3, :3] = pose[:3, :3] @ rotation_from_vector(self.turning(time_s))
+        pose[:3, 3] += self.start[:3, :3] @ (self.depth_m * self.arc.position(time_s))
+        return pose
+
+
+def _arc(setup: Setup, along: Floats, across: Floats, depth_m: float) -> Arc:
+    """An arc that bends enough to stay within the largest radius."""
+    drawn = Arc.draw(setup.rng, setup.handling, along, across)
+    least = setup.handling.speed * depth_m / _LARGEST_RADIUS_M
+    return Arc(drawn.speed, max(drawn.bend_rad_s, least), along, across)
+
+
+def _stand(rng: np.random.Generator, pitch_deg: float) -> Floats:
+    """Pose of a standing person who looks along y, and up or down by at most the pitch."""
+    pose = np.eye(4)
+    pose[:3, :3] = orientation(0.0, np.radians(rng.uniform(-pitch_deg, pitch_deg)))
+    pose[:3, 3] = rng.uniform(-0.4, 0.4), 0.0, rng.uniform(1.2, 1.6)
+    return pose
+
+
+def handheld(setup: Setup) -> tuple[list[Quad], HandPath]:
+    """Build the furnished room, seen by a camera that is turned by hand and moves little or not at all."""
+    start = _stand(setup.rng, 5.0)
+    turning = HandTurning.draw(setup.rng, setup.handling)
+    # Sideways, and then backwards: the furniture stands ahead.
+    side = setup.random_sign()
+    arc = _arc(setup, np.array([side, 0.0, 0.0]), np.array([0.0, 0.0, -1.0]), _ROOM_DEPTH_M)
+    path = HandPath(setup.fps, start, turning.rotation_vector, arc, _ROOM_DEPTH_M)
+    return furnished_room(setup, start[:3, 3]), path
+
+
+def pan(setup: Setup) -> tuple[list[Quad], HandPath]:
+    """Build the furnished room, seen by a camera that turns steadily about the vertical axis and never translates."""
+    start = _stand(setup.rng, 0.0)
+    # The y axis of the camera points down.
+    rate_rad_s = np.radians(setup.handling.turning_deg_s) * np.array([0.0, setup.random_sign(), 0.0])
+    still = Arc(0.0, 1.0, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
+    path = HandPath(setup.fps, start, lambda time_s: time_s[..., None] * rate_rad_s, still, _ROOM_DEPTH_M)
+    return furnished_room(setup, start[:3, 3]), path
+
+
+def handheld_wall(setup: Setup) -> tuple[list[Quad], HandPath]:
+    """Build one wall, seen by a hand-held camera that oscillates about an axis that points to the wall."""
+    rng = setup.rng
+    start = _stand(rng, 0.0)
+    turning = HandTurning.draw(rng, setup.handling, _WALL_TILT_DEG)
+    distance = rng.uniform(*_WALL_M)
+    axis = rng.uniform(0, 2 * np.pi)
+    leaning = np.radians(rng.uniform(3.0, _WALL_DEG)) * np.array([np.cos(axis), np.sin(axis), 0.0])
+    right, down, normal = (start[:3, :3] @ rotation_from_vector(leaning)).T
+    heading = rng.uniform(0, 2 * np.pi)
+    in_cam = start[:3, :3].T
+    along = in_cam @ (np.cos(heading) * right + np.sin(heading) * down)
+    across = in_cam @ (np.cos(heading) * down - np.sin(heading) * right)
+    path = HandPath(setup.fps, start, turning.rotation_vector, _arc(setup, along, across, distance), distance)
+    # The quad holds every point of the wall that the corners of a view meet.
+    origin = start[:3, 3] + distance * start[:3, 2]
+    poses = [path.world_from_cam(float(frame)) for frame in np.linspace(0, _WALL_S * setup.fps, 1500)]
+    low, high = _extent(setup, poses, origin, right, down, normal)
+    # A lens with a barrel distortion and the gaps between the instants need some more.
+    painter = setup.painter(start[:3, 3], 0.8 * distance)
+    return [_part_of_plane(painter, origin, right, down, 1.35 * low, 1.35 * high, "wall")], path
+
+
+# -- tag -------------------------------------------------------------------------------------------
+
+
+# An AprilTag of the family 36h11 and its number, on a board that faces the camera at first.
+_TAG_NUMBER = 7
+# Cells of the tag with its black border, and of the white margin on each side.
+_CELLS, _MARGIN = 8, 1
+_CELL_TEXELS = 32
+# Depth of the board over the least depth of the scene: the board intersects nothing.
+_TAG_NEARER = 0.7
+# Grey levels of the black and of the white print.
+_BLACK, _WHITE = 30, 225
+# The board is turned about its vertical axis, so that its size and its distance are distinguished.
+_TAG_TURN_RAD = np.radians(20.0)
+
+
+@dataclass(frozen=True, eq=False)
+class _TagTexture(Texture):
+    """The texture of the board."""
+
+    @cached_property
+    def levels(self) -> list[Image]:
+        """Images of the texture, each half as large as the one before.
+
+        Shapes: returns (H, W, 3).
+        """
+        import cv2
+
+        dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+        tag = cv2.aruco.generateImageMarker(dictionary, _TAG_NUMBER, _CELLS * _CELL_TEXELS)
+        margin = _MARGIN * _CELL_TEXELS
+        printed = np.pad(np.where(tag > 0, _WHITE, _BLACK).astype(np.uint8), margin, constant_values=_WHITE)
+        return halved(np.repeat(cv2.GaussianBlur(printed, (0, 0), 0.7)[:, :, None], 3, axis=2))
+
+
+def _tag_board(setup: Setup, pose: Floats, quads: Sequence[Quad], side_m: float) -> Quad:
+    """Make the board in front of a pose (4, 4) of the camera."""
+    depth = _TAG_NEARER * _nearest_ahead(setup, quads, pose)
+    side = side_m * (_CELLS + 2 * _MARGIN) / _CELLS
+    texels = (_CELLS + 2 * _MARGIN) * _CELL_TEXELS
+    # The black square goes from the outer edge of its first texel to that of its last one; texel centres are half a
+    # texel inside.
+    half = 0.5 * side * (texels - 1) / texels
+    c, s = np.cos(_TAG_TURN_RAD), np.sin(_TAG_TURN_RAD)
+    u, v = 2 * half * np.array([c, 0.0, s]), 2 * half * np.array([0.0, 1.0, 0.0])
+    corner = np.array([0.0, 0.0, depth]) - 0.5 * (u + v)
+    R = pose[:3, :3]
+    return Quad(R @ corner + pose[:3, 3], R @ u, R @ v, _TagTexture((*setup.seed, 0), texels, texels, "wall"))
+
+
+def _nearest_ahead(setup: Setup, quads: Sequence[Quad], pose: Floats) -> float:
+    """Compute the least depth of the scene along 7x7 rays spread over the view; infinite where none meets the scene.
+
+    Shapes: ``pose`` (4, 4).
+    """
+    x, y = np.meshgrid(np.linspace(0, setup.width - 1, 7), np.linspace(0, setup.height - 1, 7))
+    rays = pose[:3, :3] @ np.linalg.inv(setup.K) @ np.stack([x.ravel(), y.ravel(), np.ones(x.size)])
+    depths = []
+    for quad in quads:
+        edges = np.column_stack([quad.edge_u, quad.edge_v])
+        normal = np.cross(*edges.T)
+        depth = (normal @ (quad.corner - pose[:3, 3])) / (normal @ rays)
+        a, b = np.linalg.pinv(edges) @ (pose[:3, 3:] + depth * rays - quad.corner[:, None])
+        depths.append(depth[(depth > 0) & (a >= 0) & (a <= 1) & (b >= 0) & (b <= 1)])
+    return float(np.concatenate(depths).min(initial=np.inf))
+
+
+# -- all -------------------------------------------------------------------------------------------
+
+
+# The angular speed of hand-held turning is a root mean square over this time. It does not depend on the number of
+# frames, so that a longer sequence continues the path of a shorter one.
+_HANDLING_S = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A scene and the path of the camera through it."""
+
+    #: All surfaces.
+    quads: tuple[Quad, ...]
+    path: Path | HandPath
+    #: (float, float) The exposure changes slowly as a sine: its phase at frame 0 and its advance per frame, radians.
+    exposure_phase: tuple[float, float]
+
+
+def build_world(name: str, entropy: tuple[int, ...], K: Floats, options: SynthOptions) -> World:
+    """Build a scene.
+
+    Shapes: ``K`` (3, 3).
+    """
+    rng = np.random.default_rng(entropy)
+    handling = Handling(_HANDLING_S, options.turning_deg_s, options.speed)
+    setup = Setup(rng, entropy, K, options.width, options.height, options.slow_start, options.fps, handling)
+    quads, path = _BUILDERS[name](setup)
+    phase = (float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(0.03, 0.09)))
+    if options.tag_m > 0:
+        quads = [*quads, _tag_board(setup, path.world_from_cam(0.0), quads, options.tag_m)]
+    return World(tuple(quads), path, phase)
+
+
+_BUILDERS: dict[str, Callable[[Setup], tuple[list[Quad], Path | HandPath]]] = {
+    "room": room,
+    "wall": wall,
+    "nadir": nadir,
+    "nadir-turn": nadir_turn,
+    "corridor": corridor,
+    "desk": desk,
+    "rotation": rotation,
+    "rotate-then-move": rotate_then_move,
+    "static": static,
+    "tilted-15": tilted(15.0),
+    "tilted-30": tilted(30.0),
+    "tilted-45": tilted(45.0),
+    "handheld": handheld,
+    "handheld-wall": handheld_wall,
+    "pan": pan,
+}
+
+#: Names of the rendered scenes.
+SCENES: tuple[str, ...] = tuple(_BUILDERS)
+#: Scenes that grids and benchmarks draw by default, rendered or as points. This list is fixed, so that measured tables
+#: stay comparable when scenes are added. Other scenes are reached by name.
+STANDARD_SCENES: tuple[str, ...] = SCENES[:9]
