@@ -16,9 +16,10 @@ HEAVY = (
     "matplotlib",
     "evo",
     "pycolmap",
-    "loky",
     "distributed",
-    "tabulate",
+    "pandas",
+    "jinja2",
+    "pebble",
 )
 
 

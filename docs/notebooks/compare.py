@@ -31,4 +31,4 @@ outcomes = Counter((trial["method"], trial["outcome"]) for trial in trials)
 assert outcomes["quest", "false"] == 0
 
 # %% [markdown]
-# Three trials tell nothing about a method. `slam-init bench` has 1,000 such worlds, and intervals.
+# Three trials tell nothing about a method. `slam-init compare --suite drawn` has 1,000 such worlds.

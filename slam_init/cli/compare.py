@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import argparse
+import os
+import shlex
 import sys
 
-from slam_init.cli.parser import DONE, OUT_HELP, Commands, UsageError
-from slam_init.cli.source_options import add_camera, add_mask, add_topics, view_of, with_topics
-from slam_init.cli.trial_options import add_methods, add_processes, check_trials
+from slam_init.cli.parser import DONE, OUT_HELP, Commands, ListMethods, UsageError, at_least
+from slam_init.cli.source_options import add_camera, add_mask, add_topics, calibrated_view_of, with_topics
 from slam_init.system.process_io import tell
-from slam_init.system.regular_file import user_path
 
 _DEFAULT_COMPARISON = "slam-init-compare"
+#: A suite fixes these options.
+_FIXED = ("every", "use_every", "fps", "mask", "camera", "min_left", "limit_frames", "seed")
+#: The options on which the results depend.
+_DEFAULTS = dict.fromkeys((*_FIXED, "suite", "methods", "topic", "truth_topic")) | {
+    "every": 10, "use_every": 1, "min_left": 3, "limit_frames": 150, "seed": 0,
+}  # fmt: skip
 
 
 def add_compare(commands: Commands) -> None:
@@ -27,9 +33,23 @@ def add_compare(commands: Commands) -> None:
         "sources",
         metavar="SOURCE",
         nargs="*",
-        help="a sequence, a folder of sequences, synth:NAME[?seed=N&...] or points:NAME[?seed=N&...]",
+        help="a sequence, a video, a folder of sequences, synth:NAME[?seed=N&...] or points:NAME[?seed=N&...]",
     )
-    add_methods(compare)
+    compare.add_argument(
+        "--suite",
+        choices=("drawn", "rendered"),
+        help="in place of sources: frozen worlds, starts and seeds, so that figures can be cited (docs/results.md)",
+    )
+    compare.add_argument("--methods", metavar="A,B", help="of slam-init run --method (default: all that are installed)")
+    compare.add_argument(
+        "--method",
+        metavar="NAME",
+        action="append",
+        default=[],
+        help="a further method; may be repeated. NAME=command:'PROGRAM {images} {times} {camera} {out}' is an external "
+        "program (docs/tutorials/add-a-method.md)",
+    )
+    compare.add_argument("--list-methods", action=ListMethods, nargs=0, help="list the methods, one a line, and exit")
     compare.add_argument("--every", type=int, default=10, metavar="K", help="start at every K-th frame (default: 10)")
     compare.add_argument("--use-every", type=int, default=1, metavar="N", help="use every N-th frame of each sequence")
     compare.add_argument("--fps", type=float, metavar="F", help="use the frames nearest to F a second, by their times")
@@ -38,36 +58,92 @@ def add_compare(commands: Commands) -> None:
     compare.add_argument(
         "--min-left", type=int, default=3, metavar="N", help="start only where N frames are left (default: 3)"
     )
-    compare.add_argument("--grid", type=int, default=0, metavar="N", help="add N point-level trials of each scene")
     compare.add_argument(
         "--limit-frames", type=int, default=150, metavar="N", help="a trial reads at most N frames (default: 150)"
     )
-    add_processes(compare)
+    compare.add_argument("--jobs", type=int, metavar="N", help="processes (default: one a core)")
+    compare.add_argument(
+        "--backend", metavar="NAME", help="dask:ADDRESS of a scheduler (default: processes of this machine)"
+    )
+    compare.add_argument("--time-limit", type=float, default=300.0, metavar="S", help="of a trial (default: 300 s)")
+    compare.add_argument("--memory-limit", type=int, default=6000, metavar="MB", help="of a trial (default: 6000 MB)")
     compare.add_argument("--seed", type=int, default=0, metavar="N", help="of random draws (default: 0)")
     add_topics(compare)
     compare.add_argument(
         "--audit", action="store_true", help="state the risk of the map of each trial (see slam-init audit)"
     )
-    compare.add_argument("--recordings", action="store_true", help="write a recording of each trial")
     compare.add_argument("--out", metavar="DIR", default=_DEFAULT_COMPARISON, help=OUT_HELP)
 
 
 def _compare(arguments: argparse.Namespace) -> int:
     """``slam-init compare``."""
-    check_trials(arguments, every=1, use_every=1, min_left=2, grid=0, limit_frames=2)
-    if not arguments.sources and not arguments.grid:
-        raise UsageError("no SOURCE: give sequences, or --grid N (see slam-init compare --help)")
+    least = {"every": 1, "use_every": 1, "min_left": 2, "limit_frames": 2, "seed": 0, "jobs": 1, "time_limit": 1}
+    for name, smallest in {**least, "memory_limit": 100}.items():
+        at_least(f"--{name.replace('_', '-')}", getattr(arguments, name), smallest)
+    _check_suite(arguments)
     from slam_init.output.folder import chosen_folder
     from slam_init.output.names import COMPARE_FILES
 
-    arguments.mask = view_of(arguments, arguments.use_every).mask  # absolute: workers have folders of their own
-    if arguments.camera is not None and user_path(arguments.camera).exists():
-        arguments.camera = str(user_path(arguments.camera).absolute())
-    inputs = [*arguments.sources, *(file for file in (arguments.mask, arguments.camera) if file is not None)]
+    view = calibrated_view_of(arguments, arguments.use_every)
+    inputs = [*arguments.sources, *(file for file in (view.mask, view.camera) if file is not None)]
     out = chosen_folder(arguments.out, "compare", COMPARE_FILES, inputs)
 
-    from slam_init.compare.command import run_command
+    from slam_init.compare.report import main_table
+    from slam_init.compare.run import check_packages, chosen_methods, compare
+    from slam_init.compare.sources import describe_sources
+    from slam_init.compare.suites import SUITES
+    from slam_init.compare.trials import Plan, Settings
 
-    arguments.sources = [with_topics(arguments, source) for source in arguments.sources]
-    tell(run_command(arguments, out, progress=sys.stderr.isatty()))
+    check_packages()
+    frozen = SUITES[arguments.suite] if arguments.suite else None
+    sources = frozen.worlds if frozen else [with_topics(arguments, source) for source in arguments.sources]
+    settings = Settings(
+        seed=arguments.seed,
+        limit_frames=arguments.limit_frames,
+        time_limit_s=arguments.time_limit,
+        memory_limit_mb=arguments.memory_limit,
+        audit=arguments.audit,
+    )
+    plan = Plan(
+        tuple(describe_sources(sources, view)),
+        chosen_methods(arguments.methods, arguments.method),
+        frozen.every if frozen else arguments.every,
+        frozen.min_left if frozen else arguments.min_left,
+        settings,
+    )
+    summary, notes = compare(
+        plan,
+        out,
+        backend=arguments.backend,
+        jobs=arguments.jobs or os.cpu_count() or 1,
+        progress=sys.stderr.isatty(),
+        command=_command(arguments),
+        frozen=frozen,
+    )
+    told = "".join(f"{note}\n" for note in notes)
+    tell(f"{main_table(summary)}\n\n{told}report: {out / 'report.html'}\n")
     return DONE
+
+
+def _command(arguments: argparse.Namespace) -> str:
+    """A command that gives the same results. It names only the folders that the user typed."""
+    words = ["slam-init", "compare", *arguments.sources]
+    for name, default in _DEFAULTS.items():
+        if getattr(arguments, name) != default:
+            words += [f"--{name.replace('_', '-')}", str(getattr(arguments, name))]
+    for method in arguments.method:
+        words += ["--method", method]
+    return shlex.join([*words, *(["--audit"] if arguments.audit else [])])
+
+
+def _check_suite(arguments: argparse.Namespace) -> None:
+    """Refuse a command without sources, and what a suite fixes."""
+    if arguments.suite is None:
+        if not arguments.sources:
+            raise UsageError("no SOURCE: give sequences, or --suite NAME (see slam-init compare --help)")
+        return
+    if arguments.sources:
+        raise UsageError(f"--suite {arguments.suite} has its own sources: leave {arguments.sources[0]} out")
+    for name in _FIXED:
+        if getattr(arguments, name) != _DEFAULTS[name]:
+            raise UsageError(f"--suite {arguments.suite} fixes --{name.replace('_', '-')}: leave it out")

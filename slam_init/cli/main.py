@@ -16,7 +16,6 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from slam_init.cli.audit import add_audit
-from slam_init.cli.bench import add_bench
 from slam_init.cli.calibrate import add_calibrate
 from slam_init.cli.compare import add_compare
 from slam_init.cli.info import add_info
@@ -92,7 +91,7 @@ def make_parser() -> Parser:
     commands = parser.add_subparsers(
         metavar="COMMAND",
         required=True,
-        dest="run, view, info, synth, compare, bench, calibrate or audit",
+        dest="run, view, info, synth, compare, calibrate or audit",
     )
 
     add_run(commands)
@@ -100,7 +99,6 @@ def make_parser() -> Parser:
     add_info(commands)
     add_synth(commands)
     add_compare(commands)
-    add_bench(commands)
     add_calibrate(commands)
     add_audit(commands)
     return parser

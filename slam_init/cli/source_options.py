@@ -126,6 +126,16 @@ def view_of(arguments: argparse.Namespace, every: int) -> SourceView:
     return SourceView(every, arguments.fps, mask)
 
 
+def calibrated_view_of(arguments: argparse.Namespace, every: int) -> SourceView:
+    """Return the same with the calibration, by an absolute path: workers have folders of their own."""
+    from slam_init.system.regular_file import user_path
+
+    camera = arguments.camera
+    if camera is not None and user_path(camera).exists():
+        camera = str(user_path(camera).absolute())
+    return replace(view_of(arguments, every), camera=camera)
+
+
 def opened_source(arguments: argparse.Namespace, seed: int) -> TimedSource:
     """Open the source, with the chosen topics or pictures, limited to the frames and pixels that are asked for."""
     from slam_init.datasets import open_source

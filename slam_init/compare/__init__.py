@@ -13,27 +13,17 @@ get the same tracks. A trial ends at the first map or at the limit of frames. Ea
 The *wait* of a trial is the number of frames after its start frame until the first correct map: 1 is the second frame.
 A trial without a correct map counts as its limit.
 
-A run goes ``plan`` (the trials), ``backends`` (where they run), ``isolation`` (a process with limits for each worker),
-``trials`` (one trial and its row), ``rows`` (rows on disk), ``trial_table`` and ``summary`` (figures), ``run`` and
-``report`` (files).
+===============  ===================================================================================
+module           content
+===============  ===================================================================================
+``run``          a whole comparison, and the command: read first
+``sources``      the sequences, how they are opened; ``suites`` has the frozen ones
+``replay``       the tracks of a sequence, stored once and replayed for each method
+``trials``       the plan of the trials; one trial and its row
+``judging``      how each sequence is judged; ``measures`` has the errors of a map
+``rows``         the row of a trial, and the rows on disk
+``workers``      the processes and the cluster in which trials run
+``figures``      the figures of all rows, with ``statistics``
+``report``       the tables, and ``report.html``
+===============  ===================================================================================
 """
-
-from slam_init.compare.plan import Plan
-from slam_init.compare.rows import COLUMNS, TrialRow
-from slam_init.compare.run import compare
-from slam_init.compare.sources import ComparedSource, describe_sources
-from slam_init.compare.summary import ComparisonSummary
-from slam_init.compare.trials import Settings, Trial, run_trial
-
-__all__ = [
-    "COLUMNS",
-    "ComparedSource",
-    "ComparisonSummary",
-    "Plan",
-    "Settings",
-    "Trial",
-    "TrialRow",
-    "compare",
-    "describe_sources",
-    "run_trial",
-]

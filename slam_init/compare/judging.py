@@ -64,25 +64,16 @@ class Criteria:
         rotation = f"rotation within {self.rotation_deg:g} deg"
         return rotation if self.direction_deg is None else f"{rotation}, direction within {self.direction_deg:g} deg"
 
-    def judged(self, judged_by: str | None) -> bool:
-        """Return whether a stored row was judged by these criteria.
-
-        * ``judged_by``: Column ``judged_by`` of the row. None in a row of a version without this column, which judged
-          every truth as sound, or as that of a camera that does not translate.
-        """
-        if judged_by is None:
-            return self.truth in (Truth.SOUND, Truth.NONE)
-        return judged_by == self.rule
-
 
 #: For sequences without ground truth.
 NOT_JUDGED = Criteria(truth=Truth.NONE, direction_deg=None)
 
 #: Synthetic scenes whose camera does not translate.
+_ONLY_TURNING = Criteria(no_translation=True, expected_reason="pure_rotation")
 _SCENES = {
     "static": Criteria(no_translation=True, expected_reason="static_camera"),
-    "rotation": Criteria(no_translation=True, expected_reason="pure_rotation"),
-    "pan": Criteria(no_translation=True, expected_reason="pure_rotation"),
+    "rotation": _ONLY_TURNING,
+    "pan": _ONLY_TURNING,
 }
 
 #: What options of a synthetic scene make difficult, by a word in the name of its group.
@@ -94,43 +85,32 @@ EFFECTS = {
 }
 #: The same word for a camera that only turns, in scenes whose camera translates by the option ``speed`` alone.
 TURNING, _TRANSLATES_BY_SPEED = "turning", ("handheld", "handheld-wall")
-#: The same word for the worlds of another generator whose camera does not translate, for whichever reason.
-NO_TRANSLATION = "no translation"
-_ONLY_TURNING = Criteria(no_translation=True, expected_reason="pure_rotation")
 
 #: Public sequences whose ground truth has limits, by the name of their folder.
 SEQUENCES: dict[str, Criteria] = {
     "V1_01_static": Criteria(
-        no_translation=True,
-        expected_reason="static_camera",
+        Truth.SOUND, True, expected_reason="static_camera",
         note="a drone stands on the ground; motion capture shows its vibration of 2 mm",
     ),
     # Methods accept maps at baselines of 1 to 4 cm here. Of the directions that PoseLib and MAGSAC find below 2.5 cm, a
     # half differs from the truth by 25 to 60 degrees, while both agree with each other within 1 degree.
     "redkitchen_a": Criteria(
-        truth=Truth.ROTATIONS_ONLY,
-        direction_deg=None,
+        Truth.ROTATIONS_ONLY, direction_deg=None,
         note="depth tracking of another camera, 2.5 cm away; it does not resolve baselines of 1 to 4 cm",
     ),
     "fr1_desk_9frames": Criteria(
-        truth=Truth.COARSE,
-        direction_deg=25.0,
+        Truth.COARSE, direction_deg=25.0,
         note="rolling shutter; the direction of a short baseline is off by five to ten degrees",
     ),
     "fr1_rpy_b": Criteria(
-        truth=Truth.ROTATIONS_ONLY,
-        rotation_deg=3.0,
-        direction_deg=None,
+        Truth.ROTATIONS_ONLY, rotation_deg=3.0, direction_deg=None,
         note="rolling shutter; the truth is off by 1 degree and by 1 cm, and the baselines are 1 to 5 cm",
     ),
     "parrington": Criteria(
-        truth=Truth.ROTATIONS_ONLY,
-        no_translation=True,
-        direction_deg=None,
-        expected_reason="pure_rotation",
+        Truth.ROTATIONS_ONLY, True, direction_deg=None, expected_reason="pure_rotation",
         note="photographs from a tripod; the camera does not translate",
     ),
-}
+}  # fmt: skip
 
 
 def group_of_scene(label: str) -> str:
@@ -151,7 +131,5 @@ def criteria_of(group: str) -> Criteria:
     prefix, colon, scene = group.partition(":")
     if colon and prefix in ("synth", "points"):
         scene, *effects = scene.split(", ")
-        if NO_TRANSLATION in effects:
-            return Criteria(no_translation=True)
         return _ONLY_TURNING if TURNING in effects else _SCENES.get(scene, Criteria())
     return SEQUENCES.get(Path(group).name, Criteria())

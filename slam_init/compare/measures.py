@@ -47,16 +47,6 @@ class PoseErrors:
     ate: float | None = None
 
 
-@dataclass(frozen=True)
-class DepthErrors:
-    """Errors of the depths of the landmarks in the first keyframe; None if the true depths are not known."""
-
-    #: Median of ``|depth / (median ratio x true depth) - 1|``.
-    relative: float | None = None
-    #: Share of the pairs of landmarks in which the wrong landmark is the nearer one.
-    wrong_order: float | None = None
-
-
 def pose_errors(
     map_: InitialMap, truth: Trajectory | None, *, before: bool = False, frames: Collection[int] | None = None
 ) -> PoseErrors:
@@ -85,7 +75,8 @@ def is_correct(errors: PoseErrors, criteria: Criteria) -> bool:
     * ``criteria``: 5 degrees in rotation and 15 degrees in direction for a sound ground truth.
     * Returns: Always False if the camera does not translate, or if the ground truth does not hold the values.
     """
-    return _within(errors, criteria, (criteria.rotation_deg, criteria.direction_deg))
+    judged = criteria.direction_deg is None or _below(errors.direction_deg, criteria.direction_deg)
+    return judged and _below(errors.rotation_deg, criteria.rotation_deg) and not criteria.no_translation
 
 
 def is_strict(errors: PoseErrors, criteria: Criteria) -> bool:
@@ -94,18 +85,13 @@ def is_strict(errors: PoseErrors, criteria: Criteria) -> bool:
     * ``criteria``: The direction is compared with the bound of 5 degrees only if the ground truth is sound.
     """
     rotation_deg, direction_deg = _STRICT_DEG
-    resolved = direction_deg if criteria.truth is Truth.SOUND else None
-    return is_correct(errors, criteria) and _within(errors, criteria, (rotation_deg, resolved))
+    resolved = criteria.truth is not Truth.SOUND or _below(errors.direction_deg, direction_deg)
+    return resolved and _below(errors.rotation_deg, rotation_deg) and is_correct(errors, criteria)
 
 
-def _within(errors: PoseErrors, criteria: Criteria, bounds_deg: tuple[float, float | None]) -> bool:
-    if criteria.no_translation:
-        return False
-    # An error that is not known counts as too large.
-    rotation = errors.rotation_deg is not None and errors.rotation_deg < bounds_deg[0]
-    if bounds_deg[1] is None:
-        return rotation
-    return rotation and errors.direction_deg is not None and errors.direction_deg < bounds_deg[1]
+def _below(error: float | None, bound: float) -> bool:
+    """Return whether an error is known and below a bound."""
+    return error is not None and error < bound
 
 
 def survival(map_: InitialMap, following: Iterable[Step]) -> float | None:
@@ -134,34 +120,33 @@ def survival(map_: InitialMap, following: Iterable[Step]) -> float | None:
     return float(np.median(shares)) if shares else None
 
 
-def depth_errors(map_: InitialMap, source: TimedSource | PointSource) -> DepthErrors:
+def depth_errors(map_: InitialMap, source: TimedSource | PointSource) -> tuple[float | None, float | None]:
     """Compare the depths of the landmarks in the first keyframe with the true depths.
 
     * ``source``: The source of the map. Only synthetic sources hold true depths.
+    * Returns: Median of ``|depth / (median ratio x true depth) - 1|``, and the share of the pairs of landmarks in which
+      the wrong landmark is the nearer one. None if the true depths are not known.
     """
     seen = map_.observation_keyframes == 0
     landmarks = map_.observation_landmarks[seen]
     true = _true_depths(source, map_.keyframes[0].frame, map_.track_ids[landmarks], map_.observation_pixels[seen])
-    if true is None:
-        return DepthErrors()
-    first = map_.keyframes[0].world_from_cam.inverse()
-    depth = first.apply(map_.points[landmarks])[:, 2]
     known = np.isfinite(true) & (true > 0)
     if known.sum() < 2:
-        return DepthErrors()
+        return None, None
+    depth = map_.keyframes[0].world_from_cam.inverse().apply(map_.points[landmarks])[:, 2]
     ratio = depth[known] / true[known]
     aligned = ratio / np.median(ratio) if np.median(ratio) > 0 else np.full(len(ratio), np.inf)
-    return DepthErrors(_finite(float(np.median(np.abs(aligned - 1)))), _wrong_order(depth[known], true[known]))
+    return float(np.median(np.abs(aligned - 1))), _wrong_order(depth[known], true[known])
 
 
-def _true_depths(source: TimedSource | PointSource, frame: int, track_ids: Ints, pixels: Floats) -> Floats | None:
+def _true_depths(source: TimedSource | PointSource, frame: int, track_ids: Ints, pixels: Floats) -> Floats:
     from slam_init.datasets.points import PointSource
     from slam_init.datasets.synth import SynthSource
 
     if isinstance(source, PointSource):
         return source.sequence.depths(frame)[track_ids]
     if not isinstance(source, SynthSource):
-        return None
+        return np.full(len(track_ids), np.nan)
     _, depth = source.sequence.render(frame)
     column, row = np.round(pixels).astype(int).T
     return np.asarray(depth[np.clip(row, 0, depth.shape[0] - 1), np.clip(column, 0, depth.shape[1] - 1)], float)
@@ -178,7 +163,3 @@ def _wrong_order(depth: Floats, true: Floats) -> float | None:
         flipped = np.sign(depth[step:] - depth[:-step]) != np.sign(true[step:] - true[:-step])
         wrong, pairs = wrong + int(np.sum(flipped & differ)), pairs + int(differ.sum())
     return wrong / pairs if pairs else None
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None

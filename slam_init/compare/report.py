@@ -1,279 +1,173 @@
-"""``report.html``: a single page that loads nothing from other places. Its script only copies tables."""
+"""The tables of a comparison, for the terminal and for ``report.html``: a page that loads nothing from other places."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from html import escape
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from importlib.resources import files
+from io import StringIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slam_init.compare.charts import Axis, box_chart, curve_chart, interval_chart, stacked_chart
-from slam_init.compare.figures import Figures
-from slam_init.compare.gallery import thumbnails, waiting_cases, worst_cases
-from slam_init.compare.reliability import Reliability
+from slam_init.compare.figures import DIRECTION_SIGMAS, LEVELS, PARTS, ROTATION_SIGMAS, Figures
 from slam_init.compare.statistics import Interval
-from slam_init.compare.summary import ComparisonSummary
-from slam_init.compare.tables import (
-    QUALITY,
-    RATES,
-    STATIC,
-    coverage_table,
-    group_table,
-    html_figures,
-    judging_table,
-    page_html,
-    page_part,
-    pair_table,
-    risk_table,
-    wait_table,
-)
-from slam_init.compare.trial_table import LEVELS, PARTS, TrialTable
-from slam_init.methods import METHODS
 from slam_init.methods.external_command import method_label
+from slam_init.output.tables import fitted_tables
 from slam_init.types.arrays import Floats
 from slam_init.types.reasons import in_words
 
 if TYPE_CHECKING:
-    from slam_init.compare.plan import Plan
+    from matplotlib.axes import Axes
+    from pandas import DataFrame, Series
 
-#: Number of colours of the page (``report.css``).
-_METHOD_COLORS = 22
-#: Number of colours of reasons.
-_COLORS = 10
-#: Ranges of the axes of errors, in degrees.
-_ROTATION_DEG, _DIRECTION_DEG = (0.01, 180.0), (0.1, 180.0)
-#: Range of the axes of risks.
-_RISK_PERCENT = (0.01, 100.0)
-_OUTCOMES = ("strict", "correct", "false", "none", "error")
-
-
-def report_html(table: TrialTable, summary: ComparisonSummary, plan: Plan, command: str) -> str:
-    """Make the page."""
-    colors = method_colors(plan.methods)
-    sections = {
-        name: _static_section(name, summary)
-        if name.endswith("static")
-        else _moving_section(name, part, summary, plan, colors)
-        for name, part in table.parts().items()
-    }
-    body = [
-        _header(table, summary, plan, command),
-        *sections.values(),
-        _reliability_section(summary.reliability, colors) if summary.reliability else "",
-        page_part("scenes", table=group_table(summary.groups, plan.methods, thumbnails(plan.sources))),
-        page_part("judging", table=judging_table(summary.judging)),
-        page_part("worst", cases=worst_cases(table, plan)),
-        page_part("waiting", cases=waiting_cases(table, plan)),
-        page_part("footer", every=plan.every),
-    ]
-    return page_html("slam-init compare", body)
+#: The columns of the terminal: heading, figure, digits behind the point, factor. The page has its own in its template.
+_MOVING = (
+    ("trials", "trials", 0, 1), ("correct %", "correct_rate", 1, 100), ("strict %", "strict_share", 1, 100),
+    ("false %", "false_rate", 1, 100), ("audited risk %", "audited_risk", 1, 100), ("none", "none", 0, 1),
+    ("plane: right map kept %", "kept_truth_rate", 1, 100), ("error", "error", 0, 1), ("wait (frames)", "wait", 2, 1),
+    ("rotation (deg)", "rotation_error_deg", 2, 1), ("direction (deg)", "direction_error_deg", 2, 1),
+    ("survival %", "survival", 0, 100), ("frame (ms)", "frame_median_ms", 1, 1),
+)  # fmt: skip
+#: Those without translation: a static or rotation-only camera.
+_STATIC = (
+    ("trials", "trials", 0, 1), ("false %", "false_rate", 1, 100), ("audited risk %", "audited_risk", 1, 100),
+    ("none", "none", 0, 1), ("error", "error", 0, 1), ("expected reason %", "reason_accuracy", 1, 100),
+    ("focal error suspected %", "suspicion_rate", 1, 100), ("focal error reported %", "report_rate", 1, 100),
+)  # fmt: skip
+#: Colour of letters and lines that can be read on a light and on a dark page.
+_GREY = "#808890"
 
 
-def _header(table: TrialTable, summary: ComparisonSummary, plan: Plan, command: str) -> str:
-    false = int(np.sum(table["outcome"] == "false"))
-    facts = [
-        (f"{len(table):,}", "trials"),
-        (str(len(plan.methods)), "methods"),
-        (f"{len(plan.sources):,}", "sources"),
-        (f"{false:,}", "false maps"),
-        (str(plan.settings.seed), "seed"),
-    ]
-    links = [(name, PARTS[name]) for name in summary.parts]
-    links += [("reliability", "stated risk")] if summary.reliability else []
-    links += [("scenes", "by scene"), ("judging", "how judged"), ("worst", "worst cases"), ("waiting", "no map")]
-    return page_part(
-        "header",
-        limit_frames=plan.settings.limit_frames,
-        limit_s=f"{plan.settings.limit_s:g}",
-        facts="".join(f"<div><b>{n}</b>{unit}</div>" for n, unit in facts),
-        links="".join(f"<a href=#{name}>{escape(title)}</a>" for name, title in links),
-        command=f"<pre><code>{escape(command)}</code></pre>" if command else "",
-        legend=_legend([(name, name) for name in _OUTCOMES]),
-    )
+def figure_text(value: Interval | float | None, digits: int = 1, factor: float = 1.0, ends: str = " [{}, {}]") -> str:
+    """Write a figure; an interval with its ends where they are known, ``-`` for a figure that is not known."""
+    first, others = known_value(value), value[1:] if isinstance(value, Interval) else ()
+    if first is None:
+        return "-"
+    known = [f"{factor * end:.{digits}f}" for end in others if not math.isnan(end)]
+    return f"{factor * first:.{digits}f}{ends.format(*known) if known else ''}"
 
 
-# -- one part --------------------------------------------------------------------------------------
+def known_value(value: Interval | float | None) -> float | None:
+    """Return the value of a figure without its interval; None where it is not known."""
+    first = value.value if isinstance(value, Interval) else value
+    return None if first is None or math.isnan(first) else first
 
 
-def _moving_section(
-    name: str, table: TrialTable, summary: ComparisonSummary, plan: Plan, colors: Mapping[str, str]
-) -> str:
-    figures = summary.parts[name]
-    return page_part(
-        "moving",
-        name=name,
-        title=escape(_capital(PARTS[name])),
-        rates=html_figures("outcomes and time by method", figures, RATES, bar=True),
-        quality=html_figures("quality of the correct maps, and time, by method", figures, QUALITY),
-        legend=_legend([(colors[method], method_label(method)) for method in plan.methods]),
-        charts="".join(_charts(table, figures, colors)),
-        pairs=pair_table(summary.pairs[name], plan.methods),
-        first=escape(method_label(plan.methods[0])),
-        waits=wait_table(summary.waits[name]),
-    )
+def shown(figures: Figures) -> Figures:
+    """Return the figures that tables show by one name each."""
+    strict = figures["strict"] / figures["trials"] if figures["trials"] else None
+    return {**figures, **figures["medians"], "strict_share": strict}
 
 
-def _static_section(name: str, summary: ComparisonSummary) -> str:
-    figures = summary.parts[name]
-    return page_part(
-        "static",
-        name=name,
-        title=escape(_capital(PARTS[name])),
-        outcomes=html_figures("outcomes by method without translation", figures, STATIC, bar=True),
-        reasons=_reasons(figures),
-    )
+def main_table(summary: Figures) -> str:
+    """Return the main table of each part of a comparison.
 
-
-def _charts(table: TrialTable, figures: Mapping[str, Figures], colors: Mapping[str, str]) -> list[str]:
-    limit = max(float(np.max(table["frames_limit"])), 2.0)
-    time = Axis("frames since the start", 0, limit)
-    parts = {method: table.of_method(method) for method in colors}
-    frames = {
-        kind: {method: part["frames_to_accept"][part["outcome"] == kind] for method, part in parts.items()}
-        for kind in ("correct", "false")
-    }
-    correct, false = (
-        {colors[method]: _cumulative(values, len(parts[method])) for method, values in frames[kind].items()}
-        for kind in ("correct", "false")
-    )
-    most_false = max((float(y[-1]) for _, y in false.values() if len(y)), default=0.0)
-    charts = []
-    for name, kind, curves, top in (
-        ("Delay: correct maps over time", "correct", correct, 1.0),
-        ("False maps over time", "false", false, _above(most_false)),
-    ):
-        title = _described(f"{kind} maps over time", curves, colors)
-        chart = curve_chart(title, curves, time, Axis("share of trials", 0, top), [])
-        charts.append(_figure(name, f"Share of the trials that have a {kind} map at this frame.", chart))
-    for column, name, (low, high), bounds in (
-        ("rotation_error_deg", "Rotation error", _ROTATION_DEG, (1, 5)),
-        ("direction_error_deg", "Direction error", _DIRECTION_DEG, (5, 15)),
-    ):
-        # Trials whose ground truth does not resolve the direction have no direction error.
-        judged = {m: part.with_direction() if column == "direction_error_deg" else part for m, part in parts.items()}
-        curves = {
-            colors[method]: _cumulative(np.clip(_known(part[column]), low, high), len(part))
-            for method, part in judged.items()
-        }
-        note = "Share of the trials whose map has at most this error. Dashed lines: the bounds of strict and correct."
-        axis = Axis(f"worst keyframe (degrees), strict {bounds[0]}, correct {bounds[1]}", low, high, log=True)
-        chart = curve_chart(_described(name, curves, colors), curves, axis, Axis("share of trials", 0, 1), bounds)
-        charts.append(_figure(name, note, chart))
-    boxes = [(method_label(method), colors[method], _known(values)) for method, values in frames["correct"].items()]
-    chart = box_chart("frames to a correct map", boxes, time)
-    note = "Trials with a correct map: median, quartiles, 5th and 95th percentile."
-    return [*charts, _figure("Frames to a correct map", note, chart), _reasons(figures)]
-
-
-def _described(title: str, curves: Mapping[str, tuple[Floats, Floats]], colors: Mapping[str, str]) -> str:
-    """Return the label of a chart for screen readers: where each curve ends."""
-    ends = [(method_label(method), curves[color][1]) for method, color in colors.items() if color in curves]
-    return f"{title}; at the end " + ", ".join(f"{name} {100 * ys[-1] if len(ys) else 0:.0f} %" for name, ys in ends)
-
-
-def _reasons(figures: Mapping[str, Figures]) -> str:
-    """Draw the shares of the reasons for which there is no map, with one bar per method."""
-    names = list(dict.fromkeys(reason for f in figures.values() for reason, n in f.reasons.items() if n))
-    names.sort(key=lambda name: -sum(f.reasons.get(name, 0) for f in figures.values()))
-    shown = names[: _COLORS - 1]
-    rows = []
-    for method, f in figures.items():
-        pieces = [(f"r{i}", 100 * f.reasons.get(name, 0) / max(f.trials, 1)) for i, name in enumerate(shown)]
-        rest = sum(f.reasons.get(name, 0) for name in names[_COLORS - 1 :])
-        rows.append((method_label(method), [*pieces, ("r9", 100 * rest / max(f.trials, 1))]))
-    most = max((sum(length for _, length in pieces) for _, pieces in rows), default=0.0)
-    legend = [(f"r{i}", in_words(name)) for i, name in enumerate(shown)]
-    if names[_COLORS - 1 :]:
-        legend.append(("r9", "other"))
-    chart = stacked_chart("reasons", rows, Axis("% of the trials", 0, 100 * _above(most / 100)))
-    return _figure(
-        "Why there is no map", "Share of the trials that ended without a map, by reason.", chart + _legend(legend)
-    )
-
-
-# -- the stated risk -------------------------------------------------------------------------------
-
-
-def _reliability_section(reliability: Mapping[str, Mapping[str, Reliability]], colors: Mapping[str, str]) -> str:
-    levels = []
-    for level, by_method in reliability.items():
-        series = {
-            colors[method]: [(100 * one.mean_risk, _percent(one.false_rate)) for one in of_method.bins if one.maps]
-            for method, of_method in by_method.items()
-        }
-        labels = ("mean stated risk (%)", "false maps (%)")
-        stated, observed = (Axis(label, *_RISK_PERCENT, log=True) for label in labels)
-        chart = _figure(
-            f"Reliability diagram: {LEVELS[level]}",
-            "One point for each bin of the stated risk, with the interval of its share of false maps. A share of 0 is "
-            "drawn at the lower end. Dashed line: the share is equal to the stated risk. If the risk is reliable, "
-            "about 19 of 20 intervals cross this line.",
-            interval_chart(f"reliability diagram, {LEVELS[level]}", series, stated, observed),
-        )
-        levels.append(
-            page_part(
-                "level",
-                title=_capital(LEVELS[level]),
-                risks=risk_table(by_method),
-                coverage=coverage_table(by_method),
-                legend=_legend([(colors[method], method_label(method)) for method in by_method]),
-                chart=chart,
-            )
-        )
-    return page_part("reliability", levels="".join(levels))
-
-
-# -- parts -----------------------------------------------------------------------------------------
-
-
-def _figure(title: str, note: str, content: str) -> str:
-    return f"<figure><figcaption><b>{escape(title)}</b>{escape(note)}</figcaption>{content}</figure>"
-
-
-def _legend(entries: Sequence[tuple[str, str]]) -> str:
-    items = "".join(f'<li><i class="{name}"></i>{escape(label)}</li>' for name, label in entries)
-    return f'<ul class="legend">{items}</ul>'
-
-
-def _capital(text: str) -> str:
-    return text[0].upper() + text[1:]
-
-
-def _percent(share: Interval) -> Interval:
-    return Interval(100 * share.value, 100 * share.low, 100 * share.high)
-
-
-def _known(values: Floats) -> Floats:
-    return values[np.isfinite(values)]
-
-
-def _cumulative(values: Floats, total: int) -> tuple[Floats, Floats]:
-    """Return the values at which a curve of shares rises, and the share at each of them."""
-    xs, counts = np.unique(values, return_counts=True)
-    return xs, np.cumsum(counts) / max(total, 1)
-
-
-def _above(share: float) -> float:
-    """Return a round upper end of an axis, at least 5 %."""
-    return min(1.0, max(0.05, math.ceil(share * 22) / 20))
-
-
-def method_colors(methods: Sequence[str]) -> dict[str, str]:
-    """Give each method a CSS class.
-
-    A method of the registry has the class of its place there, which does not depend on the other methods of a report.
-    Two names of one method share a class, unless both are in the report. Other methods get the remaining classes in
-    their order; if there are more methods than classes, classes repeat.
+    * Returns: Tables in markdown: for each part the methods, and for a moving camera the paired differences of the
+      wait. Then the reliability of the stated risk, if a method states one.
     """
-    own = [name for name, info in METHODS.items() if info.alias_of is None]
-    places = {name: position % _METHOD_COLORS for position, name in enumerate(own)}
-    for name, info in METHODS.items():
-        if info.alias_of is not None and info.alias_of not in methods:
-            places[name] = places[info.alias_of]
-    chosen = {method: places[method] for method in methods if method in places}
-    free = [k for k in range(_METHOD_COLORS - 1, -1, -1) if k not in chosen.values()] or list(range(_METHOD_COLORS))
-    others = (method for method in methods if method not in chosen)
-    chosen |= {method: free[k % len(free)] for k, method in enumerate(others)}
-    return {method: f"c{chosen[method]}" for method in methods}
+    tables = []
+    for part, by_method in summary["parts"].items():
+        columns = _STATIC if part.endswith("static") else _MOVING
+        rows = [
+            [method, *(figure_text(shown(figures)[name], digits, factor) for _, name, digits, factor in columns)]
+            for method, figures in by_method.items()
+        ]
+        tables.append(fitted_tables([PARTS[part], *(heading for heading, *_ in columns)], rows))
+        if waits := summary["waits"].get(part):
+            header = [f"wait of {waits[0]['first']} minus that of", "trials", "sequences", "frames"]
+            numbers = ("trials", "sequences", "difference_frames")
+            rows = [[one["second"], *map(figure_text, (one[name] for name in numbers), (0, 0, 2))] for one in waits]
+            tables.append(fitted_tables(header, rows))
+    header = ["stated risk", "maps", "mean stated risk %", "expected false", "false", "false %"]
+    header += ["direction covered %", "rotation covered %"]
+    forms = (("maps", 0, 1), ("mean_risk", 3, 100), ("expected_false", 3, 1), ("false", 0, 1), ("false_rate", 1, 100))
+    for level, by_method in summary["reliability"].items():
+        rows = []
+        for method, reliability in by_method.items():
+            for name, one in named_bins(reliability):
+                rows.append([method, name, *(figure_text(one[key], digits, by) for key, digits, by in forms), "", ""])
+            rows[-1][-2:] = [figure_text(reliability[name]["rate"], 1, 100) for name in ("direction", "rotation")]
+        tables.append(fitted_tables([LEVELS[level], *header], rows, names=2))
+    return "\n\n".join(tables)
+
+
+def named_bins(reliability: Figures) -> list[tuple[str, Figures]]:
+    """Return the bins with maps and all maps, each with its name in a table."""
+    bins = [(f"{one['low']:g} to {one['high']:g}", one) for one in reliability["bins"] if one["maps"]]
+    return [*bins, ("all", reliability["total"])]
+
+
+# -- the page --------------------------------------------------------------------------------------
+
+
+def report_html(table: DataFrame, summary: Figures, command: str, notes: Sequence[str]) -> str:
+    """Make the page of ``report.html``, which is a template of jinja2."""
+    from jinja2 import Environment
+
+    environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    environment.filters |= {"figure": figure_text, "value": known_value, "shown": shown}
+    environment.filters |= {"label": method_label, "bins": named_bins}
+    text = files("slam_init.compare").joinpath("report.html").read_text(encoding="utf-8")
+    return environment.from_string(text).render(
+        summary=summary,
+        command=command,
+        notes=notes,
+        parts=PARTS,
+        levels=LEVELS,
+        sigmas={"direction": DIRECTION_SIGMAS, "rotation": ROTATION_SIGMAS},
+        false_maps=int((table["outcome"] == "false").sum()),
+        charts={part: _charts(table[table["part"] == part], summary["methods"]) for part in summary["parts"]},
+    )
+
+
+def _charts(table: DataFrame, methods: Sequence[str]) -> dict[str, str]:
+    """The charts of a part, by their headings."""
+    outcome, frames, limit = table["outcome"], table["frames_to_accept"], max(int(table["frames_limit"].max()), 2)
+    charts = {}
+    if table["part"].str.endswith("moving").any():
+        time, errors = np.arange(0.5, limit + 1), np.geomspace(0.01, 180, 400)
+        for title, values, edges, axis in (
+            ("Correct maps over time", frames.where(outcome == "correct"), time, {"xlabel": "frames since the start"}),
+            ("False maps over time", frames.where(outcome == "false"), time, {"xlabel": "frames since the start"}),
+            ("Rotation error", table["rotation_error_deg"], errors, {"xlabel": "degrees (1, 5)", "xscale": "log"}),
+            ("Direction error", table["direction_error_deg"], errors, {"xlabel": "degrees (5, 15)", "xscale": "log"}),
+        ):
+            by_method = [values[table["method"] == method] for method in methods]
+            charts[title] = _svg(_curves(by_method, edges, methods), ylabel="share of trials", **axis)
+    ended = table[outcome.isin(["none", "error"])]
+    shares = 100 * ended.groupby(["method", "reason"]).size() / table.groupby("method").size()
+    bars = shares.unstack().reindex(list(methods)[::-1]).rename(index=method_label, columns=in_words)
+    if bars.size:
+        charts["Why there is no map"] = _svg(lambda plot: bars.plot.barh(stacked=True, ax=plot), xlabel="% of trials")
+    return charts
+
+
+def _curves(by_method: Sequence[Series[float]], edges: Floats, methods: Sequence[str]) -> Callable[[Axes], object]:
+    """Draw the share of the trials of each method with at most a value; a trial without one has none."""
+    known = [values.dropna().clip(edges[0], edges[-1]) for values in by_method]
+    weights = [np.full(len(some), 1 / max(len(all_), 1)) for some, all_ in zip(known, by_method, strict=True)]
+    labels = [method_label(method) for method in methods]
+    return lambda plot: plot.hist(
+        known, edges.tolist(), weights=weights, cumulative=True, histtype="step", label=labels
+    )
+
+
+def _svg(draw: Callable[[Axes], object], **axes: Any) -> str:
+    """Draw a chart."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    style: Any = dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), _GREY)
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": str(axes), "font.size": 8, **style}):
+        figure = Figure(figsize=(5.2, 3.2), layout="constrained")
+        plot = figure.subplots()
+        draw(plot)
+        plot.set(**axes)
+        plot.grid(alpha=0.3)
+        plot.legend(fontsize="small", framealpha=0.5)
+        text = StringIO()
+        figure.savefig(
+            text, format="svg", transparent=True, metadata=dict.fromkeys(("Creator", "Date", "Format", "Type"))
+        )
+    return text.getvalue()[text.getvalue().index("<svg") :]

@@ -5,16 +5,16 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-import re
-import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Literal, TypeAlias
 
+from pydantic import TypeAdapter, ValidationError
+
 from slam_init.errors import OutputError
-from slam_init.output.plain_json import Json, parsed
+from slam_init.output.plain_json import Json
 
 #: ``accepted``: the method found a map, and there is no ground truth to compare the map with. For the other outcomes
 #: see :mod:`slam_init.compare`.
@@ -131,45 +131,21 @@ class TrialRow:
         """Return the values in the order of :data:`COLUMNS`."""
         return tuple(getattr(self, name) for name in COLUMNS)
 
+    def text(self) -> str:
+        """Return the line of the row in ``trials.jsonl``. A number that is not finite is a ValueError."""
+        return json.dumps(dict(zip(COLUMNS, self.values(), strict=True)), allow_nan=False)
+
 
 #: Columns of ``results.csv``: the names of the fields of :class:`TrialRow`.
 COLUMNS: tuple[str, ...] = tuple(field.name for field in dataclasses.fields(TrialRow))
-
-
-def row_text(row: TrialRow) -> str:
-    """Return the line of a row in ``trials.jsonl``.
-
-    * Returns: A JSON object with the keys :data:`COLUMNS`, without a line break.
-    """
-    return json.dumps(dict(zip(COLUMNS, row.values(), strict=True)), allow_nan=False)
-
-
-def parse_row(line: str | bytes) -> TrialRow:
-    """Read a line of ``trials.jsonl``. The line may come from another version of the program."""
-    return checked_row(parsed(TrialRow, line))
-
-
-def checked_row(row: TrialRow) -> TrialRow:
-    """Check the texts of a row that may come from anywhere."""
-    if row.keyframes is not None and not _KEYFRAMES.fullmatch(row.keyframes):
-        raise ValueError(f"keyframes is {row.keyframes!r}")
-    return row
-
-
-#: Absolute indices of frames, separated by spaces.
-_KEYFRAMES = re.compile(r"\d{1,18}( \d{1,18})*")
-
-
+#: Reads a line of ``trials.jsonl``, which may come from another version: unknown columns are ignored.
+_ROW = TypeAdapter(TrialRow)
 #: Version 2 added ``kept_truth``, ``suspected_focal_factor`` and the options of the methods.
 _SCHEMA = 2
-#: Interval of the syncs to the disk.
-_SYNC_S = 1.0
 
 
 class Journal:
     """A file with one row per line; the first line holds the settings under which the rows were computed.
-
-    Memory holds only the key of each row and the position of the row in the file.
 
     * ``path``: An existing file is continued. Its last line is removed if it is incomplete.
     * ``settings``: Settings that must be equal for all rows.
@@ -178,101 +154,67 @@ class Journal:
     """
 
     def __init__(
-        self,
-        path: str | os.PathLike[str],
-        settings: Mapping[str, Json],
-        is_current: Callable[[TrialRow], bool] = lambda _: True,
+        self, path: Path, settings: Mapping[str, Json], is_current: Callable[[TrialRow], bool] = lambda _: True
     ) -> None:
-        self._path = path = Path(path)
-        self._is_current = is_current
-        self._offsets: dict[Key, int] = {}
-        self._synced_s = 0.0
+        self.rows: dict[Key, TrialRow] = {}
+        self._path = path
         header: dict[str, Json] = {"schema": _SCHEMA, **settings}
         try:
-            self._file: IO[bytes] = path.open("r+b" if path.exists() else "w+b")
-            end = self._read(header)
+            self._file: IO[bytes] = path.open("a+b")
+            end = self._read(header, is_current)
             self._file.truncate(end)
-            self._file.seek(end)
             if end == 0:
                 self._write(json.dumps(header, allow_nan=False))
         except OSError as error:
             raise OutputError(f"cannot write {path}: {error.strerror or error}: give another --out") from error
 
-    def __contains__(self, key: Key) -> bool:
-        return key in self._offsets
-
-    def __len__(self) -> int:
-        return len(self._offsets)
-
     def append(self, row: TrialRow) -> None:
-        """Write a row; after this call the row survives the end of the process, and a second later a power loss."""
-        self._offsets[row.key] = self._file.seek(0, 2)
-        self._write(row_text(row))
-
-    def rows(self, wanted: Callable[[Key], bool] = lambda _: True) -> Iterator[TrialRow]:
-        """Read rows back, sorted by source, method and start.
-
-        * ``wanted``: Takes the key of a row and returns whether the row is read; all rows by default.
-        """
-        for key in sorted(self._offsets):
-            if wanted(key):
-                self._file.seek(self._offsets[key])
-                yield parse_row(self._file.readline())
-
-    def close(self) -> None:
-        """Close the file."""
-        # After a failed write, the rest of the buffer fails again; its error is raised already.
-        with suppress(OSError):
-            os.fsync(self._file.fileno())
-            self._file.close()
+        """Write a row; after this call the row survives the end of the process."""
+        self._write(row.text())
+        self.rows[row.key] = row
 
     def __enter__(self) -> Journal:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        # After a failed write, the rest of the buffer fails again; its error is raised already.
+        with suppress(OSError):
+            os.fsync(self._file.fileno())
+            self._file.close()
 
     def _write(self, line: str) -> None:
         try:
             self._file.write(line.encode() + b"\n")
             self._file.flush()
-            # A sync takes milliseconds, and many trials take no longer.
-            if time.monotonic() - self._synced_s > _SYNC_S:
-                os.fsync(self._file.fileno())
-                self._synced_s = time.monotonic()
         except OSError as error:
             raise OutputError(f"cannot write {self._path}: {error.strerror or error}: make room") from error
 
-    def _read(self, header: Mapping[str, Json]) -> int:
+    def _read(self, header: Mapping[str, Json], is_current: Callable[[TrialRow], bool]) -> int:
         """Find the rows; return the position of the end of the last complete line."""
-        end = 0
-        for number, line in enumerate(self._file):
+        end = self._file.seek(0)
+        for number, line in enumerate(self._file, 1):
             # Incomplete: the process was killed while it wrote this line. After a power loss the line may be zeros.
             if not line.endswith(b"\n") or line.startswith(b"\0"):
                 break
-            try:
-                if number == 0:
-                    self._check(_parse_settings(line), header)
-                elif self._is_current(row := parse_row(line)):
-                    self._offsets[row.key] = end
-                else:
-                    self._offsets.pop(row.key, None)
-            except ValueError:
-                raise OutputError(f"{self._path}, line {number + 1} is damaged: give another --out") from None
             end += len(line)
+            if number == 1:
+                self._check(line, header)
+            elif is_current(row := _parsed(self._path, number, line, "give another --out")):
+                self.rows[row.key] = row
         return end
 
-    def _check(self, found: Mapping[str, Json], header: Mapping[str, Json]) -> None:
+    def _check(self, line: bytes, header: Mapping[str, Json]) -> None:
+        """Refuse a file whose rows were computed under other settings."""
+        try:
+            found = dict(json.loads(line))
+        except (ValueError, TypeError, RecursionError):
+            raise OutputError(f"{self._path}, line 1 is damaged: give another --out") from None
         if found.get("schema") != _SCHEMA:
             raise OutputError(f"{self._path} was written by another version of slam-init: give another --out")
         for name, value in header.items():
-            if found.get(name) == value:
-                continue
-            if isinstance(value, dict):
-                raise OutputError(f"{self._path} holds trials with other {name}: give another --out")
-            raise OutputError(
-                f"{self._path} holds trials with {name} {found.get(name)!r}, not {value!r}: give another --out"
-            )
+            if found.get(name) != value:
+                other = f"other {name}" if isinstance(value, dict) else f"{name} {found.get(name)!r}, not {value!r}"
+                raise OutputError(f"{self._path} holds trials with {other}: give another --out")
 
 
 def read_journal(path: str | os.PathLike[str]) -> Iterator[TrialRow]:
@@ -280,14 +222,11 @@ def read_journal(path: str | os.PathLike[str]) -> Iterator[TrialRow]:
     with Path(path).open("rb") as file:
         next(file)  # the settings
         for number, line in enumerate(file, 2):
-            try:
-                yield parse_row(line)
-            except ValueError:
-                raise OutputError(f"{path}, line {number} is damaged: run the comparison again") from None
+            yield _parsed(path, number, line, "run the comparison again")
 
 
-def _parse_settings(line: bytes) -> dict[str, Json]:
-    content = json.loads(line)
-    if not isinstance(content, dict):
-        raise ValueError("not a JSON object")
-    return content
+def _parsed(path: str | os.PathLike[str], number: int, line: bytes, remedy: str) -> TrialRow:
+    try:
+        return _ROW.validate_json(line, strict=True)
+    except ValidationError:
+        raise OutputError(f"{path}, line {number} is damaged: {remedy}") from None

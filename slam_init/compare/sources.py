@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,25 +14,13 @@ import numpy as np
 from slam_init.compare.judging import NOT_JUDGED, Criteria, criteria_of, group_of_scene
 from slam_init.datasets.views import DerivedSource, SourceView
 from slam_init.errors import CalibrationError, SourceError
-from slam_init.mapping.reduction import Reduction
 from slam_init.system.regular_file import user_path
-from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
-from slam_init.types.frame import Frame, notes_of
+from slam_init.types.frame import Frame
 
 if TYPE_CHECKING:
     from slam_init.datasets import TimedSource
     from slam_init.datasets.points import PointSource
-
-#: The sampled grid: noise of a coordinate in pixels, share of outliers, baseline over the median depth, relative error
-#: of the focal length.
-GRID: dict[str, tuple[float, ...]] = {
-    "noise_px": (0.3, 0.7, 1.0),
-    "outliers": (0.05, 0.15, 0.3),
-    "baseline": (0.03, 0.05, 0.1, 0.15, 0.3),
-    "focal_error": (0.0, 0.02, 0.05),
-}
-
 
 #: Excluded: a person holds the chessboard in front of a fixed camera, so no single motion explains the image.
 _SEVERAL_MOTIONS = ("opencv_chessboard",)
@@ -66,14 +54,6 @@ class ComparedSource:
         criteria = criteria_of(self.group)
         return criteria if self.has_truth or criteria.no_translation else NOT_JUDGED
 
-    def starts(self, every: int, min_left: int) -> range:
-        """Start frames of the trials.
-
-        * ``min_left``: Smallest number of frames that a trial can read, with the start frame.
-        * Returns: Start frames with at least ``min_left`` frames left. A shorter sequence has one start, frame 0.
-        """
-        return range(0, max(self.frames - min_left + 1, 1), every)
-
 
 def open_compared(text: str) -> TimedSource | PointSource:
     """Open a source of a comparison.
@@ -82,31 +62,42 @@ def open_compared(text: str) -> TimedSource | PointSource:
       ``seed=N`` (0 by default). Or one of these with a view (:meth:`slam_init.datasets.views.SourceView.text`): then
       the frames that are used have consecutive indices. Large images are reduced, as for ``run``.
     """
+    from slam_init.datasets.points import PointSource
+    from slam_init.job import reduction_of
+
+    source = _named(text)
+    if isinstance(source, PointSource) or source.camera is None:
+        return source
+    reduction = reduction_of(source, source.camera)
+    return source if reduction.factor == 1 else _Reduced(source, reduction.camera, reduction.frames)
+
+
+def _named(text: str) -> TimedSource | PointSource:
+    """Open a source with its own calibration, and with images of their own size."""
     from slam_init.datasets import open_source
     from slam_init.datasets.points import POINTS, open_points
     from slam_init.datasets.synth import PREFIX
 
     view, text = SourceView.parse(text)
     if not text.startswith((PREFIX, POINTS)):
-        return _reduced(view.apply(open_source(text), renumbered=True))
+        return view.apply(open_source(text), renumbered=True)
     name, _, query = text.partition("?")
-    options = parse_qsl(query, keep_blank_values=True)
-    seeds = [value for key, value in options if key == "seed"] or ["0"]
-    if not seeds[-1].isdecimal():
-        raise SourceError(f"{text}: the seed is {seeds[-1]!r}: give an integer that is at least 0")
-    rest = urlencode([(key, value) for key, value in options if key != "seed"])
-    name = f"{name}?{rest}" if rest else name
-    if name.startswith(POINTS):
-        if view.query:
-            raise SourceError(f"{text}: has no images to leave out or to mask: compare it without these options")
-        return open_points(name, int(seeds[-1]))
-    return _reduced(view.apply(open_source(name, int(seeds[-1])), renumbered=True))
+    options = dict(parse_qsl(query, keep_blank_values=True))
+    seed = options.pop("seed", "0")
+    if not seed.isdecimal():
+        raise SourceError(f"{text}: the seed is {seed!r}: give an integer that is at least 0")
+    name = f"{name}?{urlencode(options)}" if options else name
+    if not name.startswith(POINTS):
+        return view.apply(open_source(name, int(seed)), renumbered=True)
+    if view.query:
+        raise SourceError(f"{text}: has no images to leave out or to mask: compare it without these options")
+    return open_points(name, int(seed))
 
 
 def calibration_of(source: TimedSource | PointSource, text: str) -> Camera:
     """Return the camera of a source."""
     if source.camera is None:
-        raise CalibrationError(f"{text} has no calibration: give --camera (see slam-init compare --help)")
+        raise CalibrationError(f"{text} has no calibration: give --camera FILE, or put a camera.yaml beside its images")
     return source.camera
 
 
@@ -136,57 +127,21 @@ def describe_sources(texts: Sequence[str], view: SourceView | None = None) -> li
     return found
 
 
-def grid_sources(count: int, seed: int) -> list[str]:
-    """Draw point-level sources of all scenes from :data:`GRID`."""
-    from slam_init.datasets.points import point_scenes
-
-    return [text for scene in point_scenes() for text in simulated_sources(scene, count, seed)]
-
-
-def simulated_sources(scene: str, count: int, seed: int, **fixed: float) -> list[str]:
-    """Draw point-level sources of one scene from :data:`GRID`.
-
-    * ``**fixed``: Options that replace the drawn values. They do not change the values that are drawn for the other
-      options.
-    """
-    rng = np.random.default_rng((seed, *scene.encode()))
-    texts = []
-    for i in range(count):
-        options = {name: float(rng.choice(values)) for name, values in GRID.items()} | fixed
-        texts.append(f"points:{scene}?{urlencode({**options, 'seed': 1000 * seed + i})}")
-    return texts
-
-
 @dataclass(frozen=True, eq=False)
-class _ReducedSource(DerivedSource):
-    """A source of large images at the size at which they are tracked, as ``slam-init run`` reduces them."""
+class _Reduced(DerivedSource):
+    """A source of large images at the size at which ``slam-init run`` tracks them."""
 
-    reduction: Reduction
+    reduced_camera: Camera
+    reduced: Callable[[Iterator[Frame]], Iterator[Frame]]
 
     @property
-    def camera(self) -> Camera | None:
+    def camera(self) -> Camera:
         """The camera of the reduced frames."""
-        return self.reduction.camera
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Those of the source and of the reduction."""
-        return (*notes_of(self.source), *self.reduction.notes)
+        return self.reduced_camera
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Read and reduce frames in order."""
-        yield from self.reduction.frames(self.source.frames(start, max_frames))
-
-
-def _reduced(source: TimedSource) -> TimedSource:
-    """Reduce the frames of a source if they are large.
-
-    * Returns: The source itself where its images are not large, or have no calibration.
-    """
-    if source.camera is None:
-        return source
-    reduction = Reduction.for_camera(source.camera)
-    return source if reduction.factor == 1 else _ReducedSource(source, reduction)
+        return self.reduced(self.source.frames(start, max_frames))
 
 
 def _expand(text: str) -> list[tuple[str, str]]:
@@ -217,16 +172,11 @@ def _sequences_below(path: Path) -> list[str]:
 def _describe(label: str, text: str) -> ComparedSource:
     source = open_compared(text)
     calibration_of(source, text)
-    synthetic = source.kind in ("synth", "points")
     return ComparedSource(
         label=label,
-        group=group_of_scene(label) if synthetic else label,
+        group=group_of_scene(label) if source.kind in ("synth", "points") else label,
         text=text,
         frames=len(source),
-        fps=_fps(source.timestamps_s),
+        fps=float(1 / np.median(np.diff(source.timestamps_s))) if len(source) > 1 else 0.0,
         has_truth=source.groundtruth is not None,
     )
-
-
-def _fps(timestamps_s: Floats) -> float:
-    return float(1 / np.median(np.diff(timestamps_s))) if len(timestamps_s) > 1 else 0.0

@@ -4,24 +4,21 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from slam_init.compare.judging import Criteria, Truth
-from slam_init.compare.measures import depth_errors, is_correct, is_strict, pose_errors, survival
-from slam_init.compare.recordings import TrialRecording
+from slam_init.compare.measures import PoseErrors, depth_errors, is_correct, is_strict, pose_errors, survival
 from slam_init.compare.replay import Step, replay
 from slam_init.compare.rows import Key, Outcome, TrialRow
 from slam_init.compare.sources import ComparedSource, calibration_of, open_compared
-from slam_init.compare.trajectories import write_trajectory
 from slam_init.config import Config, ExternalConfig
+from slam_init.datasets.points import POINTS
 from slam_init.decision.attempt_log import reported_distortion
-from slam_init.decision.audit import audit
 from slam_init.errors import SlamInitError
 from slam_init.methods.external_command import is_external
 from slam_init.types.frame import Observations
@@ -32,7 +29,6 @@ from slam_init.types.result import Result
 if TYPE_CHECKING:
     from slam_init.datasets import TimedSource
     from slam_init.datasets.points import PointSource
-    from slam_init.recording.recorder import Recorder
     from slam_init.types.camera import Camera
     from slam_init.types.pose import Trajectory
 
@@ -68,10 +64,6 @@ class Settings:
     limit_s: float = 5.0
     #: Folder of the stored tracks.
     tracks: str = ""
-    #: Folder of the recordings; None if no recordings are written.
-    recordings: str | None = None
-    #: Folder of the trajectories; None if none are written.
-    trajectories: str | None = None
     #: A trial that takes longer is stopped and counts as an error.
     time_limit_s: float = 300.0
     #: A trial that allocates more memory counts as an error. 0 for no limit.
@@ -92,39 +84,79 @@ class Settings:
         return min(limit, max(2, round(self.limit_s * source.fps))) if video else limit
 
 
+@dataclass(frozen=True)
+class Plan:
+    """The sources and methods of a comparison; its trials are all combinations of source, start frame and method."""
+
+    sources: tuple[ComparedSource, ...]
+    #: Names as in ``slam-init run --method``.
+    methods: tuple[str, ...]
+    #: Step between two start frames.
+    every: int = 10
+    #: Smallest number of frames that a trial can read, with the start frame. Two views and a third one that confirms
+    #: them are the least from which every method can make a map.
+    min_left: int = 3
+    #: The folder in it is not used: :func:`slam_init.compare.run.compare` chooses it.
+    settings: Settings = field(default_factory=Settings)
+
+    def trials(self) -> Iterator[Trial]:
+        """Yield all trials. The trials of one source follow one another, so that a process opens the source once."""
+        for source in self.sources:
+            for start in self.starts(source):
+                for method in self.methods_on(source):
+                    yield Trial(source, method, start)
+
+    def methods_on(self, source: ComparedSource) -> tuple[str, ...]:
+        """Return the methods that can run on a source. External programs need images."""
+        if not source.group.startswith(POINTS):
+            return self.methods
+        return tuple(method for method in self.methods if not is_external(method))
+
+    def starts(self, source: ComparedSource) -> range:
+        """Return the start frames of the trials on a source.
+
+        * Returns: Every :attr:`every`-th frame that leaves :attr:`min_left` frames. A shorter sequence has one start,
+          frame 0.
+        """
+        return range(0, max(source.frames - self.min_left + 1, 1), self.every)
+
+
 def run_trial(trial: Trial, settings: Settings) -> TrialRow:
     """Run a trial and measure its result."""
     begin = time.perf_counter()
     source = _opened(trial.source.text)
     camera = calibration_of(source, trial.source.text)
-    recording = TrialRecording(settings.recordings, trial.source.label, trial.method, trial.start, settings.seed)
-    run = _run_program if is_external(trial.method) else _run_method
-    with recording.recorder(source, camera) as recorder:
-        result, following, times_ms = run(trial, settings, source, camera, recorder)
-        row = result_row(trial, settings, result, source, following)
-        recording.end(result, source, camera, recorder)
-    times_ms["trial_ms"] = 1e3 * (time.perf_counter() - begin)
-    columns: dict[str, Any] = {name: _rounded(value) for name, value in times_ms.items()}
+    result, following, times_ms = _result(trial, settings, source, camera)
+    row = result_row(trial, settings, result, source, following)
+    columns: dict[str, Any] = {**times_ms, "trial_ms": 1e3 * (time.perf_counter() - begin)}
     if settings.audit and result.map is not None:
-        columns["audited_risk"] = _rounded(_audited_risk(trial, settings, result.map, source, camera))
+        columns["audited_risk"] = _audited_risk(trial, settings, result.map, source, camera)
+    columns |= {name: _rounded(value) for name, value in columns.items()}
     return replace(row, **columns)
 
 
-def _run_method(
-    trial: Trial, settings: Settings, source: TimedSource | PointSource, camera: Camera, recorder: Recorder
-) -> tuple[Result, Iterable[Step], dict[str, Any]]:
-    """Feed a method; return its result, the tracks of the frames that follow, and the columns of its times."""
+def _result(
+    trial: Trial, settings: Settings, source: TimedSource | PointSource, camera: Camera
+) -> tuple[Result, Iterable[Step], dict[str, float | None]]:
+    """Feed a method; return its result, the tracks of the frames that follow, and the columns of its times.
+
+    An external program gets images. The time of a frame is then its share of the whole.
+    """
     from slam_init.methods import make_initializer
 
-    steps = replay(source, trial.source.text, trial.start, Path(settings.tracks))
-    limit = settings.frames_limit(trial.source, trial.start)
-    pictures = source.frames(trial.start, limit) if settings.recordings is not None else None
+    limit, begin = settings.frames_limit(trial.source, trial.start), time.perf_counter()
+    limits = ExternalConfig(settings.time_limit_s, settings.memory_limit_mb, max(limit, 2))
+    initializer = make_initializer(trial.method, camera, replace(settings.config, seed=settings.seed, external=limits))
+    if is_external(trial.method):
+        for frame in source.frames(trial.start, limit):
+            initializer.process(frame)
+        result = initializer.finish()
+        frame_ms = 1e3 * (time.perf_counter() - begin) / limit
+        return result, (), {"frame_median_ms": frame_ms, "frame_p95_ms": frame_ms}
+    steps = replay(source, trial.source.text, trial.start, settings.tracks)
     frames_ms: list[float] = []
     attempts_ms: list[float] = []
-    initializer = make_initializer(trial.method, camera, replace(settings.config, seed=settings.seed), recorder)
     for _, step in zip(range(limit), steps, strict=False):
-        if pictures is not None:
-            recorder.frame(next(pictures), step.current)
         fed = time.perf_counter()
         status = initializer.process_tracks(step.current, revised=step.revised)
         frames_ms.append(1e3 * (time.perf_counter() - fed))
@@ -138,34 +170,12 @@ def _run_method(
     return initializer.finish(), steps, times_ms
 
 
-def _run_program(
-    trial: Trial, settings: Settings, source: TimedSource | PointSource, camera: Camera, recorder: Recorder
-) -> tuple[Result, Iterable[Step], dict[str, Any]]:
-    """Run an external program, which gets images. The time of a frame is its share of the program's time."""
-    from slam_init.methods.external import ExternalInitializer
-
-    limit = settings.frames_limit(trial.source, trial.start)
-    limits = ExternalConfig(settings.time_limit_s, settings.memory_limit_mb, max(limit, 2))
-    config = replace(settings.config, seed=settings.seed, external=limits)
-    scratch = settings.tracks if settings.tracks and Path(settings.tracks).is_dir() else None
-    initializer = ExternalInitializer(trial.method, camera, config, recorder, scratch)
-    try:
-        for frame in source.frames(trial.start, limit):
-            initializer.process(frame)
-        result = initializer.finish()
-    finally:
-        initializer.close()
-    program = initializer.program
-    frame_ms = None if program is None else 1e3 * program.seconds / initializer.frames_read
-    return result, (), {"frame_median_ms": frame_ms, "frame_p95_ms": frame_ms}
-
-
 def error_row(trial: Trial, settings: Settings, cause: str) -> TrialRow:
     """Return the row of a trial that ended in an error.
 
     * ``cause``: Message of the error. Line breaks are removed, and the text is cut after 200 characters.
     """
-    return replace(_blank(trial, settings, "error"), reason=" ".join(cause.split())[:_MAX_CAUSE])
+    return _row(trial, settings, "error", reason=" ".join(cause.split())[:_MAX_CAUSE])
 
 
 @lru_cache(maxsize=1)
@@ -178,8 +188,10 @@ def _audited_risk(
     trial: Trial, settings: Settings, map_: InitialMap, source: TimedSource | PointSource, camera: Camera
 ) -> float | None:
     """Audit the poses of a map with all tracks that the trial could read; None where they do not connect its frames."""
+    from slam_init import audit
+
     limit, views = settings.frames_limit(trial.source, trial.start), dict[int, Observations]()
-    steps = replay(source, trial.source.text, trial.start, Path(settings.tracks))
+    steps = replay(source, trial.source.text, trial.start, settings.tracks)
     for _, step in zip(range(limit), steps, strict=False):
         views |= {view.frame: view for view in (*step.revised, step.current)}
     poses = {keyframe.frame: keyframe.world_from_cam for keyframe in map_.keyframes}
@@ -192,20 +204,6 @@ def _audited_risk(
 # -- rows ------------------------------------------------------------------------------------------
 
 
-def _blank(trial: Trial, settings: Settings, outcome: Outcome) -> TrialRow:
-    """Return the row of a trial with its outcome and the values that are known before the trial runs."""
-    return TrialRow(
-        source=trial.source.label,
-        method=trial.method,
-        start=trial.start,
-        outcome=outcome,
-        group=trial.source.group,
-        frames_limit=settings.frames_limit(trial.source, trial.start),
-        injected_cause=trial.source.criteria.expected_reason,
-        judged_by=trial.source.criteria.rule,
-    )
-
-
 def result_row(
     trial: Trial, settings: Settings, result: Result, source: TimedSource | PointSource, following: Iterable[Step]
 ) -> TrialRow:
@@ -213,113 +211,93 @@ def result_row(
 
     * ``following``: Tracks of the frames after the last one that the method read. ``survival`` is measured on them.
     """
-    criteria = trial.source.criteria
+    criteria, map_, truth = trial.source.criteria, result.map, source.groundtruth
     expected = criteria.expected_reason
-    outcome: Outcome = "none" if result.map is None else _outcome(result.map, source, criteria)
-    row = replace(
-        _blank(trial, settings, outcome),
-        attempts=len(result.attempts),
-        strict=False,
-        suspected_focal_factor=_rounded(_suspected_focal_factor(result)),
-        reported_focal_factor=_rounded(None if result.wrong_focal is None else result.wrong_focal.factor),
-        reported_distortion=_rounded(reported_distortion(result.attempts)),
-    )
-    if result.map is None:
-        return replace(
-            row,
-            reason=None if result.reason is None else str(result.reason),
-            reason_right=result.reason == expected if expected is not None else None,
-            kept_truth=_kept_truth(result, source, criteria),
-        )
-    if settings.trajectories is not None:
-        keyframes = result.map.keyframes
-        write_trajectory(
-            settings.trajectories, trial.method, trial.source.label, trial.start, keyframes, source.groundtruth
-        )
-    row = replace(
-        row,
-        frames_to_accept=result.frames_to_init,
-        seconds_to_accept=_rounded(_seconds(source, trial.start, result)),
-        landmarks=len(result.map.points) or None,  # an external program gives none
-        keyframes=" ".join(str(keyframe.frame) for keyframe in result.map.keyframes),
-        parallax_deg=_finite(result.map.median_parallax_deg),
-        reprojection_rmse_px=_finite(result.map.reprojection_rmse_px),
-        survival=_rounded(survival(result.map, following)) if len(result.map.points) else None,
-        # The method accepted a map instead of giving the expected reason.
-        reason_right=False if expected is not None else None,
-    )
-    if source.groundtruth is not None:
-        row = _with_pose_errors(row, result.map, source.groundtruth, criteria)
-    row = _with_stated_risk(row, result, source.groundtruth, criteria)
-    if not len(result.map.points):  # an external program gives no landmarks
-        return row
-    depths = depth_errors(result.map, source)
-    return replace(row, depth_error=_rounded(depths.relative), depth_order_error=_rounded(depths.wrong_order))
+    suspected = [a.suspected_focal_factor for a in result.attempts if a.suspected_focal_factor is not None]
+    columns: dict[str, Any] = {
+        "strict": map_ is not None and is_strict(pose_errors(map_, truth), criteria),
+        "attempts": len(result.attempts),
+        "suspected_focal_factor": float(np.median(suspected)) if suspected else None,
+        "reported_focal_factor": None if result.wrong_focal is None else result.wrong_focal.factor,
+        "reported_distortion": reported_distortion(result.attempts),
+        # A method that accepts a map does not give the expected reason.
+        "reason_right": None if expected is None else map_ is None and result.reason == expected,
+    }
+    if map_ is None:
+        reason = None if result.reason is None else str(result.reason)
+        kept = None
+        if reason == Verdict.AMBIGUOUS_PLANE and criteria.truth is not Truth.NONE:
+            kept = any(_outcome(one, truth, criteria) == "correct" for one in result.hypotheses)
+        return _row(trial, settings, "none", **columns, reason=reason, kept_truth=kept)
+    last = trial.start + (result.frames_to_init or 1) - 1
+    columns |= {
+        "frames_to_accept": result.frames_to_init,
+        "seconds_to_accept": float(source.timestamps_s[last] - source.timestamps_s[trial.start]),
+        "keyframes": " ".join(str(keyframe.frame) for keyframe in map_.keyframes),
+        "parallax_deg": map_.median_parallax_deg,
+        "reprojection_rmse_px": map_.reprojection_rmse_px,
+        **_error_columns(map_, truth, criteria),
+        **_stated_columns(result, map_, truth, criteria),
+    }
+    if len(map_.points):  # an external program gives no landmarks
+        columns |= {"landmarks": len(map_.points), "survival": survival(map_, following)}
+        columns["depth_error"], columns["depth_order_error"] = depth_errors(map_, source)
+    return _row(trial, settings, _outcome(map_, truth, criteria), **columns)
 
 
-def _with_pose_errors(row: TrialRow, map_: InitialMap, truth: Trajectory, criteria: Criteria) -> TrialRow:
-    """Return the row with the errors of the poses, before and after bundle adjustment."""
-    after = pose_errors(map_, truth)
-    before = pose_errors(map_, truth, before=True)
-    return replace(
-        row,
-        strict=is_strict(after, criteria),
-        rotation_error_deg=_rounded(after.rotation_deg),
-        direction_error_deg=_rounded(after.direction_deg if criteria.direction_deg is not None else None),
-        ate=_rounded(after.ate),
-        rotation_error_before_deg=_rounded(before.rotation_deg),
-        direction_error_before_deg=_rounded(before.direction_deg if criteria.direction_deg is not None else None),
-        ate_before=_rounded(before.ate),
-    )
+def _row(trial: Trial, settings: Settings, outcome: Outcome, **columns: Any) -> TrialRow:
+    """Return a row with the values that are known before the trial runs, and others.
+
+    Numbers have six significant digits, so that the files hold exactly the values that the figures are made of.
+    """
+    source, criteria = trial.source, trial.source.criteria
+    known: dict[str, Any] = {
+        "source": source.label,
+        "method": trial.method,
+        "start": trial.start,
+        "group": source.group,
+    }
+    known |= {"injected_cause": criteria.expected_reason, "judged_by": criteria.rule}
+    known |= {name: _rounded(value) if isinstance(value, float) else value for name, value in columns.items()}
+    return TrialRow(outcome=outcome, frames_limit=settings.frames_limit(source, trial.start), **known)
 
 
-def _with_stated_risk(row: TrialRow, result: Result, truth: Trajectory | None, criteria: Criteria) -> TrialRow:
-    """Return the row with the risk and the standard deviations that the accepted attempt states, if any."""
+def _error_columns(map_: InitialMap, truth: Trajectory | None, criteria: Criteria) -> dict[str, float | None]:
+    """The errors of the poses, before and after bundle adjustment."""
+    columns = {}
+    for suffix, early in (("", False), ("_before", True)):
+        errors = _judged(pose_errors(map_, truth, before=early), criteria)
+        columns[f"rotation_error{suffix}_deg"] = errors.rotation_deg
+        columns[f"direction_error{suffix}_deg"] = errors.direction_deg
+        columns[f"ate{suffix}"] = errors.ate
+    return columns
+
+
+def _stated_columns(
+    result: Result, map_: InitialMap, truth: Trajectory | None, criteria: Criteria
+) -> dict[str, float | None]:
+    """The risk and the standard deviations that the accepted attempt states, if any, and the errors of its pair."""
     accepted = next((one for one in reversed(result.attempts) if one.verdict == Verdict.ACCEPTED), None)
-    if result.map is None or accepted is None or accepted.window is None:
-        return row
-    pair = pose_errors(result.map, truth, frames=accepted.frames[:2])
-    return replace(
-        row,
-        risk=_rounded(accepted.window.risk),
-        rotation_sigma_deg=_finite(accepted.window.rotation_sigma_deg),
-        direction_sigma_deg=_finite(accepted.window.direction_sigma_deg),
-        pair_rotation_error_deg=_rounded(pair.rotation_deg),
-        pair_direction_error_deg=_rounded(pair.direction_deg if criteria.direction_deg is not None else None),
-    )
+    if accepted is None or (window := accepted.window) is None:
+        return {}
+    pair = _judged(pose_errors(map_, truth, frames=accepted.frames[:2]), criteria)
+    stated = {"rotation_sigma_deg": window.rotation_sigma_deg, "direction_sigma_deg": window.direction_sigma_deg}
+    errors = {"pair_rotation_error_deg": pair.rotation_deg, "pair_direction_error_deg": pair.direction_deg}
+    return {"risk": window.risk, **stated, **errors}
 
 
-def _outcome(map_: InitialMap, source: TimedSource | PointSource, criteria: Criteria) -> Outcome:
+def _judged(errors: PoseErrors, criteria: Criteria) -> PoseErrors:
+    """Leave out the direction where it is not judged."""
+    return errors if criteria.direction_deg is not None else replace(errors, direction_deg=None)
+
+
+def _outcome(map_: InitialMap, truth: Trajectory | None, criteria: Criteria) -> Outcome:
     """Return ``correct`` or ``false``; ``accepted`` if there is no ground truth to compare the map with."""
     if criteria.truth is Truth.NONE:
         return "accepted"
-    return "correct" if is_correct(pose_errors(map_, source.groundtruth), criteria) else "false"
-
-
-def _kept_truth(result: Result, source: TimedSource | PointSource, criteria: Criteria) -> bool | None:
-    """Return whether one of the hypotheses of an ambiguous plane is correct; None if that cannot be said."""
-    if result.reason != "ambiguous_plane" or criteria.truth is Truth.NONE:
-        return None
-    return any(_outcome(map_, source, criteria) == "correct" for map_ in result.hypotheses)
-
-
-def _suspected_focal_factor(result: Result) -> float | None:
-    """Return the median over the attempts that suspect a wrong focal length; None if no attempt does."""
-    factors = [a.suspected_focal_factor for a in result.attempts if a.suspected_focal_factor is not None]
-    return float(np.median(np.array(factors, float))) if factors else None
-
-
-def _seconds(source: TimedSource | PointSource, start: int, result: Result) -> float | None:
-    """Return the seconds of video from the first frame of the trial to the frame at which the map was accepted."""
-    last = start + (result.frames_to_init or 1) - 1
-    return float(source.timestamps_s[last] - source.timestamps_s[start])
+    return "correct" if is_correct(pose_errors(map_, truth), criteria) else "false"
 
 
 def _rounded(value: float | None) -> float | None:
-    """Round to six significant digits, so that the files hold exactly the values that the figures are made of."""
-    return None if value is None else float(f"{value:.6g}")
-
-
-def _finite(value: float) -> float | None:
-    """Round a stated figure. A row holds finite numbers only."""
-    return _rounded(value) if math.isfinite(value) else None
+    """Round to six significant digits; a row holds finite numbers only."""
+    return float(f"{value:.6g}") if value is not None and math.isfinite(value) else None

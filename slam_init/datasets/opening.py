@@ -173,7 +173,7 @@ def _layout_of(text: str) -> tuple[Layout, Any]:
         cause = getattr(error, "strerror", None) or error
         raise SourceError(f"{text!r}: cannot be read ({cause})") from None
     if text.startswith("points:"):
-        raise SourceError(f"{text!r}: has no images: it is for slam-init compare and bench; here use synth:NAME")
+        raise SourceError(f"{text!r}: has no images: it is for slam-init compare; here use synth:NAME")
     if missing:
         raise SourceError(f"{text!r}: no such file or folder; give one, or synth:NAME")
     raise SourceError(f"{path} {kind_problem(path)}")

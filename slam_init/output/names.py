@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from urllib.parse import quote
-
 from slam_init.types.segments import MAX_SEGMENTS
 
 #: The text model of COLMAP: cameras, images, points.
@@ -43,18 +41,10 @@ MAP_FILES = (
 RUN_FILES = (*MAP_FILES, "config.toml", OVERVIEW, RECORDING, INTERRUPTED, "summary.json")
 #: The trials of a comparison, one a line, written as they finish.
 TRIALS = "trials.jsonl"
-#: All files that a comparison can write, without its recordings.
+#: All files that a comparison can write.
 COMPARE_FILES = (TRIALS, "results.csv", "report.html", "summary.json")
-#: The score sheet of a benchmark.
-SHEET_FILES = ("sheet.json", "sheet.md")
-#: The digests of the tracks, one a line, written as they are known.
-DIGESTS = "tracks.jsonl"
-#: All files that a benchmark can write, without its trajectories.
-BENCH_FILES = (*COMPARE_FILES, *SHEET_FILES, DIGESTS)
 #: The files of a calibration.
 CALIBRATION_FILES = ("camera.yaml", "calibration.json")
-#: The page of several benchmarks.
-PAGE = "leaderboard.html"
 
 
 def segment_folder(number: int) -> str:
@@ -68,8 +58,3 @@ def run_files(*, restart: bool) -> tuple[str, ...]:
         return RUN_FILES
     folders = (segment_folder(number) for number in range(1, MAX_SEGMENTS + 1))
     return (*RUN_FILES, *(f"{folder}/{name}" for folder in folders for name in MAP_FILES))
-
-
-def folder_name(text: str) -> str:
-    """Return a text as the name of one folder: without separators, and short (file systems allow 255 bytes)."""
-    return quote(text, safe="").replace("%", "_")[-120:]

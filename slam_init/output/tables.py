@@ -14,10 +14,14 @@ def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     * ``rows``: Cells of each row. Numbers must be formatted by the caller (:func:`number`); the cells are not changed.
     * Returns: The table, without a line break at the end. The first column is aligned left, the others right.
     """
-    from tabulate import tabulate
-
-    alignment = ["left", *["right"] * (len(header) - 1)]
-    return tabulate(rows, header, tablefmt="pipe", disable_numparse=True, colalign=alignment)
+    widths = [max([len(heading) + 2, *(len(row[k]) for row in rows)]) for k, heading in enumerate(header)]
+    lines = [
+        [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))]
+        for row in (header, *rows)
+    ]
+    rule = "|".join([f":{'-' * (widths[0] + 1)}", *(f"{'-' * (width + 1)}:" for width in widths[1:])])
+    head, *body = (f"| {' | '.join(line)} |" for line in lines)
+    return "\n".join([head, f"|{rule}|", *body])
 
 
 def fitted_tables(header: Sequence[str], rows: Sequence[Sequence[str]], names: int = 1) -> str:

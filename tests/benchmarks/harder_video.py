@@ -19,11 +19,10 @@ import cv2
 import numpy as np
 
 from slam_init.calibration.writing import camera_yaml
-from slam_init.compare.plan import Plan
 from slam_init.compare.rows import TrialRow, read_journal
 from slam_init.compare.run import compare
 from slam_init.compare.sources import describe_sources
-from slam_init.compare.trials import Settings
+from slam_init.compare.trials import Plan, Settings
 from slam_init.datasets import open_source
 from slam_init.output.results import tum_line
 from slam_init.types.arrays import Image

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
-from typing import Any
 
 SOURCES = ("points:room?views=5&seed=1", "points:wall?views=5&seed=2", "points:rotation?views=5&seed=3")
 METHODS = ("stella", "essential-8pt", "failing_methods:Raises")
@@ -14,13 +13,6 @@ def rows_of(out: Path) -> list[dict[str, str]]:
     """The rows of ``results.csv`` without the columns that differ from run to run."""
     with (out / "results.csv").open(newline="") as file:
         return [{k: v for k, v in row.items() if not k.endswith(("_ms", "_mb"))} for row in csv.DictReader(file)]
-
-
-def without_times(value: Any) -> Any:
-    """A summary without the values that differ from run to run."""
-    if isinstance(value, dict):
-        return {key: without_times(item) for key, item in value.items() if not key.endswith(("_ms", "_mb"))}
-    return [without_times(item) for item in value] if isinstance(value, list) else value
 
 
 def table_cells(table: str) -> list[list[str]]:

@@ -1,4 +1,8 @@
-"""A method that raises; others are in :mod:`hostile`."""
+"""Methods that fail in a comparison: each may spoil its own trial only."""
+
+import itertools
+import os
+import sys
 
 from slam_init.methods.two_view import PairRule
 
@@ -8,3 +12,27 @@ class Raises:
 
     def bootstrap(self, *_):
         raise RuntimeError("no such thing\nas a pose")
+
+
+class Exits(Raises):
+    def bootstrap(self, *_):
+        sys.exit(3)
+
+
+class Aborts(Raises):
+    def bootstrap(self, *_):
+        os.abort()
+
+
+class EatsMemory(Raises):
+    def bootstrap(self, *_):
+        kept = [bytearray(1 << 20)]
+        while True:
+            kept.append(bytearray(len(kept[-1]) * 2))
+
+
+class Loops(Raises):
+    """Never ends, and no other thread of the interpreter runs."""
+
+    def bootstrap(self, *_):
+        sum(itertools.repeat(0))

@@ -7,7 +7,7 @@ import sys
 import cv2
 import numpy as np
 import pytest
-from cli_files import CAMERA, IMAGES, WITH
+from cli_files import IMAGES, WITH
 
 from slam_init.cli import main
 from slam_init.methods.registry import METHODS
@@ -36,7 +36,7 @@ def error_of(words, capsys):
         (["."], "did you mean slam-init run .?"),
         (["--verison"], "unrecognized arguments: --verison: did you mean --version? (see slam-init --help)"),
         (["run", "x", "-o", "y"], "did you mean --out? (see slam-init run --help)"),
-        (["run", "points:room"], "it is for slam-init compare and bench"),
+        (["run", "points:room"], "it is for slam-init compare"),
         (["run", "synth:static?frames=2&width=96&height=64", "--topic", "/a"], "choose those of a ROS bag"),
         (["run", "synth:static?frames=2&width=96&height=64", "--imu"], "has no gyroscope"),
         (["run", "synth:static?frames=2&width=96&height=64", "--scale", "imu"], "has no accelerations"),
@@ -45,7 +45,7 @@ def error_of(words, capsys):
         (["run", "synth:static?frames=2&width=96&height=64", "--gravity", "imu"], "has no accelerations"),
         (["run", "synth:static?frames=2&imu=1&cut=1"], "leave cut out"),
         (["run", "synth:static?frames=2&width=96&height=64", "--camera", "fx=90"], "give a file, f=1250 (pixels)"),
-        (["bench", "--suite", "draw"], "did you mean drawn? (see slam-init bench --help)"),
+        (["compare", "--suite", "draw"], "did you mean drawn? (see slam-init compare --help)"),
         (["run", "synth:rom"], "unknown scene 'rom': did you mean room? use one of room, wall"),
         (["compare", "points:corider"], "did you mean corridor?"),
         (["run", "x", "--method", "orbslam3"], "did you mean orb-slam3?"),
@@ -56,7 +56,7 @@ def test_an_option_and_a_method_that_do_not_exist_are_told_with_the_nearest_one(
     assert meant in error_of(words, capsys)
 
 
-@pytest.mark.parametrize("command", ["run", "compare", "bench"])
+@pytest.mark.parametrize("command", ["run", "compare"])
 def test_the_methods_are_listed_one_a_line(command, capsys):
     assert len(error_of(["run", "x", "--method", "nope"], capsys)) < 240
     assert main([command, "--list-methods"]) == 0
@@ -82,20 +82,6 @@ def test_the_scale_of_a_truth_that_a_source_does_not_have_is_refused_before_the_
 def test_a_file_whose_name_is_a_number_is_a_calibration(world, pipeline):
     (world / "615").write_text((world / "good.yaml").read_text())
     assert main(["run", IMAGES, "--camera", "615"]) == 0
-
-
-def test_compare_takes_a_video_with_a_camera(tmp_path, capsys):
-    writer = cv2.VideoWriter("v.mp4", cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"mp4v"), 30, (64, 48))
-    for k in range(5):
-        writer.write(np.full((48, 64, 3), 20 * k, np.uint8))
-    writer.release()
-    assert "v.mp4 has no calibration: give --camera" in error_of(["compare", "v.mp4", "--out", "both"], capsys)
-    (tmp_path / "c.yaml").write_text(CAMERA)
-    for camera in ("c.yaml", "fov=60"):
-        words = ["compare", "v.mp4", "--camera", camera, "--methods", "essential-5pt", "--jobs", "1"]
-        assert main([*words, "--out", f"by-{camera}"]) == 0
-        report = (tmp_path / f"by-{camera}" / "report.html").read_text()
-        assert "--camera" in report and camera in report
 
 
 @pytest.mark.slow

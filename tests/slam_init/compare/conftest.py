@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from comparisons import METHODS, SOURCES
 
-from slam_init.compare.plan import Plan
+from slam_init.compare.figures import Figures
 from slam_init.compare.run import compare
 from slam_init.compare.sources import describe_sources
-from slam_init.compare.summary import ComparisonSummary
+from slam_init.compare.trials import Plan
 
 
 @pytest.fixture(scope="session")
@@ -20,7 +20,8 @@ def plan() -> Plan:
 
 
 @pytest.fixture(scope="session")
-def finished(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, ComparisonSummary]:
+def finished(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Figures]:
     """The folder and the summary of a comparison that was not interrupted."""
     out = tmp_path_factory.mktemp("compare") / "out"
-    return out, compare(plan, out, backend="sequential", command="slam-init compare")
+    summary, _ = compare(plan, out, command="slam-init compare")
+    return out, summary

@@ -1,31 +1,25 @@
 """The page of a comparison."""
 
+import re
+
 from comparisons import METHODS
 
-from slam_init.compare.plan import Plan
 from slam_init.compare.run import compare
 from slam_init.compare.sources import describe_sources
+from slam_init.compare.trials import Plan
 
 
-def test_the_page_loads_nothing_from_other_places(finished):
+def test_the_page_loads_nothing_and_tells_the_wait_and_how_each_scene_is_judged(finished):
     page = (finished[0] / "report.html").read_text()
-    assert page.startswith("<!DOCTYPE html>")
-    for outside in ("http://", "https://", "<script src", "<link", "@import", "url(", "fetch(", "import("):
+    for told in (*METHODS, f"wait of {METHODS[0]} minus that of", "rotation within 5 deg", "every map is false"):
+        assert told in page
+    page = re.sub(r'xmlns(:\w+)?="[^"]*"|url\(#|href="#', "", page)
+    for outside in ("http://", "https://", "<script", "<link", "@import", "url(", "src=", "href="):
         assert outside not in page
-    for method in METHODS:
-        assert method in page
-
-
-def test_the_page_tells_the_wait_and_how_each_scene_is_judged(finished):
-    page = (finished[0] / "report.html").read_text()
-    assert f"wait of {METHODS[0]} minus that of" in page
-    assert "How each sequence is judged" in page
-    for rule in ("rotation within 5 deg, direction within 15 deg", "every map is false"):
-        assert rule in page
 
 
 def test_a_comparison_without_any_map_has_a_page_as_well(tmp_path):
     plan = Plan(tuple(describe_sources(["points:static?views=3"])), ("failing_methods:Raises",))
-    summary = compare(plan, tmp_path / "out", backend="sequential")
-    assert summary.parts["points_static"]["failing_methods:Raises"].error == 1
+    summary, _ = compare(plan, tmp_path / "out")
+    assert summary["parts"]["points_static"]["failing_methods:Raises"]["error"] == 1
     assert (tmp_path / "out" / "report.html").is_file()

@@ -1,5 +1,6 @@
 """The length of a trial, and the row of a trial that found no map."""
 
+import sys
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -8,12 +9,11 @@ import pytest
 from make_map import make_attempts, make_map, make_result, make_truth
 
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.compare.figures import figures_of
+from slam_init.compare.figures import figures_of, table_of
 from slam_init.compare.sources import describe_sources, open_compared
-from slam_init.compare.tables import RATES, text_figures
-from slam_init.compare.trial_table import TrialTable
-from slam_init.compare.trials import Settings, Trial, result_row, run_trial
-from slam_init.types.evidence import FreeFocal
+from slam_init.compare.trials import Plan, Settings, Trial, result_row, run_trial
+from slam_init.output.results import tum_text
+from slam_init.types.evidence import RotationOnlyEvidence
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
@@ -52,27 +52,25 @@ def test_the_map_of_any_method_is_audited_where_it_is_asked_for():
     without, row = (run_trial(trial, Settings(audit=audit)) for audit in (False, True))
     assert row.outcome == "correct" and row.risk is without.audited_risk is None
     assert 0 < row.audited_risk < 0.05
-    assert text_figures("", {"": figures_of(TrialTable.read([row]))}, RATES).count("audited risk %") == 1
-    assert "audited" not in text_figures("", {"": figures_of(TrialTable.read([without]))}, RATES)
+    assert figures_of(table_of([row]))["audited_risk"] == row.audited_risk
+    assert figures_of(table_of([without]))["audited_risk"] is None
 
 
-def test_suspicions_of_the_focal_length_are_recorded_and_what_the_result_names_is_reported():
-    (source,) = describe_sources(["points:rotation?focal_error=0.05"])
-    trial, opened = Trial(source, "quest", 0), open_compared(source.text)
+def test_one_suspicion_of_the_focal_length_is_recorded_several_that_agree_are_reported_and_both_are_counted():
+    def row_of(text, *suspected):
+        (source,) = describe_sources([text])
+        evidence = [RotationOnlyEvidence(factor, factor) for factor in suspected]
+        attempts = tuple(Attempt((0, k), Verdict.PURE_ROTATION, rotation_only=one) for k, one in enumerate(evidence))
+        result = Result(None, Verdict.PURE_ROTATION, 12, None, attempts, {})
+        return result_row(Trial(source, "quest", 0), Settings(), result, open_compared(text), ())
 
-    def factors(*suspected):
-        attempts = tuple(
-            Attempt((0, k), Verdict.PURE_ROTATION, free_focal=FreeFocal(1.0, factor, 0.01, contradicts=True))
-            for k, factor in enumerate(suspected)
-        )
-        named = attempts[0].free_focal if len(attempts) > 1 else None
-        result = Result(None, Verdict.PURE_ROTATION, 12, None, attempts, {}, wrong_focal=named)
-        row = result_row(trial, Settings(), result, opened, ())
-        return row.suspected_focal_factor, row.reported_focal_factor
-
-    assert factors() == (None, None)
-    assert factors(0.96) == (0.96, None)
-    assert factors(0.95, 0.95, 0.96) == (0.95, 0.95)
+    wrong, right = "points:rotation?focal_error=0.05", "points:rotation"
+    rows = [row_of(wrong), row_of(wrong, 0.96), row_of(wrong, 0.95, 0.95, 0.96), row_of(right, 0.95, 0.95)]
+    factors = [(row.suspected_focal_factor, row.reported_focal_factor) for row in rows]
+    assert factors == [(None, None), (0.96, None), (0.95, 0.95), (0.95, 0.95)]
+    figures = figures_of(table_of(rows))
+    shares = [figures[name].value for name in ("suspicion_rate", "report_rate", "false_report_rate")]
+    assert [round(share, 2) for share in shares] == [0.67, 0.33, 1.0]
 
 
 def test_the_row_of_a_map_holds_what_the_accepted_attempt_states_and_the_errors_of_its_pair():
@@ -102,3 +100,16 @@ def test_the_row_of_a_map_holds_what_the_accepted_attempt_states_and_the_errors_
     without = row_of(replace(accepted, window=None))
     assert without.outcome == "false"
     assert without.risk is without.rotation_sigma_deg is without.pair_rotation_error_deg is None
+
+
+def test_an_external_program_is_judged_by_its_poses_and_is_left_out_on_points(tmp_path):
+    images, points = describe_sources(["synth:room?frames=3&width=64&height=64", "points:room"])
+    truth = open_compared(images.text).groundtruth
+    stamped = zip(truth.timestamps_s.tolist(), truth.world_from_cam, strict=True)
+    (tmp_path / "true.txt").write_text(tum_text([Keyframe(i, t, "", pose) for i, (t, pose) in enumerate(stamped)]))
+    code = f"import shutil, sys; shutil.copy({str(tmp_path / 'true.txt')!r}, sys.argv[2] + '/trajectory.txt')"
+    method = f'copies=command:{sys.executable} -c "{code}" {{images}} {{out}}'
+    row = run_trial(Trial(images, method, 0), Settings())
+    assert (row.outcome, row.frames_to_accept, row.landmarks) == ("correct", 3, None)
+    plan = Plan((images, points), ("stella", method))
+    assert [plan.methods_on(source) for source in plan.sources] == [("stella", method), ("stella",)]

@@ -5,10 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from slam_init.compare.figures import mean_wait, wait_differences, waits
+from slam_init.compare.figures import figures_of, table_of, wait_differences
 from slam_init.compare.judging import NOT_JUDGED, Criteria
 from slam_init.compare.rows import TrialRow
-from slam_init.compare.trial_table import TrialTable
 
 
 def row(outcome, frames=None, *, source="a", method="quest", start=0, limit=11, **values):
@@ -18,20 +17,20 @@ def row(outcome, frames=None, *, source="a", method="quest", start=0, limit=11, 
 
 def test_a_correct_map_at_the_second_frame_has_a_wait_of_1_and_other_trials_count_as_their_limit():
     rows = [row("correct", 2), row("correct", 11), row("false", 2), row("none"), row("error", limit=3)]
-    assert waits(TrialTable.read(rows)).tolist() == [1, 10, 10, 10, 2]
+    assert table_of(rows)["wait"].tolist() == [1, 10, 10, 10, 2]
 
 
 def test_trials_that_no_map_can_solve_have_no_wait():
     rows = [
         row("false", 2, group="points:rotation"),
-        row("false", 2, group="parrington"),
-        row("accepted", 2, judged_by=None),
-        row("none", judged_by=NOT_JUDGED.rule),
+        row("false", 2, start=3, group="parrington"),
+        row("accepted", 2, start=1, judged_by=None),
+        row("none", start=2, judged_by=NOT_JUDGED.rule),
     ]
-    table = TrialTable.read(rows)
-    assert np.isnan(waits(table)).all()
-    assert math.isnan(mean_wait(table).value)
-    assert wait_differences(table, ("quest", "stella"))[0].trials == 0
+    table = table_of(rows)
+    assert table["wait"].isna().all()
+    assert math.isnan(figures_of(table)["wait"].value)
+    assert wait_differences(table, ("quest", "stella"))[0]["trials"] == 0
 
 
 def test_a_difference_compares_the_same_trials_and_its_interval_the_sequences():
@@ -41,19 +40,17 @@ def test_a_difference_compares_the_same_trials_and_its_interval_the_sequences():
             rows.append(row("correct", 4 + k, source=source, start=start))
             rows.append(row("correct", 2, source=source, start=start, method="stella"))
     rows.append(row("correct", 2, source="e", method="stella"))  # quest did not run this trial
-    table = TrialTable.read(rows)
+    table = table_of(rows)
     (difference,) = wait_differences(table, ("quest", "stella"))
-    assert (difference.first, difference.second) == ("quest", "stella")
-    assert (difference.trials, difference.sequences) == (8, 4)
-    assert difference.difference_frames.value == pytest.approx(np.mean([2, 3, 4, 5]))
-    assert 2 <= difference.difference_frames.low < 3.5 < difference.difference_frames.high <= 5
+    assert (difference["first"], difference["second"]) == ("quest", "stella")
+    assert (difference["trials"], difference["sequences"]) == (8, 4)
+    assert difference["difference_frames"].value == pytest.approx(np.mean([2, 3, 4, 5]))
+    assert 2 <= difference["difference_frames"].low < 3.5 < difference["difference_frames"].high <= 5
     (swapped,) = wait_differences(table, ("stella", "quest"))
-    assert swapped.difference_frames.value == -difference.difference_frames.value
+    assert swapped["difference_frames"].value == -difference["difference_frames"].value
 
 
 def test_a_single_sequence_has_a_mean_and_no_interval():
-    table = TrialTable.read([row("correct", 3, start=start) for start in (0, 10)])
-    interval = mean_wait(table)
-    assert interval.value == 2
-    assert math.isnan(interval.low)
-    assert math.isnan(interval.high)
+    table = table_of([row("correct", 3, start=start) for start in (0, 10)])
+    interval = figures_of(table)["wait"]
+    assert interval.value == 2 and math.isnan(interval.low) and math.isnan(interval.high)
