@@ -314,8 +314,8 @@ def _detail_nodes(left: int, top: int, width: int, height: int) -> tuple[Floats,
 
 # The window of a quad is found by the sights of every sixteenth sample, and by as many points of the quad as this on
 # each side, at the first, the middle and the last line of the readout. It is widened by as many samples: a part of a
-# quad that all miss is smaller than the margin.
-_NODE_STEP, _POINTS, _INSTANTS = 16, 17, (0, 0.5, 1)
+# quad that all miss is smaller than the margin. A pinhole camera stretches near parts of a quad, and takes more points.
+_NODE_STEP, _POINTS, _POINTS_OF_PINHOLE, _INSTANTS = 16, 9, 17, (0, 0.5, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -475,7 +475,8 @@ def _box(camera: AnyCamera, size: Floats, cam_from_texel: Floats, texel_from_sig
     p = nodes @ texel_from_sight.T
     inside = (p[..., 2] > 0) & (p[..., :2] >= 0).all(axis=-1) & (p[..., :2] <= size * p[..., 2:]).all(axis=-1)
     rows, columns = np.nonzero(inside)
-    s, t = np.meshgrid(*(np.linspace(0, side, _POINTS) for side in size))
+    count = _POINTS_OF_PINHOLE if isinstance(camera, PinholeCamera) else _POINTS
+    s, t = np.meshgrid(*(np.linspace(0, side, count) for side in size))
     points = np.column_stack([s.ravel(), t.ravel(), np.ones(s.size)]) @ cam_from_texel.T
     angle = np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2])
     pixels = camera.project(points[angle <= camera.half_field_rad])

@@ -81,9 +81,10 @@ def run_program(words: Sequence[str], time_limit_s: float, memory_limit_mb: int)
 
 
 def _keep_end(stream: IO[bytes], kept: bytearray) -> None:
-    while more := os.read(stream.fileno(), 1 << 16):
-        kept += more
-        del kept[:-_KEPT_BYTES]
+    with stream:
+        while more := os.read(stream.fileno(), 1 << 16):
+            kept += more
+            del kept[:-_KEPT_BYTES]
 
 
 def _failure(code: int) -> str:
