@@ -49,7 +49,7 @@ PARTS = {
     "points_moving": "points, moving camera",
     "points_static": "points, no translation",
 }
-#: The two levels of trials, and their headings.
+#: The two levels of trials: the parts whose names begin with the name of a level belong to it.
 LEVELS = {"image": "images", "points": "points"}
 #: Edges of the bins of the stated risk. A bin holds its upper edge, because a map is accepted up to and with a risk of
 #: 0.005. The first bin also holds 0.
@@ -128,21 +128,21 @@ def figures_of(table: DataFrame) -> Figures:
 def table_of(rows: Iterable[TrialRow]) -> DataFrame:
     """Make a table of the trials: the columns of the rows, and what follows from the group and the source of each.
 
-    ``part`` and ``level`` are keys of :data:`PARTS` and :data:`LEVELS`. In ``solvable`` trials a map can be correct:
-    the source has a ground truth, and the camera translates. ``sound`` trials have a sound ground truth. ``wait`` is
-    NaN for a trial without one.
+    ``part`` is a key of :data:`PARTS`. In ``solvable`` trials a map can be correct: the source has a ground truth, and
+    the camera translates. ``sound`` trials have a sound ground truth. ``wait`` is NaN for a trial without one.
     """
     from pandas import DataFrame
 
     table = DataFrame.from_records([row.values() for row in rows], columns=list(COLUMNS))
     table = table.astype({name: float for name in COLUMNS if name not in (*_TEXTS, *_FLAGS)})
     criteria = {group: criteria_of(group) for group in table["group"].unique()}
-    static = table["group"].map({group: one.no_translation for group, one in criteria.items()}).astype(bool)
+    levels = {group: "points" if group.startswith(POINTS) else "image" for group in criteria}
+    moving = {group: "static" if one.no_translation else "moving" for group, one in criteria.items()}
+    table["part"] = table["group"].map({group: f"{levels[group]}_{moving[group]}" for group in criteria})
     sound = table["group"].map({group: one.truth is Truth.SOUND for group, one in criteria.items()}).astype(bool)
     judged = table["judged_by"] != NOT_JUDGED.rule
-    table["level"] = np.where(table["group"].str.startswith(POINTS), "points", "image")
-    table["part"] = table["level"] + np.where(static, "_static", "_moving")
-    table["solvable"], table["sound"] = judged & ~static & (table["outcome"] != "accepted"), judged & sound
+    translates = table["part"].str.endswith("moving")
+    table["solvable"], table["sound"] = judged & translates & (table["outcome"] != "accepted"), judged & sound
     table["wrong_focal"] = [focal_error_of(source) != 0 for source in table["source"]]
     waited = _of_correct(table, "frames_to_accept").fillna(np.inf).clip(upper=table["frames_limit"]) - 1
     table["wait"] = waited.where(table["solvable"])
@@ -224,7 +224,7 @@ def summary_of(table: DataFrame, plan: Plan) -> Figures:
     Only the times and the peak memory differ from run to run. Parts, levels and methods without a figure are left out.
     """
     parts = {name: table[table["part"] == name] for name in PARTS if (table["part"] == name).any()}
-    levels = {name: _split(table[table["level"] == name], plan.methods).items() for name in LEVELS}
+    levels = {name: _split(table[table["part"].str.startswith(name)], plan.methods).items() for name in LEVELS}
     stated = {
         name: {method: one for method, of_method in split if (one := reliability_of(of_method)) is not None}
         for name, split in levels.items()

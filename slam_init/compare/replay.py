@@ -53,23 +53,33 @@ def replay(source: TimedSource | PointSource, text: str, start: int, folder: str
     from slam_init.datasets.track_source import TrackSource
 
     if isinstance(source, PointSource | TrackSource):
-        return (Step(observations) for observations in source.observations(start))
-    return _stored_steps(find_tracks(source, text, folder), start)
+        yield from (Step(observations) for observations in source.observations(start))
+        return
+    with ZipFile(_stored(source, text, folder)) as archive:
+        for name in archive.namelist():
+            if int(name) >= start:
+                step: Step = pickle.loads(archive.read(name))  # this program wrote the file
+                yield Step(step.current, tuple(one for one in step.revised if one.frame >= start))
 
 
-def find_tracks(source: TimedSource, text: str, folder: str | os.PathLike[str]) -> Path:
+def _stored(source: TimedSource, text: str, folder: str | os.PathLike[str]) -> Path:
     """Run the tracker over a whole sequence, or find the tracks that an earlier call stored; return their file.
 
-    * ``folder``: Created if it does not exist. If two processes call this function at the same time, both do the work
-      and the result is the same.
+    If two processes call this function at the same time, both do the work and the result is the same.
     """
+    from slam_init import Initializer
+
     file = Path(folder) / f"{quote(text, safe='')[-_MAX_NAME:]}.zip"
-    if not file.is_file():
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with NamedTemporaryFile(dir=file.parent, delete=False) as unfinished, ZipFile(unfinished, "w") as archive:
-            for step in _tracked(source, text):
-                archive.writestr(str(step.current.frame), pickle.dumps(step))
-        Path(unfinished.name).replace(file)  # atomic: the file appears as a whole
+    if file.is_file():
+        return file
+    file.parent.mkdir(parents=True, exist_ok=True)
+    tracker = Initializer(calibration_of(source, text)).tracker
+    with NamedTemporaryFile(dir=file.parent, delete=False) as unfinished, ZipFile(unfinished, "w") as archive:
+        for frame in source.frames():
+            step = Step(tracker.track(frame), tuple(tracker.revised))
+            archive.writestr(str(frame.index), pickle.dumps(step))
+            tracker.history.forget(keep=())
+    Path(unfinished.name).replace(file)  # atomic: the file appears as a whole
     return file
 
 
@@ -91,22 +101,3 @@ def tracks_digest(source: TimedSource | PointSource, text: str, steps: Iterable[
             digest.update(np.ascontiguousarray(one.track_ids, "<i8").tobytes())
             digest.update(np.round(100 * sampled).astype("<i8").tobytes())
     return digest.hexdigest()[:16]
-
-
-def _tracked(source: TimedSource, text: str) -> Iterator[Step]:
-    """Follow the tracks through all frames."""
-    from slam_init import Initializer
-
-    tracker = Initializer(calibration_of(source, text)).tracker
-    for frame in source.frames():
-        yield Step(tracker.track(frame), tuple(tracker.revised))
-        tracker.history.forget(keep=())
-
-
-def _stored_steps(file: Path, start: int) -> Iterator[Step]:
-    """Read the steps of the frames from a start on. This program wrote the file."""
-    with ZipFile(file) as archive:
-        for name in archive.namelist():
-            if int(name) >= start:
-                step: Step = pickle.loads(archive.read(name))
-                yield Step(step.current, tuple(one for one in step.revised if one.frame >= start))
