@@ -58,5 +58,3 @@ def test_a_given_camera_takes_the_place_of_that_of_the_source():
     assert from_source.camera is None
     assert open_compared(given.text, given.camera).camera.fx == 99
     assert len(list(open_compared(given.text, given.camera).frames(1))) == 3
-    with pytest.raises(SourceError, match="leave --camera out"):
-        describe_sources(["points:room"], camera="f=99")

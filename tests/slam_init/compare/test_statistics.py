@@ -57,7 +57,3 @@ def test_values_of_one_cluster_do_not_count_as_independent():
     wide = cluster_mean(np.repeat(means, 50), clusters)
     once = cluster_mean(means, np.arange(30).astype(object))
     assert (wide.low, wide.high) == pytest.approx((once.low, once.high))
-
-
-def test_the_mean_of_no_values_is_not_known():
-    assert math.isnan(cluster_mean(np.zeros(0), np.zeros(0, object)).value)
