@@ -16,7 +16,7 @@ from paths import ROOT
 from slam_init.cli.main import main, make_parser
 from slam_init.config import Config
 from slam_init.datasets.layouts import LAYOUTS
-from slam_init.output.names import AUDIT_FILES, CALIBRATION_FILES, COMPARE_FILES, RUN_FILES
+from slam_init.output.names import CALIBRATION_FILES, COMPARE_FILES, RUN_FILES
 from slam_init.types.reasons import REASONS
 
 DOCS = ROOT / "docs"
@@ -44,7 +44,7 @@ def run_command(line, monkeypatch):
 
 
 def test_each_measured_table_names_its_command_and_a_commit_of_the_history():
-    measured = (DOCS / "results.md").read_text(encoding="utf-8").partition("## All tables")[0].splitlines()
+    measured = (DOCS / "results.md").read_text(encoding="utf-8").partition("### Public sequences")[0].splitlines()
     tables = [k for k, line in enumerate(measured) if re.match(r"\|[-:| ]+\|$", line)]
     heads = [re.fullmatch(r"Command: `(?:slam-init|python -m) .+`\. Commit: (\w+)\.", measured[k - 3]) for k in tables]
     assert tables and all(heads), [measured[k - 1] for k, head in zip(tables, heads, strict=True) if not head]
@@ -119,7 +119,7 @@ def test_each_tutorial_has_blocks_that_run():
         assert {language for language, _, _ in blocks(page)} >= {"python"}, page
 
 
-@pytest.mark.parametrize("name", sorted({*RUN_FILES, *COMPARE_FILES, *CALIBRATION_FILES, *AUDIT_FILES}))
+@pytest.mark.parametrize("name", sorted({*RUN_FILES, *COMPARE_FILES, *CALIBRATION_FILES}))
 def test_every_file_of_a_command_is_on_the_page_of_the_files(name):
     text = (DOCS / "reference" / "files.md").read_text(encoding="utf-8")
     assert f"`{name}`" in text or f"`{name.partition('/')[0]}/`" in text
@@ -146,10 +146,15 @@ def test_every_extra_is_on_the_page_of_the_installation_and_is_installed_in_one_
         assert set(re.findall(r"pip install [-\w ]*[\"']\.\[(\w+)", text)) <= {*extras, "NAME"}, name
 
 
+def of_this_commit(text):
+    """The lines of a page that name no commit: a program of an earlier one may be gone."""
+    return "\n".join(line for line in text.splitlines() if "commit" not in line.lower())
+
+
 def test_each_file_and_each_program_that_a_page_names_is_there():
     for page, text in pages():
         named = re.findall(r"`((?:slam_init|quest|sequences_synth|tests|docs)/[\w./-]+)`", text)
-        programs = re.findall(r"python -m (tests\.[a-z_.]*[a-z_])\b", text)
+        programs = re.findall(r"python -m (tests\.[a-z_.]*[a-z_])\b", of_this_commit(text))
         for place in [*named, *(program.replace(".", "/") for program in programs)]:
             assert (ROOT / place).exists() or (ROOT / f"{place}.py").exists(), f"{place} on {page}"
 
@@ -157,7 +162,7 @@ def test_each_file_and_each_program_that_a_page_names_is_there():
 def test_no_page_names_a_package_that_is_no_module():
     for name, text in pages():
         assert "-m slam_init" not in text, name
-        for program in re.findall(r"python -m (tests\.[\w.]+)", text):
+        for program in re.findall(r"python -m (tests\.[\w.]+)", of_this_commit(text)):
             found = ROOT.joinpath(*program.split("."))
             assert "NAME" in program or found.with_suffix(".py").exists() or (found / "__main__.py").exists(), program
 
@@ -208,7 +213,7 @@ def test_the_answers_of_contributing_name_what_their_files_hold():
 
 def test_the_page_of_the_data_sets_has_every_layout_in_the_order_in_which_they_are_tried():
     table = (DOCS / "datasets.md").read_text(encoding="utf-8")
-    assert len(LAYOUTS) > 10
+    assert len(LAYOUTS) >= 7
     rows = re.findall(r"^\| `([\w-]+)`", table, re.MULTILINE)
     assert [kind for kind in rows if kind != "kind"] == [layout.kind for layout in LAYOUTS]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import _thread
 import os
 import signal
 import sys
@@ -80,7 +79,8 @@ class InterruptsNoted:
     def _dropped(self, what: sys.UnraisableHookArgs) -> None:
         if self.seen is not None and isinstance(what.exc_value, KeyboardInterrupt):
             # Not from here: what a handler raises now would be dropped too.
-            threading.Timer(_AGAIN_S, _thread.interrupt_main, (self.seen,)).start()
+            main = threading.main_thread().ident
+            threading.Timer(_AGAIN_S, lambda: main and signal.pthread_kill(main, self.seen or 0)).start()
         else:
             self._hook_before(what)
 

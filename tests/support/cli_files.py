@@ -49,6 +49,7 @@ INITIALIZED = Summary(
     continued=None,
     segments=(),
     notes=(),
+    wrong_focal=None,
     provenance=None,
 )
 REFUSED = replace(

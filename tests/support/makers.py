@@ -5,10 +5,14 @@ import sys
 
 from paths import ROOT
 
+MAKE = ROOT / "docs" / "make"
+if str(MAKE) not in sys.path:  # the programs import one another
+    sys.path.append(str(MAKE))
+
 
 def maker(name: str):
     """A module of docs/make."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / "make" / f"{name}.py")
+    spec = importlib.util.spec_from_file_location(name, MAKE / f"{name}.py")
     module = sys.modules[name] = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module

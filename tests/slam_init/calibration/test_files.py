@@ -66,7 +66,7 @@ IMPOSSIBLE = {
     "slip in the decimal point": ("fx: 520", "fx: 5200", "too different"),
     "a key given twice": ("fx: 520", "fx: 520\nfx: 500", "fx is given twice"),
     "distortion that reaches a spot": ("distortion: []", "distortion: [-50, 0, 0, 0]", "% of the image"),
-    "distortion that overflows": ("distortion: []", "distortion: [1.0e+200, 0, 0, 0]", "that of any lens"),
+    "distortion that overflows": ("distortion: []", "distortion: [1.0e+200, 0, 0, 0]", "larger than those of lenses"),
 }
 
 

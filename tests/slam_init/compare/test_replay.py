@@ -23,7 +23,7 @@ def test_replayed_tracks_give_the_same_map(tmp_path):
     count = 1 + sum(1 for _ in takewhile(lambda frame: not by_images.process(frame), room.frames()))
     given = GivenFrames(room.camera, tuple(room.frames(0, count)))
     for step in replay(given, "room", 0, tmp_path):
-        by_tracks.process_tracks(step.current, step.revised)
+        by_tracks.process_tracks(step.current, revised=step.revised)
     np.testing.assert_array_equal(by_tracks.map.points, by_images.map.points)
 
 

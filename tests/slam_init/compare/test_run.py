@@ -2,8 +2,10 @@
 
 import csv
 import json
+import shutil
 from collections import Counter
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from comparisons import METHODS, SOURCES, rows_of
@@ -15,14 +17,20 @@ from slam_init.compare.run import compare
 from slam_init.compare.trials import Settings
 from slam_init.config import Config, KeyframeConfig
 from slam_init.errors import OutputError
+from slam_init.output.folder import Marker
 from slam_init.output.plain_json import plain
 
 
 @pytest.fixture
 def copied(finished, tmp_path):
     """A folder with the trials of a finished comparison and nothing else."""
-    (tmp_path / "trials.jsonl").write_bytes((finished[0] / "trials.jsonl").read_bytes())
+    trials_only(tmp_path, (finished[0] / "trials.jsonl").read_bytes())
     return tmp_path
+
+
+def trials_only(folder, content):
+    Marker("compare", frozenset({"trials.jsonl"})).write(folder)
+    (folder / "trials.jsonl").write_bytes(content)
 
 
 def test_results_hold_one_sorted_row_per_trial_with_the_documented_columns(finished, plan):
@@ -53,7 +61,7 @@ def test_the_summary_counts_the_rows_and_tells_the_wait_and_how_each_scene_is_ju
 def test_a_killed_run_is_resumed_and_ends_with_the_same_results(plan, finished, tmp_path):
     lines = (finished[0] / "trials.jsonl").read_bytes().splitlines(keepends=True)
     incomplete_line = lines[4][: len(lines[4]) // 2]
-    (tmp_path / "trials.jsonl").write_bytes(b"".join(lines[:4]) + incomplete_line)
+    trials_only(tmp_path, b"".join(lines[:4]) + incomplete_line)
     compare(plan, tmp_path)
     assert rows_of(tmp_path) == rows_of(finished[0])
     # finished trials are not run again
@@ -80,13 +88,13 @@ def test_rows_of_other_settings_are_not_mixed_in(plan, copied):
 
 
 def test_a_comparison_that_fails_leaves_the_earlier_tables(plan, finished, tmp_path, monkeypatch):
-    for name in ("trials.jsonl", "results.csv", "summary.json", "report.html"):
-        (tmp_path / name).write_bytes((finished[0] / name).read_bytes())
-    before = contents(tmp_path)
-    monkeypatch.setattr("slam_init.compare.run.csv.writer", full)
+    out = tmp_path / "out"
+    shutil.copytree(finished[0], out)
+    before = contents(out)
+    monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(OutputError, match="No space left on device: make room"):
-        compare(replace(plan, methods=METHODS[:1]), tmp_path)
-    assert contents(tmp_path) == before
+        compare(replace(plan, methods=METHODS[:1]), out)
+    assert contents(out) == before
 
 
 def full(*_, **__):

@@ -52,9 +52,6 @@ def test_a_view_leaves_frames_out_and_the_rest_is_numbered_from_0():
 
 
 def test_a_given_camera_takes_the_place_of_that_of_the_source():
-    from_source, given = (
-        describe_sources(["synth:room?frames=4&width=64&height=64"], camera=camera)[0] for camera in (None, "f=99")
-    )
-    assert from_source.camera is None
-    assert open_compared(given.text, given.camera).camera.fx == 99
-    assert len(list(open_compared(given.text, given.camera).frames(1))) == 3
+    (given,) = describe_sources(["synth:room?frames=4&width=64&height=64"], SourceView(camera="f=99"))
+    assert open_compared(given.text).camera.fx == 99
+    assert len(list(open_compared(given.text).frames(1))) == 3

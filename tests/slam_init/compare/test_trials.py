@@ -13,7 +13,7 @@ from slam_init.compare.figures import figures_of, table_of
 from slam_init.compare.sources import describe_sources, open_compared
 from slam_init.compare.trials import Plan, Settings, Trial, result_row, run_trial
 from slam_init.output.results import tum_text
-from slam_init.types.evidence import RotationOnlyEvidence
+from slam_init.types.evidence import FreeFocal
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
@@ -59,9 +59,10 @@ def test_the_map_of_any_method_is_audited_where_it_is_asked_for():
 def test_one_suspicion_of_the_focal_length_is_recorded_several_that_agree_are_reported_and_both_are_counted():
     def row_of(text, *suspected):
         (source,) = describe_sources([text])
-        evidence = [RotationOnlyEvidence(factor, factor) for factor in suspected]
-        attempts = tuple(Attempt((0, k), Verdict.PURE_ROTATION, rotation_only=one) for k, one in enumerate(evidence))
-        result = Result(None, Verdict.PURE_ROTATION, 12, None, attempts, {})
+        evidence = [FreeFocal(1.0, factor, 0.01, contradicts=True) for factor in suspected]
+        attempts = tuple(Attempt((0, k), Verdict.PURE_ROTATION, free_focal=one) for k, one in enumerate(evidence))
+        named = evidence[0] if len(evidence) > 1 else None
+        result = Result(None, Verdict.PURE_ROTATION, 12, None, attempts, {}, wrong_focal=named)
         return result_row(Trial(source, "quest", 0), Settings(), result, open_compared(text), ())
 
     wrong, right = "points:rotation?focal_error=0.05", "points:rotation"

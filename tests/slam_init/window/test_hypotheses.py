@@ -29,7 +29,9 @@ def window_of(scene, seed, views=4, **options):
 
 def only(view: Observations, keep) -> Observations:
     """The view with some of its tracks."""
-    return replace(view, track_ids=view.track_ids[keep], pixels=view.pixels[keep], bearings=view.bearings[keep])
+    return Observations(
+        view.frame, view.timestamp_s, view.name, view.track_ids[keep], view.pixels[keep], view.bearings[keep]
+    )
 
 
 def errors_deg(source, views, motion):

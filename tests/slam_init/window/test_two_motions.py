@@ -69,12 +69,12 @@ def test_a_window_that_is_decided_is_not_searched_and_one_in_vain_gives_two_othe
     small, moving = looks_small(risk), replace(risk, rotation=0.0, other=OtherMotion(0.5))
     refused = replace(looks_small(risk), rival=1.0)
     for decided in (small, moving, replace(refused, rotation=0.5)):
-        assert search.judge(found, decided, MAX_RISK, []) == (found, decided)
+        assert search.judge(found, decided, MAX_RISK) == (found, decided)
     rigid = hypotheses(0, outliers=0.1)
-    assert search.judge(rigid, refused, MAX_RISK, []) == (rigid, refused)
+    assert search.judge(rigid, refused, MAX_RISK) == (rigid, refused)
     assert not searched
     for window in range(2 * (_REST + 1)):
-        assert search.judge(found, refused, MAX_RISK, []) == (found, refused)
+        assert search.judge(found, refused, MAX_RISK) == (found, refused)
         assert len(searched) == 1 + window // (_REST + 1)
 
 
