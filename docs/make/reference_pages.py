@@ -7,6 +7,7 @@ import ast
 import dataclasses
 import json
 import re
+import sys
 import tokenize
 from collections.abc import Iterator
 from io import StringIO
@@ -170,6 +171,8 @@ def reasons() -> str:
 
 def summary() -> str:
     """Write the page of ``summary.json`` from its types."""
+    if str(Path(__file__).parent) not in sys.path:  # mkdocs takes the folder of a hook off the path again
+        sys.path.append(str(Path(__file__).parent))
     from summary_schema import summary_json_schema
 
     from slam_init.output.summary import SCHEMA
