@@ -72,7 +72,12 @@ class RecordingFile:
         except OSError as error:
             self._remove()
             raise self._failure(error) from error
-        _send(recording, self._partial, viewer, layout)
+        if viewer is None:
+            recording.save(self._partial, default_blueprint=layout)
+            return
+        import rerun as rr
+
+        recording.set_sinks(rr.FileSink(str(self._partial)), rr.GrpcSink(viewer), default_blueprint=layout)
 
     def check(self) -> None:
         """Raise an error where the disk is full, or the file is gone."""
@@ -117,13 +122,3 @@ class RecordingFile:
     def _failure(self, error: OSError) -> OutputError:
         cause = error.strerror or str(error)
         return OutputError(f"cannot write the recording {self._path}: {cause}: {remedy(error)}, or give another --out")
-
-
-def _send(recording: rr.RecordingStream, path: Path, viewer: str | None, layout: rrb.Blueprint) -> None:
-    """Send the data of a recording to a file, and to a viewer if there is one."""
-    if viewer is None:
-        recording.save(path, default_blueprint=layout)
-        return
-    import rerun as rr
-
-    recording.set_sinks(rr.FileSink(str(path)), rr.GrpcSink(viewer), default_blueprint=layout)

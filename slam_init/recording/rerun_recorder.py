@@ -62,12 +62,11 @@ from slam_init.recording.map_view import (
     FRUSTUM,
     SCALE_BAR,
     MapView,
-    log_conjugate_maps,
-    log_hypotheses,
     log_pinhole,
     log_scale_bar,
+    log_undecided,
 )
-from slam_init.recording.pair_view import log_pair
+from slam_init.recording.pair_view import log_pair, moving_matches
 from slam_init.recording.recorder import Recorder
 from slam_init.recording.recording_file import RecordingFile, open_stream
 from slam_init.recording.text import (
@@ -157,7 +156,7 @@ class RerunRecorder(Recorder):
         self._map_view = MapView(self._rec, groundtruth, self._scale)
         self._file = RecordingFile(path, self._rec, layout, viewer)
         self._rec.send_recording_name(f"slam-init {source_name}")
-        self._log_text(LEGEND, legend_markdown(ARROW_FACTOR), static=True)
+        self._log_text(LEGEND, legend_markdown(), static=True)
         self._rec.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
         for series in SERIES:
             # Points are drawn as well, since a single attempt makes no line.
@@ -192,32 +191,26 @@ class RerunRecorder(Recorder):
         oldest = self._tails[0]
         _, i, j = np.intersect1d(oldest.track_ids, observations.track_ids, return_indices=True)
         tails = np.stack([oldest.pixels[i], observations.pixels[j]], axis=1)
-        rec.log(
-            "world/camera/image/motion",
-            rr.LineStrips2D(self._shown(tails), colors=[(*YELLOW, 130)], radii=rr.Radius.ui_points(0.5)),
-        )
-        rec.log(
-            "world/camera/image/keypoints",
-            rr.Points2D(self._shown(observations.pixels), colors=[GREEN], radii=rr.Radius.ui_points(2)),
-        )
+        thin, thick = rr.Radius.ui_points(0.5), rr.Radius.ui_points(2)
+        motion = rr.LineStrips2D(self._shown(tails), colors=[(*YELLOW, 130)], radii=thin)
+        rec.log("world/camera/image/motion", motion)
+        keypoints = rr.Points2D(self._shown(observations.pixels), colors=[GREEN], radii=thick)
+        rec.log("world/camera/image/keypoints", keypoints)
         rec.log(TRACKS, rr.Scalars(float(len(observations))))
 
     def attempt(self, attempt: Attempt) -> None:
         """Log the pair with its matches, the verdict with its evidence, and the figures as series."""
-        rr, rec = self._rr, self._rec
-        accepted = attempt.verdict == Verdict.ACCEPTED
-        level = rr.TextLogLevel.INFO if accepted else rr.TextLogLevel.WARN
-        rec.log("log", rr.TextLog(attempt_line(attempt), level=level, color=GREEN if accepted else YELLOW))
+        self._log_line(attempt_line(attempt), good=attempt.verdict == Verdict.ACCEPTED)
         self._log_text("pairs/verdict", attempt_markdown(attempt))
         self._log_text("pairs/evidence", evidence_markdown(attempt))
         for series in SERIES:
             value = None if series.of_attempt is None else series.of_attempt(attempt)
             if value is not None and np.isfinite(value):
-                rec.log(series.entity, rr.Scalars(float(value)))
-        log_pair(rec, attempt, self.images, self._camera)
+                self._rec.log(series.entity, self._rr.Scalars(float(value)))
+        log_pair(self._rec, attempt, self.images, self._camera)
         self._attempt = attempt
         if len(attempt.frames) > 1 and attempt.frames[1] == self._frame:
-            self._log_moving(attempt.pixels2[attempt.moving & ~attempt.inliers] if attempt.moving.size else _NOWHERE)
+            self._log_moving(attempt.pixels2[moving_matches(attempt)])
 
     def frame_time(self, elapsed_ms: float) -> None:
         """Log what a frame took, beside the time between two frames at 30 Hz."""
@@ -243,15 +236,9 @@ class RerunRecorder(Recorder):
 
     def initialized(self, map_: InitialMap, observations: Sequence[Observations]) -> None:
         """Log the map before and after bundle adjustment, and the ground truth aligned to it."""
-        rr, rec = self._rr, self._rec
-        rec.log(
-            "log",
-            rr.TextLog(
-                f"initialized: {len(map_.keyframes)} keyframes, {len(map_.points)} landmarks, "
-                f"{map_.reprojection_rmse_px:.2f} px, {map_.scene} scene",
-                level=rr.TextLogLevel.INFO,
-                color=GREEN,
-            ),
+        self._log_line(
+            f"initialized: {len(map_.keyframes)} keyframes, {len(map_.points)} landmarks, "
+            f"{map_.reprojection_rmse_px:.2f} px, {map_.scene} scene"
         )
         self.undecided(())
         self._end, self._rolling = End.MAP, False
@@ -261,8 +248,7 @@ class RerunRecorder(Recorder):
     def undecided(self, maps: Sequence[InitialMap]) -> None:
         """Draw both maps with their paths, and clear those drawn before."""
         if self._hypotheses or maps:
-            log_hypotheses(self._rec, maps)
-            log_conjugate_maps(self._rec, maps)
+            log_undecided(self._rec, maps)
             self._log_text(f"{TWINS}/evidence", conjugate_maps_markdown(self._attempt) if maps else "decided")
         self._hypotheses = len(maps)
         self._end = End.TWINS if len(maps) == len(CONJUGATE_NAMES) else End.MAP
@@ -273,8 +259,7 @@ class RerunRecorder(Recorder):
 
     def refined(self, map_: InitialMap) -> None:
         """Draw the keyframes and landmarks of the grown map."""
-        text = f"the map has grown: {len(map_.keyframes)} keyframes, {len(map_.points)} landmarks"
-        self._rec.log("log", self._rr.TextLog(text, level=self._rr.TextLogLevel.INFO, color=GREEN))
+        self._log_line(f"the map has grown: {len(map_.keyframes)} keyframes, {len(map_.points)} landmarks")
         self._map_view.refine(map_)
 
     def scaled(self, scale: Scale) -> None:
@@ -283,10 +268,9 @@ class RerunRecorder(Recorder):
 
     def restarted(self) -> None:
         """Clear the lost map. The next one has another world frame."""
-        rr, rec = self._rr, self._rec
-        rec.log("log", rr.TextLog("the map was lost: starting anew", level=rr.TextLogLevel.WARN, color=YELLOW))
+        self._log_line("the map was lost: starting anew", good=False)
         for entity in ("world/keyframes", "world/points", "world/trajectory", SCALE_BAR):
-            rec.log(entity, rr.Clear(recursive=True))
+            self._rec.log(entity, self._rr.Clear(recursive=True))
         self._map_view.clear()
 
     def summary(self, summary: Summary) -> None:
@@ -314,6 +298,11 @@ class RerunRecorder(Recorder):
             self.close()
 
     # -- parts of the recording -------------------------------------------------------------------
+
+    def _log_line(self, text: str, *, good: bool = True) -> None:
+        levels = self._rr.TextLogLevel
+        level, color = (levels.INFO, GREEN) if good else (levels.WARN, YELLOW)
+        self._rec.log("log", self._rr.TextLog(text, level=level, color=color))
 
     def _log_text(self, entity: str, markdown: str, *, static: bool = False) -> None:
         rr = self._rr

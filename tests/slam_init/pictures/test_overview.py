@@ -12,10 +12,8 @@ from make_map import make_attempts, make_map, make_result, make_truth, make_wind
 from make_summary import summarize
 from report_run import report_run
 
-from slam_init.pictures.overview import overview_png
-from slam_init.pictures.panels import draw_decision, draw_frame
+from slam_init.pictures.overview import canvas, draw_decision, draw_frame, overview_png
 from slam_init.pictures.story import ShownFrame, Story, StoryRecorder
-from slam_init.pictures.style import canvas
 from slam_init.types.evidence import FreeFocal, Margin
 from slam_init.types.gates import GateName, at_least
 from slam_init.types.reasons import Verdict

@@ -2,7 +2,7 @@
 
 import pytest
 
-from slam_init.pictures.style import VERDICT_COLORS, gate_words, wrapped
+from slam_init.pictures.overview import VERDICT_COLORS, gate_words, wrapped
 from slam_init.types.gates import GateName, at_least, at_most
 from slam_init.types.reasons import Verdict
 
