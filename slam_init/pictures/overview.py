@@ -9,7 +9,7 @@ import textwrap
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -262,16 +262,13 @@ def _shown(pixels: Floats, scale: float) -> Floats:
 
 def _image(axes: Axes, rgb: Image) -> None:
     axes.imshow(rgb, interpolation="bilinear")
-    axes.set_xlim(-0.5, rgb.shape[1] - 0.5)
-    axes.set_ylim(rgb.shape[0] - 0.5, -0.5)
+    axes.autoscale(False)
     _hide_border(axes)
 
 
 def _hide_border(axes: Axes) -> None:
-    axes.set_xticks([])
-    axes.set_yticks([])
-    for spine in axes.spines.values():
-        spine.set_visible(False)
+    axes.set(xticks=[], yticks=[])
+    axes.spines[:].set_visible(False)
 
 
 def _draw_map(figure: Figure, map_: InitialMap, truth: Trajectory | None) -> None:
@@ -373,13 +370,7 @@ def gate_words(gate: Gate) -> str:
 
 
 def draw_map(
-    axes: Axes,
-    map_: InitialMap,
-    view: str,
-    title: str,
-    truth: Floats | None = None,
-    *,
-    cameras_alone: bool = False,
+    axes: Axes, map_: InitialMap, view: str, title: str, truth: Floats | None = None, *, cameras_alone: bool = False
 ) -> None:
     """Draw the landmarks, the path, the first and the last camera, and a scale bar: ``truth`` (N, 3).
 
@@ -454,8 +445,7 @@ def draw_decision(axes: Axes, attempts: Sequence[Attempt]) -> None:
     axes.set_title("the decision: risk that the map is wrong", loc="left", color=INK, weight="bold")
     axes.set_xlabel("frame", fontsize=9, labelpad=1)
     axes.tick_params(labelsize=9, colors=FAINT)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    axes.spines[["top", "right"]].set_visible(False)
     axes.set_yscale("log")
     axes.set_ylim(_LEAST_RISK / 4, 1.6)
     axes.set_yticks([1e-4, 1e-3, 1e-2, 1e-1, 1], ["0.0001", "0.001", "0.01", "0.1", "1"])
@@ -536,7 +526,7 @@ def _draw_strip(axes: Axes, frames: Floats, attempts: Sequence[Attempt]) -> None
 def canvas(width_px: int, height_px: int) -> Iterator[Figure]:
     """Make an empty figure, with matplotlib's own defaults instead of those of the user.
 
-    * Returns: With a canvas that needs no display. It has to be drawn in the ``with`` block.
+    * Returns: It has to be drawn in the ``with`` block.
     """
     import logging
     import warnings
@@ -547,7 +537,6 @@ def canvas(width_px: int, height_px: int) -> Iterator[Figure]:
     log.setLevel(logging.ERROR)
     try:
         import matplotlib
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
 
         with matplotlib.rc_context(), warnings.catch_warnings():
@@ -555,9 +544,7 @@ def canvas(width_px: int, height_px: int) -> Iterator[Figure]:
             matplotlib.rcParams.update({"font.family": ["DejaVu Sans"], "axes.titlesize": 10, "font.size": 10})
             # A name may have letters that the font lacks: they are drawn as boxes.
             warnings.filterwarnings("ignore", message=".*[Gg]lyph.*")
-            figure = Figure(figsize=(width_px / 100, height_px / 100), dpi=100, facecolor=PAPER)
-            FigureCanvasAgg(figure)
-            yield figure
+            yield Figure(figsize=(width_px / 100, height_px / 100), dpi=100, facecolor=PAPER)
     finally:
         log.setLevel(level)
 
@@ -577,12 +564,11 @@ def png_of(figure: Figure) -> bytes:
 
 def pixels_of(figure: Figure) -> Image:
     """Draw a figure: returns (H, W, 3)."""
-    from io import BytesIO
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    raw = BytesIO()
-    figure.savefig(raw, format="rgba", dpi="figure")
-    height = round(figure.get_figheight() * figure.dpi)
-    return np.frombuffer(raw.getvalue(), np.uint8).reshape(height, -1, 4)[..., :3]
+    agg: Any = FigureCanvasAgg(figure)  # its stubs lack the drawing
+    agg.draw()
+    return np.asarray(agg.buffer_rgba())[..., :3]
 
 
 def write(axes: Axes, x: float, y: float, text: str, size: float, color: str = INK, weight: str = "normal") -> None:

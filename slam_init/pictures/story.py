@@ -122,8 +122,8 @@ def _first_and_last(frames: Sequence[ShownFrame]) -> ShownPair | None:
         return None
     first, last = frames[0], frames[-1]
     _, i, j = np.intersect1d(first.track_ids, last.track_ids, return_indices=True)
-    frames, none = (first.index, last.index), np.zeros(len(i), bool)
+    indices, none = (first.index, last.index), np.zeros(len(i), bool)
     tracks = Attempt(
-        frames, Verdict.TOO_FEW_MATCHES, pixels1=first.pixels[i], pixels2=last.pixels[j], inliers=none, moving=none
+        indices, Verdict.TOO_FEW_MATCHES, pixels1=first.pixels[i], pixels2=last.pixels[j], inliers=none, moving=none
     )
     return ShownPair((first.image, last.image), tracks)

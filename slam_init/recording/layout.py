@@ -122,10 +122,25 @@ def blueprint(end: End = End.MAP, *, rolling: bool = False) -> Any:
 
     * ``rolling``: Whether the view of the rolling shutter is in front of that of the frame.
     """
+    import rerun as rr
     import rerun.blueprint as rrb
 
     advice = rrb.TextDocumentView(origin=ADVICE, name="result")
-    space, keyframes = _space_views()
+    # From behind, above and beside the first camera; the unit is the median depth of the landmarks.
+    behind = rrb.EyeControls3D(position=(-0.4, -0.45, -0.65), look_target=(0.0, 0.0, 0.8), eye_up=(0, -1, 0))
+    no_axes = [rr.TransformAxes3D(0.0)]  # the frusta show the directions of the cameras
+    space = rrb.Spatial3DView(
+        origin="world",
+        # Keypoints are shown on the flat image only; on the frustum they would hide the image.
+        contents=["$origin/**", *(f"- /world/camera/image/{name}" for name in _FLAT), f"- /{ARROWS}/**"],
+        name="map: estimate blue, truth orange, newest frame yellow",
+        defaults=no_axes,
+        line_grid=False,
+        eye_controls=behind,
+    )
+    # Without eye controls the viewer fits the view to its content, also if the path is short.
+    paths = ["/world/trajectory/**", "/world/keyframes/**"]
+    keyframes = rrb.Spatial3DView(origin="world", contents=paths, name="keyframes", defaults=no_axes, line_grid=False)
     # Names are short, since the viewer cuts them: in a window of 1280 pixels all four have 45 letters.
     image = "world/camera/image"
     frame = rrb.Spatial2DView(origin=image, contents=["$origin/**", f"- /{ARROWS}/**"], name="frame")
@@ -208,34 +223,6 @@ def _plots() -> Any:
         plot("ms", "time", axis_y=times),
         more,
     )
-
-
-def _space_views() -> tuple[Any, Any]:
-    """Make the view of the map from behind the first camera, and the view of the path and the keyframes."""
-    import rerun as rr
-    import rerun.blueprint as rrb
-
-    # From behind, above and beside the first camera; the unit is the median depth of the landmarks.
-    behind = rrb.EyeControls3D(position=(-0.4, -0.45, -0.65), look_target=(0.0, 0.0, 0.8), eye_up=(0, -1, 0))
-    no_axes = [rr.TransformAxes3D(0.0)]  # the frusta show the directions of the cameras
-    space = rrb.Spatial3DView(
-        origin="world",
-        # Keypoints are shown on the flat image only; on the frustum they would hide the image.
-        contents=["$origin/**", *(f"- /world/camera/image/{name}" for name in _FLAT), f"- /{ARROWS}/**"],
-        name="map: estimate blue, truth orange, newest frame yellow",
-        defaults=no_axes,
-        line_grid=False,
-        eye_controls=behind,
-    )
-    # Without eye controls the viewer fits the view to its content, also if the path is short.
-    keyframes = rrb.Spatial3DView(
-        origin="world",
-        contents=["/world/trajectory/**", "/world/keyframes/**"],
-        name="keyframes",
-        defaults=no_axes,
-        line_grid=False,
-    )
-    return space, keyframes
 
 
 def name_parts(part: Any, path: str) -> None:

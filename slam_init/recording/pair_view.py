@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from slam_init.recording.images import RecentImages, bgr, jpeg, reduced_shape
+from slam_init.recording.images import PAIR_SIDE_PX, RecentImages, bgr, jpeg, reduced_shape
 from slam_init.recording.layout import GREEN, PURPLE, RED, YELLOW
 from slam_init.types.arrays import Bools
 from slam_init.types.camera import Camera
@@ -31,7 +31,7 @@ def log_pair(rec: Any, attempt: Attempt, recent: RecentImages, camera: Camera) -
     import rerun as rr
 
     images = [recent.get(index) for index in attempt.frames[:2]]
-    shape = reduced_shape(camera.height, camera.width, recent.long_side_px)
+    shape = reduced_shape(camera.height, camera.width, PAIR_SIDE_PX)
     blank = np.full((*shape, 3), 40, np.uint8)
     left, right = (blank if image is None else bgr(image) for image in images)
     wide = shape[1] > _WIDE * shape[0]

@@ -69,8 +69,23 @@ def attempt_markdown(attempt: Attempt) -> str:
 
 
 def evidence_markdown(attempt: Attempt) -> str:
-    """Write all evidence of an attempt as a table."""
-    return "\n".join(_table(f"frames {_frames(attempt)}", _evidence(attempt)))
+    """Write all evidence of an attempt by name, in one flat table, without the unknown figures."""
+    parts = (
+        ("", attempt.preview),
+        ("two_view_", attempt.two_view),
+        ("free_focal_", attempt.free_focal),
+        ("", attempt.window),
+        ("", attempt.map),
+    )
+    rows: dict[str, Json] = dict(attempt.method_evidence)
+    for prefix, part in parts:
+        figures = {} if part is None else plain_fields(part)
+        statistics = figures.pop("statistics", None)
+        if isinstance(statistics, Mapping):
+            figures |= statistics
+        rows |= {f"{prefix}{name}": value for name, value in figures.items()}
+    known = {name: value for name, value in rows.items() if value is not None}
+    return "\n".join(_table(f"frames {_frames(attempt)}", known))
 
 
 def conjugate_maps_markdown(attempt: Attempt | None) -> str:
@@ -153,25 +168,6 @@ def _gate_row(gate: Gate) -> str:
     sign = "≥" if gate.direction is Direction.AT_LEAST else "≤"
     mark = "" if gate.passes() else "**fails**"
     return f"| {gate.name} | {_shown(gate.value)} | {sign} {_shown(gate.threshold)} | {mark} |"
-
-
-def _evidence(attempt: Attempt) -> dict[str, Json]:
-    """Return all evidence of an attempt by name, in one flat table, without the unknown figures."""
-    parts = (
-        ("", attempt.preview),
-        ("two_view_", attempt.two_view),
-        ("free_focal_", attempt.free_focal),
-        ("", attempt.window),
-        ("", attempt.map),
-    )
-    rows: dict[str, Json] = dict(attempt.method_evidence)
-    for prefix, part in parts:
-        figures = {} if part is None else plain_fields(part)
-        statistics = figures.pop("statistics", None)
-        if isinstance(statistics, Mapping):
-            figures |= statistics
-        rows |= {f"{prefix}{name}": value for name, value in figures.items()}
-    return {name: value for name, value in rows.items() if value is not None}
 
 
 def _table(title: str, rows: Mapping[str, Json] | Mapping[str, int]) -> list[str]:
