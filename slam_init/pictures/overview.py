@@ -99,6 +99,16 @@ VERDICT_COLORS: dict[Verdict, str] = {
     Verdict.TOO_FEW_FRAMES: "#777777",
     Verdict.ACCEPTED: INLIER,
 }
+#: Of matplotlib: texts in a font that it brings, and legends without a frame.
+_STYLE: dict[Any, Any] = {
+    "font.family": ["DejaVu Sans"],
+    "font.size": 10,
+    "axes.titlesize": 10,
+    "legend.frameon": False,
+    "legend.borderpad": 0.1,
+    "legend.fontsize": 8,
+    "legend.title_fontsize": 8,
+}
 
 
 def overview_png(result: Result, summary: Summary, story: Story, truth: Trajectory | None = None) -> bytes:
@@ -107,6 +117,8 @@ def overview_png(result: Result, summary: Summary, story: Story, truth: Trajecto
     * ``truth``: The true trajectory; it is drawn beside the path of an accepted map.
     * Returns: A PNG file of 1600 x 1000 pixels. Equal arguments give equal bytes with the same version of matplotlib.
     """
+    import cv2
+
     with canvas(_WIDTH_PX, _HEIGHT_PX) as figure:
         _draw_title(_blank(figure, _TITLE), result, summary)
         _draw_frames(figure, result, summary, story)
@@ -121,7 +133,11 @@ def overview_png(result: Result, summary: Summary, story: Story, truth: Trajecto
         else:
             _draw_reason(_blank(figure, _MAP), result)
         draw_decision(figure.add_axes(_DECISION), result.attempts)
-        return png_of(figure)
+        image = np.ascontiguousarray(pixels_of(figure)[..., ::-1])
+    # Without any metadata, equal pictures are equal bytes. Other strategies take half as long again, and the file is
+    # hardly smaller: images have noise.
+    _, encoded = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE])
+    return encoded.tobytes()
 
 
 def _blank(figure: Figure, box: Box) -> Axes:
@@ -244,15 +260,7 @@ def draw_pair(axes: Axes, pair: ShownPair, width: int) -> None:
     title = f"the pair: frames {attempt.frames[0]} and {attempt.frames[1]}"
     axes.set_title(title, loc="left", color=INK, weight="bold")
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(
-            loc="upper center",
-            bbox_to_anchor=(0.5, -0.01),
-            ncol=3,
-            fontsize=9,
-            frameon=False,
-            markerscale=5,
-            borderpad=0.2,
-        )
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.01), ncol=3, fontsize=9, markerscale=5, borderpad=0.2)
 
 
 def _shown(pixels: Floats, scale: float) -> Floats:
@@ -283,7 +291,7 @@ def _draw_map(figure: Figure, map_: InitialMap, truth: Trajectory | None) -> Non
         axes = figure.add_axes((x, low, beside, share * height))
         title = f"the {len(map_.keyframes)} cameras, from {view}"
         draw_map(axes, map_, view, title, path, cameras_alone=True)
-    above.legend(loc="upper left", bbox_to_anchor=(-0.02, -0.005), ncol=2, fontsize=9, frameon=False, borderpad=0)
+    above.legend(loc="upper left", bbox_to_anchor=(-0.02, -0.005), ncol=2, fontsize=9, borderpad=0)
 
 
 def _draw_both(
@@ -446,8 +454,7 @@ def draw_decision(axes: Axes, attempts: Sequence[Attempt]) -> None:
     axes.set_xlabel("frame", fontsize=9, labelpad=1)
     axes.tick_params(labelsize=9, colors=FAINT)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.set_yscale("log")
-    axes.set_ylim(_LEAST_RISK / 4, 1.6)
+    axes.set(yscale="log", ylim=(_LEAST_RISK / 4, 1.6))
     axes.set_yticks([1e-4, 1e-3, 1e-2, 1e-1, 1], ["0.0001", "0.001", "0.01", "0.1", "1"])
     axes.minorticks_off()
     if not attempts:
@@ -493,8 +500,7 @@ def _draw_risk(axes: Axes, frames: Floats, attempts: Sequence[Attempt]) -> None:
     colors = [VERDICT_COLORS[attempt.verdict] for attempt in attempts]
     size = float(np.clip(300 / len(frames), 2.5, 7))
     axes.scatter(frames, shown, s=size**2, c=colors, linewidths=0, zorder=3)
-    legend = axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.02), fontsize=8, frameon=False, borderpad=0.1)
-    axes.add_artist(legend)  # the strip has another one
+    axes.add_artist(axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.02)))  # the strip has another one
 
 
 def _draw_strip(axes: Axes, frames: Floats, attempts: Sequence[Attempt]) -> None:
@@ -509,17 +515,7 @@ def _draw_strip(axes: Axes, frames: Floats, attempts: Sequence[Attempt]) -> None
         spans = [(at - 0.5 * step, step) for at, one in zip(frames, attempts, strict=True) if one.verdict == verdict]
         axes.broken_barh(spans, (_LEAST_RISK / 4, 0.75 * _LEAST_RISK), color=VERDICT_COLORS[verdict], linewidth=0)
     handles = [Patch(color=VERDICT_COLORS[one], label=f"{in_words(one)} ({counts[one]})") for one in seen]
-    axes.legend(
-        handles=handles,
-        loc="lower left",
-        bbox_to_anchor=(1.0, -0.12),
-        fontsize=8,
-        frameon=False,
-        borderpad=0.1,
-        title="what held it",
-        title_fontsize=8,
-        alignment="left",
-    )
+    axes.legend(handles=handles, loc="lower left", bbox_to_anchor=(1.0, -0.12), title="what held it", alignment="left")
 
 
 @contextmanager
@@ -541,25 +537,12 @@ def canvas(width_px: int, height_px: int) -> Iterator[Figure]:
 
         with matplotlib.rc_context(), warnings.catch_warnings():
             matplotlib.rcdefaults()
-            matplotlib.rcParams.update({"font.family": ["DejaVu Sans"], "axes.titlesize": 10, "font.size": 10})
+            matplotlib.rcParams.update(_STYLE)
             # A name may have letters that the font lacks: they are drawn as boxes.
             warnings.filterwarnings("ignore", message=".*[Gg]lyph.*")
             yield Figure(figsize=(width_px / 100, height_px / 100), dpi=100, facecolor=PAPER)
     finally:
         log.setLevel(level)
-
-
-def png_of(figure: Figure) -> bytes:
-    """Draw a figure and compress it.
-
-    * Returns: A PNG file without any metadata, so that equal pictures are equal bytes.
-    """
-    import cv2
-
-    bgr_image = np.ascontiguousarray(pixels_of(figure)[..., ::-1])
-    # Other strategies take half as long again, and the file is hardly smaller: images have noise.
-    _, encoded = cv2.imencode(".png", bgr_image, [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE])
-    return encoded.tobytes()
 
 
 def pixels_of(figure: Figure) -> Image:

@@ -137,10 +137,8 @@ class MapView:
             self._path = [pose.t for pose in poses]
             self._log_camera(poses[-1])
         if self._groundtruth is not None:
-            self._world_from_gt, self._first_s = (
-                align_truth(map_.keyframes, self._groundtruth),
-                map_.keyframes[0].timestamp_s,
-            )
+            self._world_from_gt = align_truth(map_.keyframes, self._groundtruth)
+            self._first_s = map_.keyframes[0].timestamp_s
             self._log_true_path(map_.keyframes[-1].timestamp_s)
         rec.disable_timeline("stage")
 
@@ -202,10 +200,9 @@ def log_pinhole(rec: Any, entity: str, camera: Camera, color: Color, size: float
     import rerun as rr
 
     thin: Any = rr.Radius.ui_points(1.0)  # its stubs allow numbers only
-    K = camera.K
     pinhole = rr.Pinhole(
         resolution=[camera.width, camera.height],
-        focal_length=[K[0, 0], K[1, 1]],
+        focal_length=[camera.fx, camera.fy],
         principal_point=[camera.cx + 0.5, camera.cy + 0.5],
         image_plane_distance=size,
         color=color,
