@@ -60,7 +60,7 @@ def has_display() -> bool:
 def show(path: Path) -> None:
     """Open a recording in a window, and return when the window is closed."""
     with _viewer(_free_port(), str(path)) as running:
-        running.wait(": try --web or --screenshot")
+        running.wait("viewer", ": try --web or --screenshot")
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,10 @@ def serve(path: Path, port: int | None = None) -> Iterator[Served]:
     web, data = port or _free_port(_WEB_PORT), _free_port()
     with _viewer(data, str(path), "--serve-web", "--web-viewer-port", str(web)) as running:
         running.wait_for(web)
-        yield Served(f"http://{_HOST}:{web}/?url=rerun%2Bhttp%3A%2F%2F{_HOST}%3A{data}%2Fproxy", running.wait)
+        yield Served(
+            f"http://{_HOST}:{web}/?url=rerun%2Bhttp%3A%2F%2F{_HOST}%3A{data}%2Fproxy",
+            lambda: running.wait("web viewer"),
+        )
 
 
 def screenshots(path: Path, frames: Sequence[int], window: str = _WINDOW) -> dict[int, bytes]:
@@ -160,20 +163,21 @@ class _Running:
     def __init__(self, process: subprocess.Popen[bytes], log: BinaryIO) -> None:
         self.process, self._log = process, log
 
-    def wait(self, advice: str = "") -> None:
+    def wait(self, name: str, advice: str = "") -> None:
         """Wait until it ends."""
         if self.process.wait():
-            raise self._ended(advice)
+            raise self._ended(name, advice)
 
     def wait_for(self, port: int) -> None:
         """Wait until a port answers."""
         end = time.monotonic() + _START_S
-        while not answers(_HOST, port):
-            if self.process.poll() is not None:
-                raise self.failure()
-            if time.monotonic() > end:
-                raise ViewerError(f"the viewer did not start within {_START_S:.0f} s{self._last_line()}")
+        while self.process.poll() is None and time.monotonic() < end:
+            if answers(_HOST, port):
+                return
             time.sleep(_POLL_S)
+        if self.process.returncode is not None:
+            raise self.failure()
+        raise ViewerError(f"the viewer did not start within {_START_S:.0f} s{self._last_line()}")
 
     def failure(self) -> ViewerError:
         """Why it has ended by itself."""
@@ -185,10 +189,10 @@ class _Running:
             )
         if "No module named" in text:
             return ViewerError("the viewer is not installed: pip install rerun-sdk")
-        return self._ended()
+        return self._ended("viewer")
 
-    def _ended(self, advice: str = "") -> ViewerError:
-        return ViewerError(f"the viewer ended with code {self.process.returncode}{self._last_line()}{advice}")
+    def _ended(self, name: str, advice: str = "") -> ViewerError:
+        return ViewerError(f"the {name} ended with code {self.process.returncode}{self._last_line()}{advice}")
 
     def _text(self) -> str:
         """The last messages of the viewer."""
