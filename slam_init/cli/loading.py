@@ -34,7 +34,7 @@ def _load(pictures: bool) -> None:
     import slam_init.runner  # noqa: F401
 
     if pictures:
-        from slam_init.pictures.style import canvas
+        from slam_init.pictures.overview import canvas
 
         with canvas(1, 1):
             pass

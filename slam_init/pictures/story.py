@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from slam_init.recording.images import RecentImages
 from slam_init.recording.recorder import Recorder
-from slam_init.types.arrays import Bools, Floats, Image, Ints, evenly_spaced
+from slam_init.types.arrays import Floats, Image, Ints, evenly_spaced
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap
+from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
 #: Largest number of frames in memory besides the recent images. Where there are more, every second one is dropped, so
@@ -34,22 +35,13 @@ class ShownFrame:
 
 
 @dataclass(frozen=True, eq=False)
-class MatchedImages:
+class ShownPair:
     """Two images and their matches."""
 
-    #: (int, int) Absolute indices.
-    frames: tuple[int, int]
     #: (h, w) Small copies of the images.
     images: tuple[Image, Image]
-    #: pixels1, pixels2: (N, 2) The matches, in pixels of the images as they were read.
-    pixels1: Floats
-    pixels2: Floats
-    #: inliers, moving: (N,) Which matches the best motion explains, and which ones lie on bodies with a motion of
-    #: their own.
-    inliers: Bools
-    moving: Bools
-    #: Whether a motion was estimated from the matches. Where none was, all matches are neither inliers nor outliers.
-    judged: bool
+    #: With the matches, in pixels of the images as they were read.
+    attempt: Attempt
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,25 +52,7 @@ class Story:
     frames: tuple[ShownFrame, ...] = ()
     #: The last pair that was tried; where no pair was estimated, the first and the last frame with their common
     #: tracks. None without two frames.
-    pair: MatchedImages | None = None
-
-
-@dataclass(eq=False)
-class _Spaced:
-    """At most :data:`_MOST_FRAMES` frames, evenly spaced over all that were added."""
-
-    frames: list[ShownFrame] = field(default_factory=list)
-    step: int = 1
-    seen: int = 0
-
-    def add(self, shown: ShownFrame) -> None:
-        if self.seen % self.step == 0:
-            if len(self.frames) == _MOST_FRAMES:
-                self.frames = self.frames[::2]
-                self.step *= 2
-            if self.seen % self.step == 0:
-                self.frames.append(shown)
-        self.seen += 1
+    pair: ShownPair | None = None
 
 
 class StoryRecorder(Recorder):
@@ -89,9 +63,11 @@ class StoryRecorder(Recorder):
 
     def __init__(self, images: RecentImages | None = None) -> None:
         self._images = images or RecentImages()
-        self._spaced = _Spaced()
+        #: Every so many of the frames that were seen.
+        self._spaced: list[ShownFrame] = []
+        self._step, self._seen = 1, 0
         self._last: ShownFrame | None = None
-        self._pair: MatchedImages | None = None
+        self._pair: ShownPair | None = None
         self._keyframes: tuple[ShownFrame, ...] = ()
         self._ended = False
 
@@ -104,30 +80,20 @@ class StoryRecorder(Recorder):
         if self._keyframes:  # the story ends with the map
             return
         self._images.add(frame)
-        shown = self._shown(observations)
-        if shown is not None:
-            self._last = shown
-            self._spaced.add(shown)
+        self._last = shown = self._shown(observations)
+        if shown is not None and self._seen % self._step == 0:
+            if len(self._spaced) == _MOST_FRAMES:
+                self._spaced, self._step = self._spaced[::2], 2 * self._step
+            self._spaced.append(shown)
+        self._seen += 1
 
     def attempt(self, attempt: Attempt) -> None:
         """Keep the pair of an attempt that has matches."""
-        if self._ended:
-            return
-        if not len(attempt.pixels1) or len(attempt.frames) < 2:
+        if self._ended or not len(attempt.pixels1) or len(attempt.frames) < 2:
             return
         first, second = (self._images.get(index) for index in attempt.frames[:2])
-        if first is None or second is None:
-            return
-        moving = attempt.moving if attempt.moving.size else np.zeros(len(attempt.pixels1), bool)
-        self._pair = MatchedImages(
-            (attempt.frames[0], attempt.frames[1]),
-            (first, second),
-            attempt.pixels1,
-            attempt.pixels2,
-            attempt.inliers,
-            moving & ~attempt.inliers,
-            attempt.judged,
-        )
+        if first is not None and second is not None:
+            self._pair = ShownPair((first, second), attempt)
 
     def initialized(self, map_: InitialMap, observations: Sequence[Observations]) -> None:
         """Keep the keyframes of the accepted map."""
@@ -138,7 +104,7 @@ class StoryRecorder(Recorder):
 
     def story(self) -> Story:
         """Return what was kept."""
-        frames = self._keyframes or tuple(self._spaced.frames)
+        frames = self._keyframes or tuple(self._spaced)
         if not self._keyframes and self._last is not None and frames[-1].index != self._last.index:
             frames = (*frames, self._last)
         return Story(frames, self._pair or _first_and_last(frames))
@@ -150,13 +116,14 @@ class StoryRecorder(Recorder):
         return ShownFrame(observations.frame, image, observations.track_ids, observations.pixels)
 
 
-def _first_and_last(frames: Sequence[ShownFrame]) -> MatchedImages | None:
-    """The first and the last frame with the tracks that both see."""
+def _first_and_last(frames: Sequence[ShownFrame]) -> ShownPair | None:
+    """The first and the last frame with the tracks that both see, as an attempt without evidence."""
     if len(frames) < 2:
         return None
     first, last = frames[0], frames[-1]
     _, i, j = np.intersect1d(first.track_ids, last.track_ids, return_indices=True)
-    none = np.zeros(len(i), bool)
-    return MatchedImages(
-        (first.index, last.index), (first.image, last.image), first.pixels[i], last.pixels[j], none, none, judged=False
+    indices, none = (first.index, last.index), np.zeros(len(i), bool)
+    tracks = Attempt(
+        indices, Verdict.TOO_FEW_MATCHES, pixels1=first.pixels[i], pixels2=last.pixels[j], inliers=none, moving=none
     )
+    return ShownPair((first.image, last.image), tracks)

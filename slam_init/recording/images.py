@@ -10,6 +10,9 @@ import numpy as np
 from slam_init.types.arrays import Image
 from slam_init.types.frame import Frame
 
+#: Images are reduced to this many pixels on their longer side, and the images of a pair to half of it. This is enough
+#: to judge a match by eye, and 300 frames with their tracks take less than 30 MB.
+LONG_SIDE_PX, PAIR_SIDE_PX = 640, 320
 #: At this quality a match can be judged by eye, and a frame of 640x480 pixels takes about 50 kB.
 _JPEG_QUALITY = 75
 #: Number of small images in memory for the view of a pair. The reference of a pair may be as old as the oldest
@@ -18,20 +21,16 @@ _MEMORY_FRAMES = 400
 
 
 class RecentImages:
-    """Small copies of the images of the last frames.
+    """Small copies of the images of the last frames."""
 
-    * ``long_side_px``: Largest length of the longer side of a copy.
-    """
-
-    def __init__(self, long_side_px: int = 320) -> None:
-        self.long_side_px = long_side_px
+    def __init__(self) -> None:
         self._images: OrderedDict[int, Image] = OrderedDict()
 
     def add(self, frame: Frame) -> None:
         """Keep a copy of the image of a frame. A frame that is there already is ignored."""
         if frame.index in self._images:
             return
-        self._images[frame.index] = reduced(frame.image, self.long_side_px)
+        self._images[frame.index] = reduced(frame.image, PAIR_SIDE_PX)
         if len(self._images) > _MEMORY_FRAMES:
             self._images.popitem(last=False)
 

@@ -61,11 +61,12 @@ def _evidence(part: str, name: str) -> Callable[[Attempt], float | None]:
 
 def _power(figure: Callable[[Attempt], float | None]) -> Callable[[Attempt], float | None]:
     """Return a function that returns a risk as a power of ten."""
-    return lambda attempt: None if (risk := figure(attempt)) is None else _power_of_ten(risk)
 
+    def power(attempt: Attempt) -> float | None:
+        risk = figure(attempt)
+        return None if risk is None or not math.isfinite(risk) else math.log10(max(risk, LEAST_RISK))
 
-def _power_of_ten(risk: float) -> float:
-    return math.log10(max(risk, LEAST_RISK)) if math.isfinite(risk) else math.nan
+    return power
 
 
 #: What the correction of a rolling shutter moves: the measured pixels, the corrected ones, and arrows. The arrows are
@@ -106,7 +107,10 @@ _FLAT = ("keypoints", "motion", "moving")
 
 
 class End(StrEnum):
-    """What a recording shows first: the map of a run, both undecided maps, or why there is no map."""
+    """What a recording shows first: the map of a run, both undecided maps, or why there is no map.
+
+    The tabs have this order.
+    """
 
     MAP = "map"
     TWINS = "twins"
@@ -118,31 +122,37 @@ def blueprint(end: End = End.MAP, *, rolling: bool = False) -> Any:
 
     * ``rolling``: Whether the view of the rolling shutter is in front of that of the frame.
     """
+    import rerun as rr
     import rerun.blueprint as rrb
 
     advice = rrb.TextDocumentView(origin=ADVICE, name="result")
-    first = {End.MAP: 0, End.TWINS: 1, End.NO_MAP: 2}[end]
-    space, keyframes = _space_views()
-    frame, shutter, pair = _image_views()
+    # From behind, above and beside the first camera; the unit is the median depth of the landmarks.
+    behind = rrb.EyeControls3D(position=(-0.4, -0.45, -0.65), look_target=(0.0, 0.0, 0.8), eye_up=(0, -1, 0))
+    no_axes = [rr.TransformAxes3D(0.0)]  # the frusta show the directions of the cameras
+    space = rrb.Spatial3DView(
+        origin="world",
+        # Keypoints are shown on the flat image only; on the frustum they would hide the image.
+        contents=["$origin/**", *(f"- /world/camera/image/{name}" for name in _FLAT), f"- /{ARROWS}/**"],
+        name="map: estimate blue, truth orange, newest frame yellow",
+        defaults=no_axes,
+        line_grid=False,
+        eye_controls=behind,
+    )
+    # Without eye controls the viewer fits the view to its content, also if the path is short.
+    paths = ["/world/trajectory/**", "/world/keyframes/**"]
+    keyframes = rrb.Spatial3DView(origin="world", contents=paths, name="keyframes", defaults=no_axes, line_grid=False)
+    # Names are short, since the viewer cuts them: in a window of 1280 pixels all four have 45 letters.
+    image = "world/camera/image"
+    frame = rrb.Spatial2DView(origin=image, contents=["$origin/**", f"- /{ARROWS}/**"], name="frame")
+    shutter = rrb.Spatial2DView(origin=image, contents=[f"/{image}", f"/{ARROWS}/**"], name="shutter")
+    pair = rrb.Spatial2DView(origin="pairs/image", name="pair")
     images = rrb.Tabs(frame, pair, keyframes, shutter, active_tab=3 if rolling else int(end is not End.MAP))
-    left = rrb.Vertical(rrb.Tabs(space, _conjugate_maps(), advice, active_tab=first), _texts(), row_shares=[7, 3])
+    maps = rrb.Tabs(space, _conjugate_maps(), advice, active_tab=list(End).index(end))
+    left = rrb.Vertical(maps, _texts(), row_shares=[7, 3])
     right = rrb.Vertical(images, _plots(), row_shares=[1, 1])
     root = rrb.Horizontal(left, right, column_shares=[5, 3])
     name_parts(root, f"slam-init {end} {rolling}")
     return rrb.Blueprint(root, rrb.TimePanel(timeline="frame", state="collapsed"), collapse_panels=True)
-
-
-def _image_views() -> tuple[Any, Any, Any]:
-    """Make the views of the frame, of the rolling shutter, and of the pair.
-
-    Names are short, since the viewer cuts them: in a window of 1280 pixels all four have 45 letters.
-    """
-    import rerun.blueprint as rrb
-
-    image = "world/camera/image"
-    frame = rrb.Spatial2DView(origin=image, contents=["$origin/**", f"- /{ARROWS}/**"], name="frame")
-    shutter = rrb.Spatial2DView(origin=image, contents=[f"/{image}", f"/{ARROWS}/**"], name="shutter")
-    return frame, shutter, rrb.Spatial2DView(origin="pairs/image", name="pair")
 
 
 def _conjugate_maps() -> Any:
@@ -188,77 +198,31 @@ def _plots() -> Any:
     import rerun.blueprint as rrb
 
     hidden = rrb.PlotLegend(visible=False)
-    of_risk = "stats/risk_log10"
-    whole = [f"/{of_risk}/total", f"/{of_risk}/bound"]
-    risk, parts = (
-        rrb.TimeSeriesView(
-            origin=of_risk,
-            contents=contents,
-            name=name,
-            plot_legend=hidden,
-            axis_y=rrb.ScalarAxis(range=(math.log10(LEAST_RISK) - 0.2, 0.2)),
-        )
-        for contents, name in (
-            (whole, "log10 risk (bound red)"),
-            (["$origin/**", *(f"- {entity}" for entity in whole)], "parts"),
-        )
-    )
-    time = rrb.TimeSeriesView(
-        origin="stats/time",
-        name="ms",
-        plot_legend=hidden,
-        # A judgement in one piece takes a second; on its scale the budget would lie on the axis.
-        axis_y=rrb.ScalarAxis(range=(0.0, 5 * BUDGET_MS)),
-    )
+
+    def plot(name: str, of: str, contents: Any = "$origin/**", axis_y: Any = None) -> Any:
+        return rrb.TimeSeriesView(origin=f"stats/{of}", contents=contents, name=name, plot_legend=hidden, axis_y=axis_y)
+
+    whole = ["/stats/risk_log10/total", "/stats/risk_log10/bound"]
+    parts = ["$origin/**", *(f"- {entity}" for entity in whole)]
+    powers = rrb.ScalarAxis(range=(math.log10(LEAST_RISK) - 0.2, 0.2))
+    # A judgement in one piece takes a second; on its scale the budget would lie on the axis.
+    times = rrb.ScalarAxis(range=(0.0, 5 * BUDGET_MS))
     more = rrb.Grid(
-        *(
-            rrb.TimeSeriesView(origin=f"stats/{plot}", name=name, plot_legend=hidden)
-            for plot, name in (
-                ("parallax", "parallax px"),
-                ("counts", "counts"),
-                ("direction", "sigma deg"),
-                ("shares", "shares"),
-                ("readout", "readout ms"),
-            )
-        ),
+        plot("parallax px", "parallax"),
+        plot("counts", "counts"),
+        plot("sigma deg", "direction"),
+        plot("shares", "shares"),
+        plot("readout ms", "readout"),
         rrb.BarChartView(origin=ERROR_BARS, name="BA rms px", plot_legend=hidden),
         grid_columns=2,
         name="more",
     )
-    return rrb.Tabs(risk, parts, time, more)
-
-
-def _space_views() -> tuple[Any, Any]:
-    """Make the view of the map from behind the first camera, and the view of the path and the keyframes."""
-    import rerun as rr
-    import rerun.blueprint as rrb
-
-    no_axes = [rr.TransformAxes3D(0.0)]  # the frusta show the directions of the cameras
-    space = rrb.Spatial3DView(
-        origin="world",
-        # Keypoints are shown on the flat image only; on the frustum they would hide the image.
-        contents=["$origin/**", *(f"- /world/camera/image/{name}" for name in _FLAT), f"- /{ARROWS}/**"],
-        name="map: estimate blue, truth orange, newest frame yellow",
-        defaults=no_axes,
-        line_grid=False,
-        eye_controls=behind_first_camera(),
+    return rrb.Tabs(
+        plot("log10 risk (bound red)", "risk_log10", whole, powers),
+        plot("parts", "risk_log10", parts, powers),
+        plot("ms", "time", axis_y=times),
+        more,
     )
-    # Without eye controls the viewer fits the view to its content, also if the path is short.
-    keyframes = rrb.Spatial3DView(
-        origin="world",
-        contents=["/world/trajectory/**", "/world/keyframes/**"],
-        name="keyframes",
-        defaults=no_axes,
-        line_grid=False,
-    )
-    return space, keyframes
-
-
-def behind_first_camera() -> Any:
-    """Look from behind, above and beside the first camera; the unit is the median depth of the landmarks."""
-    import rerun.blueprint as rrb
-
-    return rrb.EyeControls3D(position=(-0.4, -0.45, -0.65), look_target=(0.0, 0.0, 0.8), eye_up=(0, -1, 0))
 
 
 def name_parts(part: Any, path: str) -> None:

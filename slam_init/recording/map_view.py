@@ -41,37 +41,31 @@ def dashes(positions: Floats) -> list[Floats]:
     return pieces
 
 
-def log_hypotheses(rec: Any, maps: Sequence[InitialMap]) -> None:
-    """Log the paths of up to two maps, and clear the entities of the maps that do not exist."""
+def log_undecided(rec: Any, maps: Sequence[InitialMap]) -> None:
+    """Log the paths of up to two maps, and each map in a space of its own; clear those of maps that do not exist."""
     import rerun as rr
 
-    for k, color in enumerate(_COLORS):
-        entity = f"world/trajectory/hypothesis{k + 1}"
-        if k < len(maps):
-            path = np.array([keyframe.world_from_cam.t for keyframe in maps[k].keyframes])
-            thin, label = rr.Radius.ui_points(1.5), f"map {CONJUGATE_NAMES[k].upper()}"
-            rec.log(entity, rr.LineStrips3D([path], colors=[color], radii=thin, labels=[label], show_labels=True))
-        else:
-            rec.log(entity, rr.Clear(recursive=False))
-
-
-def log_conjugate_maps(rec: Any, maps: Sequence[InitialMap]) -> None:
-    """Log the landmarks, the frusta and the path of up to two maps, each in a space of its own; clear the others."""
-    import rerun as rr
-
-    for k, name in enumerate(CONJUGATE_NAMES):
-        entity = f"{TWINS}/{name}"
+    thin, thick = rr.Radius.ui_points(1.0), rr.Radius.ui_points(1.5)
+    for k, (name, color) in enumerate(zip(CONJUGATE_NAMES, _COLORS, strict=True)):
+        hypothesis, twin = f"world/trajectory/hypothesis{k + 1}", f"{TWINS}/{name}"
         if k >= len(maps):
-            rec.log(entity, rr.Clear(recursive=True))
+            rec.log(hypothesis, rr.Clear(recursive=False))
+            rec.log(twin, rr.Clear(recursive=True))
             continue
-        map_ = maps[k]
-        rec.log(entity, rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
-        rec.log(f"{entity}/points", rr.Points3D(map_.points, colors=map_.colors, radii=rr.Radius.ui_points(2.5)))
+        map_, label = maps[k], f"map {name.upper()}"
+        path = [np.array([keyframe.world_from_cam.t for keyframe in map_.keyframes])]
+        rec.log(hypothesis, rr.LineStrips3D(path, colors=[color], radii=thick, labels=[label], show_labels=True))
+        rec.log(twin, rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
+        _log_points(rec, f"{twin}/points", map_, map_.points)
         strips = [strip for keyframe in map_.keyframes for strip in _frustum(map_, keyframe.world_from_cam)]
-        thin = rr.Radius.ui_points(1.0)
-        rec.log(f"{entity}/keyframes", rr.LineStrips3D(strips, colors=[ESTIMATE_COLOR], radii=thin))
-        path = np.array([keyframe.world_from_cam.t for keyframe in map_.keyframes])
-        rec.log(f"{entity}/path", rr.LineStrips3D([path], colors=[_COLORS[0]], radii=rr.Radius.ui_points(1.5)))
+        rec.log(f"{twin}/keyframes", rr.LineStrips3D(strips, colors=[ESTIMATE_COLOR], radii=thin))
+        rec.log(f"{twin}/path", rr.LineStrips3D(path, colors=[_COLORS[0]], radii=thick))
+
+
+def _log_points(rec: Any, entity: str, map_: InitialMap, points: Floats) -> None:
+    import rerun as rr
+
+    rec.log(entity, rr.Points3D(points, colors=map_.colors, radii=rr.Radius.ui_points(2.5)))
 
 
 def _frustum(map_: InitialMap, world_from_cam: Pose) -> list[Floats]:
@@ -90,12 +84,8 @@ _COLOR = (230, 230, 230)
 _LONGEST = 0.25
 
 
-def bar_metres(metres_per_unit: float) -> float:
-    """Choose the length of the bar.
-
-    * Returns: 1, 2 or 5 times a power of ten, at most a quarter of the unit.
-    """
-    most = _LONGEST * metres_per_unit
+def round_length(most: float) -> float:
+    """Choose the length of a bar: 1, 2 or 5 times a power of ten, at most a given length."""
     power = 10.0 ** math.floor(math.log10(most))
     return next(factor * power for factor in (5.0, 2.0, 1.0) if factor * power <= most * (1 + 1e-9))
 
@@ -106,15 +96,11 @@ def log_scale_bar(rec: Any, scale: Scale) -> None:
 
     if scale.metres_per_unit is None or scale.sigma is None:
         return
-    metres = bar_metres(scale.metres_per_unit)
+    metres = round_length(_LONGEST * scale.metres_per_unit)
     end = metres / scale.metres_per_unit
     label = f"{metres:g} m (1 unit = {scale.metres_per_unit:.4g} m +- {scale.sigma:.1%}, {scale.origin})"
-    rec.log(
-        SCALE_BAR,
-        rr.LineStrips3D(
-            [[(0.0, 0.0, 0.0), (end, 0.0, 0.0)]], colors=[_COLOR], radii=rr.Radius.ui_points(2.5), labels=[label]
-        ),
-    )
+    bar = [[(0.0, 0.0, 0.0), (end, 0.0, 0.0)]]
+    rec.log(SCALE_BAR, rr.LineStrips3D(bar, colors=[_COLOR], radii=rr.Radius.ui_points(2.5), labels=[label]))
 
 
 class MapView:
@@ -139,21 +125,21 @@ class MapView:
         rec = self._rec
         poses_after = tuple(keyframe.world_from_cam for keyframe in map_.keyframes)
         path = max(float(np.linalg.norm(pose.t - poses_after[0].t)) for pose in poses_after)
-        size = self._size = float(np.clip(_FRUSTUM_OF_PATH * path, _SMALLEST_FRUSTUM, FRUSTUM))
+        self._size = float(np.clip(_FRUSTUM_OF_PATH * path, _SMALLEST_FRUSTUM, FRUSTUM))
         rec.set_time("stage", sequence=0)
-        for view in map_.keyframes:
-            # Without images, since they cover one another on a short path. The view of the pair shows two of them.
-            log_pinhole(rec, f"world/keyframes/{view.frame}", map_.camera.scaled(self._scale), ESTIMATE_COLOR, size)
+        self._log_frusta(map_)
         stages = ((map_.points_before, map_.keyframes_before), (map_.points, poses_after))
         for stage, (points, poses) in enumerate(stages):
             rec.set_time("stage", sequence=stage)
-            rec.log("world/points", rr.Points3D(points, colors=map_.colors, radii=rr.Radius.ui_points(2.5)))
+            _log_points(rec, "world/points", map_, points)
             for view, pose in zip(map_.keyframes, poses, strict=True):
                 rec.log(f"world/keyframes/{view.frame}", _transform(pose))
             self._path = [pose.t for pose in poses]
             self._log_camera(poses[-1])
         if self._groundtruth is not None:
-            self._log_groundtruth(map_.keyframes, self._groundtruth)
+            self._world_from_gt = align_truth(map_.keyframes, self._groundtruth)
+            self._first_s = map_.keyframes[0].timestamp_s
+            self._log_true_path(map_.keyframes[-1].timestamp_s)
         rec.disable_timeline("stage")
 
         rec.log(ERROR_BARS, rr.BarChart(np.array(map_.bundle_errors), color=ESTIMATE_COLOR))
@@ -166,18 +152,20 @@ class MapView:
         """Move the camera, and extend both paths."""
         self._path.append(keyframe.world_from_cam.t)
         self._log_camera(keyframe.world_from_cam)
-        if self._groundtruth is not None and self._world_from_gt is not None:
-            self._log_true_path(self._groundtruth, self._world_from_gt, keyframe.timestamp_s)
+        self._log_true_path(keyframe.timestamp_s)
 
     def refine(self, map_: InitialMap) -> None:
         """Log the keyframes and landmarks of a map that has grown."""
-        import rerun as rr
+        _log_points(self._rec, "world/points", map_, map_.points)
+        self._log_frusta(map_)
+        for view in map_.keyframes:
+            self._rec.log(f"world/keyframes/{view.frame}", _transform(view.world_from_cam))
 
+    def _log_frusta(self, map_: InitialMap) -> None:
+        """Without images, since they cover one another on a short path. The view of the pair shows two of them."""
         camera = map_.camera.scaled(self._scale)
-        self._rec.log("world/points", rr.Points3D(map_.points, colors=map_.colors, radii=rr.Radius.ui_points(2.5)))
         for view in map_.keyframes:
             log_pinhole(self._rec, f"world/keyframes/{view.frame}", camera, ESTIMATE_COLOR, self._size)
-            self._rec.log(f"world/keyframes/{view.frame}", _transform(view.world_from_cam))
 
     def clear(self) -> None:
         """Forget the map and its paths."""
@@ -197,17 +185,11 @@ class MapView:
         width = rr.Radius.ui_points(1.5 if name == "est" else 2.0)
         self._rec.log(f"world/trajectory/{name}", rr.LineStrips3D(strips, colors=[color], radii=width))
 
-    def _log_groundtruth(self, keyframes: Sequence[Keyframe], truth: Trajectory) -> None:
-        """Align the ground truth to the keyframes, and log its path."""
-        self._world_from_gt = align_truth(keyframes, truth)
-        if self._world_from_gt is not None:
-            self._first_s = keyframes[0].timestamp_s
-            self._log_true_path(truth, self._world_from_gt, keyframes[-1].timestamp_s)
-
-    def _log_true_path(self, truth: Trajectory, world_from_gt: Similarity, last_s: float) -> None:
-        """Log the true path from the first keyframe to a time."""
-        path = world_from_gt.apply(positions_between(truth, self._first_s, last_s))
-        self._log_path("gt", dashes(path), TRUTH_COLOR)
+    def _log_true_path(self, last_s: float) -> None:
+        """Log the true path from the first keyframe to a time, where it is known and was aligned."""
+        if self._groundtruth is not None and self._world_from_gt is not None:
+            path = self._world_from_gt.apply(positions_between(self._groundtruth, self._first_s, last_s))
+            self._log_path("gt", dashes(path), TRUTH_COLOR)
 
 
 def log_pinhole(rec: Any, entity: str, camera: Camera, color: Color, size: float, *, static: bool = False) -> None:
@@ -218,10 +200,9 @@ def log_pinhole(rec: Any, entity: str, camera: Camera, color: Color, size: float
     import rerun as rr
 
     thin: Any = rr.Radius.ui_points(1.0)  # its stubs allow numbers only
-    K = camera.K
     pinhole = rr.Pinhole(
         resolution=[camera.width, camera.height],
-        focal_length=[K[0, 0], K[1, 1]],
+        focal_length=[camera.fx, camera.fy],
         principal_point=[camera.cx + 0.5, camera.cy + 0.5],
         image_plane_distance=size,
         color=color,

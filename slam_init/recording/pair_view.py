@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from slam_init.recording.images import RecentImages, bgr, jpeg, reduced_shape
+from slam_init.recording.images import PAIR_SIDE_PX, RecentImages, bgr, jpeg, reduced_shape
 from slam_init.recording.layout import GREEN, PURPLE, RED, YELLOW
+from slam_init.types.arrays import Bools
 from slam_init.types.camera import Camera
 from slam_init.types.result import Attempt
 
@@ -15,6 +16,11 @@ from slam_init.types.result import Attempt
 _MAX_LINES = 120
 #: The images of a pair are put one above the other if width divided by height is larger than this.
 _WIDE = 1.8
+
+
+def moving_matches(attempt: Attempt) -> Bools:
+    """Which matches of a pair lie on bodies with a motion of their own, and are no inliers of the camera: (N,)."""
+    return attempt.moving & ~attempt.inliers if attempt.moving.size else np.zeros_like(attempt.inliers)
 
 
 def log_pair(rec: Any, attempt: Attempt, recent: RecentImages, camera: Camera) -> None:
@@ -25,7 +31,7 @@ def log_pair(rec: Any, attempt: Attempt, recent: RecentImages, camera: Camera) -
     import rerun as rr
 
     images = [recent.get(index) for index in attempt.frames[:2]]
-    shape = reduced_shape(camera.height, camera.width, recent.long_side_px)
+    shape = reduced_shape(camera.height, camera.width, PAIR_SIDE_PX)
     blank = np.full((*shape, 3), 40, np.uint8)
     left, right = (blank if image is None else bgr(image) for image in images)
     wide = shape[1] > _WIDE * shape[0]
@@ -36,9 +42,8 @@ def log_pair(rec: Any, attempt: Attempt, recent: RecentImages, camera: Camera) -
     points1 = (attempt.pixels1 + 0.5) * factor
     points2 = (attempt.pixels2 + 0.5) * factor + second
     matches = np.stack([points1, points2], axis=1)
-    step = max(1, -(-len(matches) // _MAX_LINES))
-    drawn = np.arange(len(matches)) % step == 0
-    moving = (attempt.moving if attempt.moving.size else np.zeros_like(attempt.inliers)) & ~attempt.inliers
+    drawn = np.arange(len(matches)) % max(1, -(-len(matches) // _MAX_LINES)) == 0
+    moving = moving_matches(attempt)
     others = ~attempt.inliers & ~moving
     parts = (
         ("inliers", attempt.inliers, GREEN),
@@ -47,11 +52,8 @@ def log_pair(rec: Any, attempt: Attempt, recent: RecentImages, camera: Camera) -
         ("tracks", others & (not attempt.judged), YELLOW),
     )
     for name, chosen, color in parts:
-        rec.log(
-            f"pairs/image/{name}",
-            rr.LineStrips2D(matches[chosen & drawn], colors=[(*color, 150)], radii=rr.Radius.ui_points(0.5)),
-        )
-        rec.log(
-            f"pairs/image/{name}/points",
-            rr.Points2D(matches[chosen].reshape(-1, 2), colors=[color], radii=rr.Radius.ui_points(1.5)),
-        )
+        entity = f"pairs/image/{name}"
+        thin, thick = rr.Radius.ui_points(0.5), rr.Radius.ui_points(1.5)
+        rec.log(entity, rr.LineStrips2D(matches[chosen & drawn], colors=[(*color, 150)], radii=thin))
+        ends = matches[chosen].reshape(-1, 2)
+        rec.log(f"{entity}/points", rr.Points2D(ends, colors=[color], radii=thick))

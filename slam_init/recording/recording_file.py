@@ -10,7 +10,8 @@ import errno
 import os
 import shutil
 import uuid
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,12 +39,8 @@ def open_stream(application: str, identity: str, viewer: str | None = None) -> r
     batching = rr.ChunkBatcherConfig.NEVER() if viewer is None else rr.ChunkBatcherConfig.LOW_LATENCY()
     if viewer is None:
         batching.flush_num_bytes = _CHUNK_BYTES
-    rec = rr.RecordingStream(
-        application,
-        recording_id=uuid.uuid5(uuid.NAMESPACE_URL, identity),
-        send_properties=False,
-        batcher_config=batching,
-    )
+    name = uuid.uuid5(uuid.NAMESPACE_URL, identity)
+    rec = rr.RecordingStream(application, recording_id=name, send_properties=False, batcher_config=batching)
     rec.set_log_time_enabled(False)
     rec.set_log_tick_enabled(False)
     return rec
@@ -64,24 +61,29 @@ class RecordingFile:
         self._path, self._partial = path, path.with_suffix(UNFINISHED)
         self._recording = recording
         self._open = True
-        try:
+        with self._told():
             if path.is_dir():
                 raise IsADirectoryError(f"{path} is a folder")
             self._partial.touch()
-            self._check_space()
-        except OSError as error:
+        try:
+            self.check()
+        except OutputError:
             self._remove()
-            raise self._failure(error) from error
-        _send(recording, self._partial, viewer, layout)
+            raise
+        if viewer is None:
+            recording.save(self._partial, default_blueprint=layout)
+            return
+        import rerun as rr
+
+        recording.set_sinks(rr.FileSink(str(self._partial)), rr.GrpcSink(viewer), default_blueprint=layout)
 
     def check(self) -> None:
         """Raise an error where the disk is full, or the file is gone."""
-        try:
+        with self._told():
             if self._open and not self._partial.exists():
                 raise FileNotFoundError("the file is gone")
-            self._check_space()
-        except OSError as error:
-            raise self._failure(error) from error
+            if shutil.disk_usage(self._path.parent).free < _RESERVE_BYTES:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def complete(self) -> None:
         """Write the rest, close the file, and give it its name. It may be called twice."""
@@ -90,9 +92,8 @@ class RecordingFile:
         try:
             self.check()
             self._close()
-            self._partial.replace(self._path)
-        except OSError as error:
-            raise self._failure(error) from error
+            with self._told():
+                self._partial.replace(self._path)
         finally:
             self.discard()
 
@@ -110,20 +111,11 @@ class RecordingFile:
         with suppress(OSError):
             self._partial.unlink(missing_ok=True)
 
-    def _check_space(self) -> None:
-        if shutil.disk_usage(self._path.parent).free < _RESERVE_BYTES:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    def _failure(self, error: OSError) -> OutputError:
-        cause = error.strerror or str(error)
-        return OutputError(f"cannot write the recording {self._path}: {cause}: {remedy(error)}, or give another --out")
-
-
-def _send(recording: rr.RecordingStream, path: Path, viewer: str | None, layout: rrb.Blueprint) -> None:
-    """Send the data of a recording to a file, and to a viewer if there is one."""
-    if viewer is None:
-        recording.save(path, default_blueprint=layout)
-        return
-    import rerun as rr
-
-    recording.set_sinks(rr.FileSink(str(path)), rr.GrpcSink(viewer), default_blueprint=layout)
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        """Raise an error of the disk as one line that says what to do."""
+        try:
+            yield
+        except OSError as error:
+            cause = f"{error.strerror or error}: {remedy(error)}, or give another --out"
+            raise OutputError(f"cannot write the recording {self._path}: {cause}") from error

@@ -38,47 +38,12 @@ import numpy as np
 
 from slam_init.errors import SlamInitError, plain_line
 from slam_init.output.summary import Summary
-from slam_init.recording.images import RecentImages, jpeg, reduced
-from slam_init.recording.layout import (
-    ADVICE,
-    ARROW_FACTOR,
-    ARROWS,
-    BUDGET_MS,
-    FRAME_BUDGET,
-    FRAME_TIME,
-    GREEN,
-    LEGEND,
-    PURPLE,
-    ROTATION_SIGMA,
-    SERIES,
-    TRACKS,
-    TWINS,
-    YELLOW,
-    End,
-    blueprint,
-)
-from slam_init.recording.map_view import (
-    CONJUGATE_NAMES,
-    FRUSTUM,
-    SCALE_BAR,
-    MapView,
-    log_conjugate_maps,
-    log_hypotheses,
-    log_pinhole,
-    log_scale_bar,
-)
-from slam_init.recording.pair_view import log_pair
+from slam_init.recording import layout, map_view, text
+from slam_init.recording.images import LONG_SIDE_PX, RecentImages, jpeg, reduced
+from slam_init.recording.layout import GREEN, PURPLE, YELLOW, End
+from slam_init.recording.pair_view import log_pair, moving_matches
 from slam_init.recording.recorder import Recorder
 from slam_init.recording.recording_file import RecordingFile, open_stream
-from slam_init.recording.text import (
-    advice_markdown,
-    attempt_line,
-    attempt_markdown,
-    conjugate_maps_markdown,
-    evidence_markdown,
-    legend_markdown,
-    summary_markdown,
-)
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.camera_pose import CameraPose
@@ -92,9 +57,6 @@ from slam_init.types.time_stamps import is_date
 
 _NOWHERE = np.zeros((0, 2))
 
-#: Images are reduced to this many pixels on their longer side, and the images of a pair to half of it. This is enough
-#: to judge a match by eye, and 300 frames with their tracks take less than 30 MB.
-_LONG_SIDE_PX = 640
 #: Each image is kept up to this many frames, then every second image, then every third one, and so on. So a video of
 #: hours does not fill the disk.
 FRAMES_AT_FULL_RATE = 300
@@ -137,13 +99,13 @@ class RerunRecorder(Recorder):
         import rerun as rr
 
         # The first call takes half a second. It comes before the file is created, in case of an interrupt.
-        layout = blueprint()
+        start = layout.blueprint()
         self._rr = rr
         self._camera = camera
-        self._scale = min(1.0, _LONG_SIDE_PX / max(camera.width, camera.height))
+        self._scale = min(1.0, LONG_SIDE_PX / max(camera.width, camera.height))
         self._frames = 0
         #: Small images of the last frames.
-        self.images = RecentImages(_LONG_SIDE_PX // 2)
+        self.images = RecentImages()
         self._tails: deque[Observations] = deque(maxlen=_TAIL_FRAMES + 1)
         self._hypotheses = 0
         self._attempt: Attempt | None = None
@@ -154,12 +116,12 @@ class RerunRecorder(Recorder):
 
         source_name = plain_line(source_name)
         self._rec = open_stream("slam_init", f"slam-init/{source_name}/{seed}", viewer)
-        self._map_view = MapView(self._rec, groundtruth, self._scale)
-        self._file = RecordingFile(path, self._rec, layout, viewer)
+        self._map_view = map_view.MapView(self._rec, groundtruth, self._scale)
+        self._file = RecordingFile(path, self._rec, start, viewer)
         self._rec.send_recording_name(f"slam-init {source_name}")
-        self._log_text(LEGEND, legend_markdown(ARROW_FACTOR), static=True)
+        self._log_text(layout.LEGEND, text.legend_markdown(), static=True)
         self._rec.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
-        for series in SERIES:
+        for series in layout.SERIES:
             # Points are drawn as well, since a single attempt makes no line.
             for style in (rr.SeriesLines, rr.SeriesPoints):
                 self._rec.log(series.entity, style(names=series.label, colors=[series.color]), static=True)
@@ -178,7 +140,7 @@ class RerunRecorder(Recorder):
             rec.set_time("sensor_time", duration=frame.timestamp_s)
         self.images.add(frame)
         if self._frames % (1 + self._frames // FRAMES_AT_FULL_RATE) == 0:
-            rec.log("world/camera/image", jpeg(reduced(frame.image, _LONG_SIDE_PX)))
+            rec.log("world/camera/image", jpeg(reduced(frame.image, LONG_SIDE_PX)))
         self._frames += 1
         self._frame = frame.index
         if self._moving:
@@ -186,72 +148,58 @@ class RerunRecorder(Recorder):
         if self._frames == 1:
             # Logged as static, because the viewer reports an error for an image without a camera on any timeline.
             small = self._camera.scaled(self._scale)
-            log_pinhole(rec, "world/camera/image", small, YELLOW, FRUSTUM, static=True)
+            map_view.log_pinhole(rec, "world/camera/image", small, YELLOW, map_view.FRUSTUM, static=True)
 
         self._tails.append(observations)
         oldest = self._tails[0]
         _, i, j = np.intersect1d(oldest.track_ids, observations.track_ids, return_indices=True)
         tails = np.stack([oldest.pixels[i], observations.pixels[j]], axis=1)
-        rec.log(
-            "world/camera/image/motion",
-            rr.LineStrips2D(self._shown(tails), colors=[(*YELLOW, 130)], radii=rr.Radius.ui_points(0.5)),
-        )
-        rec.log(
-            "world/camera/image/keypoints",
-            rr.Points2D(self._shown(observations.pixels), colors=[GREEN], radii=rr.Radius.ui_points(2)),
-        )
-        rec.log(TRACKS, rr.Scalars(float(len(observations))))
+        thin = rr.Radius.ui_points(0.5)
+        motion = rr.LineStrips2D(self._shown(tails), colors=[(*YELLOW, 130)], radii=thin)
+        rec.log("world/camera/image/motion", motion)
+        self._log_pixels("world/camera/image/keypoints", observations.pixels, GREEN, 2)
+        rec.log(layout.TRACKS, rr.Scalars(float(len(observations))))
 
     def attempt(self, attempt: Attempt) -> None:
         """Log the pair with its matches, the verdict with its evidence, and the figures as series."""
-        rr, rec = self._rr, self._rec
-        accepted = attempt.verdict == Verdict.ACCEPTED
-        level = rr.TextLogLevel.INFO if accepted else rr.TextLogLevel.WARN
-        rec.log("log", rr.TextLog(attempt_line(attempt), level=level, color=GREEN if accepted else YELLOW))
-        self._log_text("pairs/verdict", attempt_markdown(attempt))
-        self._log_text("pairs/evidence", evidence_markdown(attempt))
-        for series in SERIES:
+        self._log_line(text.attempt_line(attempt), good=attempt.verdict == Verdict.ACCEPTED)
+        self._log_text("pairs/verdict", text.attempt_markdown(attempt))
+        self._log_text("pairs/evidence", text.evidence_markdown(attempt))
+        for series in layout.SERIES:
             value = None if series.of_attempt is None else series.of_attempt(attempt)
             if value is not None and np.isfinite(value):
-                rec.log(series.entity, rr.Scalars(float(value)))
-        log_pair(rec, attempt, self.images, self._camera)
+                self._rec.log(series.entity, self._rr.Scalars(float(value)))
+        log_pair(self._rec, attempt, self.images, self._camera)
         self._attempt = attempt
         if len(attempt.frames) > 1 and attempt.frames[1] == self._frame:
-            self._log_moving(attempt.pixels2[attempt.moving & ~attempt.inliers] if attempt.moving.size else _NOWHERE)
+            self._log_moving(attempt.pixels2[moving_matches(attempt)])
 
     def frame_time(self, elapsed_ms: float) -> None:
         """Log what a frame took, beside the time between two frames at 30 Hz."""
-        self._rec.log(FRAME_TIME, self._rr.Scalars(elapsed_ms))
-        self._rec.log(FRAME_BUDGET, self._rr.Scalars(BUDGET_MS))
+        self._rec.log(layout.FRAME_TIME, self._rr.Scalars(elapsed_ms))
+        self._rec.log(layout.FRAME_BUDGET, self._rr.Scalars(layout.BUDGET_MS))
 
     def row_times(self, observations: Observations, corrected: Floats) -> None:
         """Log arrows from the raw pixels to the corrected ones: ``corrected`` (N, 2)."""
-        rr, rec = self._rr, self._rec
-        moved = ARROW_FACTOR * (corrected - observations.pixels) * self._scale
+        rr = self._rr
+        moved = layout.ARROW_FACTOR * (corrected - observations.pixels) * self._scale
         before = self._shown(observations.pixels)
         arrows = rr.Arrows2D(origins=before, vectors=moved, colors=[(*PURPLE, 150)], radii=rr.Radius.ui_points(0.8))
-        rec.log(ARROWS, arrows)
-        rec.log(f"{ARROWS}/before", rr.Points2D(before, colors=[YELLOW], radii=rr.Radius.ui_points(3)))
-        after = self._shown(corrected)
-        rec.log(f"{ARROWS}/after", rr.Points2D(after, colors=[PURPLE], radii=rr.Radius.ui_points(1.5), draw_order=50.0))
+        self._rec.log(layout.ARROWS, arrows)
+        self._log_pixels(f"{layout.ARROWS}/before", observations.pixels, YELLOW, 3)
+        self._log_pixels(f"{layout.ARROWS}/after", corrected, PURPLE, 1.5, draw_order=50.0)
         self._rolling = True
 
     def waiting(self, pose: CameraPose) -> None:
         """Turn the camera in the axes of the first one. Its place is not drawn: its unit changes with the pair."""
         self._rec.log("world/camera", self._rr.Transform3D(mat3x3=pose.cam_from_first.T))
-        self._rec.log(ROTATION_SIGMA, self._rr.Scalars(pose.rotation_sigma_deg))
+        self._rec.log(layout.ROTATION_SIGMA, self._rr.Scalars(pose.rotation_sigma_deg))
 
     def initialized(self, map_: InitialMap, observations: Sequence[Observations]) -> None:
         """Log the map before and after bundle adjustment, and the ground truth aligned to it."""
-        rr, rec = self._rr, self._rec
-        rec.log(
-            "log",
-            rr.TextLog(
-                f"initialized: {len(map_.keyframes)} keyframes, {len(map_.points)} landmarks, "
-                f"{map_.reprojection_rmse_px:.2f} px, {map_.scene} scene",
-                level=rr.TextLogLevel.INFO,
-                color=GREEN,
-            ),
+        self._log_line(
+            f"initialized: {len(map_.keyframes)} keyframes, {len(map_.points)} landmarks, "
+            f"{map_.reprojection_rmse_px:.2f} px, {map_.scene} scene"
         )
         self.undecided(())
         self._end, self._rolling = End.MAP, False
@@ -261,11 +209,11 @@ class RerunRecorder(Recorder):
     def undecided(self, maps: Sequence[InitialMap]) -> None:
         """Draw both maps with their paths, and clear those drawn before."""
         if self._hypotheses or maps:
-            log_hypotheses(self._rec, maps)
-            log_conjugate_maps(self._rec, maps)
-            self._log_text(f"{TWINS}/evidence", conjugate_maps_markdown(self._attempt) if maps else "decided")
+            map_view.log_undecided(self._rec, maps)
+            evidence = text.conjugate_maps_markdown(self._attempt) if maps else "decided"
+            self._log_text(f"{layout.TWINS}/evidence", evidence)
         self._hypotheses = len(maps)
-        self._end = End.TWINS if len(maps) == len(CONJUGATE_NAMES) else End.MAP
+        self._end = End.TWINS if len(maps) == len(map_view.CONJUGATE_NAMES) else End.MAP
 
     def continued(self, keyframe: Keyframe) -> None:
         """Move the camera, and extend both trajectories."""
@@ -273,26 +221,24 @@ class RerunRecorder(Recorder):
 
     def refined(self, map_: InitialMap) -> None:
         """Draw the keyframes and landmarks of the grown map."""
-        text = f"the map has grown: {len(map_.keyframes)} keyframes, {len(map_.points)} landmarks"
-        self._rec.log("log", self._rr.TextLog(text, level=self._rr.TextLogLevel.INFO, color=GREEN))
+        self._log_line(f"the map has grown: {len(map_.keyframes)} keyframes, {len(map_.points)} landmarks")
         self._map_view.refine(map_)
 
     def scaled(self, scale: Scale) -> None:
         """Draw a bar of a round length in metres at the first keyframe; the scene stays in units of the map."""
-        log_scale_bar(self._rec, scale)
+        map_view.log_scale_bar(self._rec, scale)
 
     def restarted(self) -> None:
         """Clear the lost map. The next one has another world frame."""
-        rr, rec = self._rr, self._rec
-        rec.log("log", rr.TextLog("the map was lost: starting anew", level=rr.TextLogLevel.WARN, color=YELLOW))
-        for entity in ("world/keyframes", "world/points", "world/trajectory", SCALE_BAR):
-            rec.log(entity, rr.Clear(recursive=True))
+        self._log_line("the map was lost: starting anew", good=False)
+        for entity in ("world/keyframes", "world/points", "world/trajectory", map_view.SCALE_BAR):
+            self._rec.log(entity, self._rr.Clear(recursive=True))
         self._map_view.clear()
 
     def summary(self, summary: Summary) -> None:
         """Log the summary as a table. Times and provenance are left out, since they differ between equal runs."""
-        self._log_text("summary", summary_markdown(summary), static=True)
-        self._log_text(ADVICE, advice_markdown(summary), static=True)
+        self._log_text("summary", text.summary_markdown(summary), static=True)
+        self._log_text(layout.ADVICE, text.advice_markdown(summary), static=True)
         if summary.reason is not None and self._end is End.MAP:
             self._end = End.NO_MAP
 
@@ -300,7 +246,7 @@ class RerunRecorder(Recorder):
         """Finish the file and rename it to its final name."""
         if not self._closed and (self._end is not End.MAP or self._rolling):
             # The layout that the file began with shows a map. The viewer takes the last layout of a file.
-            self._rr.send_blueprint(blueprint(self._end, rolling=self._rolling), recording=self._rec)
+            self._rr.send_blueprint(layout.blueprint(self._end, rolling=self._rolling), recording=self._rec)
         self._closed = True
         self._file.complete()
 
@@ -315,15 +261,27 @@ class RerunRecorder(Recorder):
 
     # -- parts of the recording -------------------------------------------------------------------
 
+    def _log_line(self, line: str, *, good: bool = True) -> None:
+        levels = self._rr.TextLogLevel
+        level, color = (levels.INFO, GREEN) if good else (levels.WARN, YELLOW)
+        self._rec.log("log", self._rr.TextLog(line, level=level, color=color))
+
     def _log_text(self, entity: str, markdown: str, *, static: bool = False) -> None:
         rr = self._rr
         self._rec.log(entity, rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN), static=static)
 
     def _log_moving(self, pixels: Floats) -> None:
         """Draw the tracks of the frame that lie on moving bodies."""
-        rr, self._moving = self._rr, len(pixels) > 0
-        points = rr.Points2D(self._shown(pixels), colors=[PURPLE], radii=rr.Radius.ui_points(3), draw_order=60.0)
-        self._rec.log("world/camera/image/moving", points)
+        self._moving = len(pixels) > 0
+        self._log_pixels("world/camera/image/moving", pixels, PURPLE, 3, draw_order=60.0)
+
+    def _log_pixels(
+        self, entity: str, pixels: Floats, color: layout.Color, radius: float, draw_order: float | None = None
+    ) -> None:
+        """Draw raw pixels as points: ``pixels`` (N, 2)."""
+        radii = self._rr.Radius.ui_points(radius)
+        points = self._rr.Points2D(self._shown(pixels), colors=[color], radii=radii, draw_order=draw_order)
+        self._rec.log(entity, points)
 
     def _shown(self, pixels: Floats) -> Floats:
         """Convert raw pixels (..., 2) to the reduced image. In Rerun, pixel centres are at half-integers."""

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from slam_init.errors import plain_line
 from slam_init.output.plain_json import Json, plain_fields
 from slam_init.output.summary import Summary
-from slam_init.types.evidence import WindowEvidence
+from slam_init.recording.layout import ARROW_FACTOR
 from slam_init.types.gates import Direction, Gate, GateName
 from slam_init.types.reasons import Verdict, in_words
 from slam_init.types.result import Attempt
@@ -54,18 +54,38 @@ def attempt_markdown(attempt: Attempt) -> str:
     if attempt.free_focal is not None and attempt.free_focal.contradicts:
         lines += [f"**{attempt.free_focal.note}**", ""]
     if attempt.gates:
-        lines += ["| gate | value | needs | |", "|---|---:|---:|---|"]
-        lines += [_gate_row(gate) for gate in attempt.gates]
-        lines.append("")
+        lines += ["| gate | value | needs | |", "|---|---:|---:|---|", *map(_gate_row, attempt.gates), ""]
     if attempt.window is not None and not accepted:
-        name, term = max(_terms(attempt.window), key=lambda pair: pair[1])
+        window = attempt.window
+        terms = (
+            ("the direction is uncertain", window.risk_direction),
+            ("another motion", window.risk_rival),
+            ("a camera that only rotates", window.risk_rotation),
+            ("moving bodies", window.risk_moving),
+        )
+        name, term = max(terms, key=lambda pair: pair[1])
         lines.append(f"largest part of the risk: {name}, {term:.2g}")
     return "\n".join(lines)
 
 
 def evidence_markdown(attempt: Attempt) -> str:
-    """Write all evidence of an attempt as a table."""
-    return "\n".join(_table(f"frames {_frames(attempt)}", _evidence(attempt)))
+    """Write all evidence of an attempt by name, in one flat table, without the unknown figures."""
+    parts = (
+        ("", attempt.preview),
+        ("two_view_", attempt.two_view),
+        ("free_focal_", attempt.free_focal),
+        ("", attempt.window),
+        ("", attempt.map),
+    )
+    rows: dict[str, Json] = dict(attempt.method_evidence)
+    for prefix, part in parts:
+        figures = {} if part is None else plain_fields(part)
+        statistics = figures.pop("statistics", None)
+        if isinstance(statistics, Mapping):
+            figures |= statistics
+        rows |= {f"{prefix}{name}": value for name, value in figures.items()}
+    known = {name: value for name, value in rows.items() if value is not None}
+    return "\n".join(_table(f"frames {_frames(attempt)}", known))
 
 
 def conjugate_maps_markdown(attempt: Attempt | None) -> str:
@@ -82,11 +102,8 @@ def conjugate_maps_markdown(attempt: Attempt | None) -> str:
     return "\n".join(lines)
 
 
-def legend_markdown(arrow_factor: int) -> str:
-    """Write what the colours of the views mean.
-
-    * ``arrow_factor``: How many times as long the arrows of a rolling shutter are drawn.
-    """
+def legend_markdown() -> str:
+    """Write what the colours of the views mean."""
     rows = (
         ("map, keyframes", "blue", "estimated cameras and path"),
         ("map, keyframes", "orange", "true path, aligned"),
@@ -98,14 +115,10 @@ def legend_markdown(arrow_factor: int) -> str:
         ("pair", "green, red", "inliers, outliers"),
         ("pair", "yellow", "no motion was estimated"),
         ("shutter", "yellow", "pixels as read"),
-        ("shutter", "purple", f"corrected; arrows are {arrow_factor} times as long"),
+        ("shutter", "purple", f"corrected; arrows are {ARROW_FACTOR} times as long"),
         ("log10 risk", "red", "bound; below it the map is handed over"),
         ("log10 risk", "purple", "the risk that the map is wrong"),
-        (
-            "parts",
-            "light blue, pink, grey, brown",
-            "its parts: direction, other motion, rotation, moving bodies",
-        ),
+        ("parts", "light blue, pink, grey, brown", "its parts: direction, other motion, rotation, moving bodies"),
         ("counts", "blue, green", "tracks, landmarks"),
         ("ms", "blue", "time of a frame"),
         ("ms", "red", "time between two frames at 30 Hz"),
@@ -113,14 +126,20 @@ def legend_markdown(arrow_factor: int) -> str:
     return "\n".join(["| view | colour | |", "|---|---|---|", *(f"| {' | '.join(row)} |" for row in rows)])
 
 
+def headline(summary: Summary) -> str:
+    """Write in one line whether there is a map, and why not."""
+    if summary.reason is None:
+        return f"Initialized after {summary.frames_to_init} frames"
+    return f"No map after {summary.frames_read} frames: {in_words(summary.reason)}"
+
+
 def advice_markdown(summary: Summary) -> str:
     """Write the result of a run in large letters: initialized, or why not and what to do."""
+    title = f"# {headline(summary)}"
     if summary.reason is None:
-        wrong = [] if summary.wrong_focal is None else ["", f"# {summary.wrong_focal.note}"]
-        return "\n".join([f"# Initialized after {summary.frames_to_init} frames", *wrong])
+        return title if summary.wrong_focal is None else f"{title}\n\n# {summary.wrong_focal.note}"
     said, _, advice = summary.advice.partition(": ")
-    title = f"# No map after {summary.frames_read} frames: {in_words(summary.reason)}"
-    return "\n".join([title, "", said, "", f"# {advice or said}"])
+    return f"{title}\n\n{said}\n\n# {advice or said}"
 
 
 def summary_markdown(summary: Summary) -> str:
@@ -145,39 +164,10 @@ def _frames(attempt: Attempt) -> str:
     return ", ".join(map(str, attempt.frames))
 
 
-def _terms(window: WindowEvidence) -> tuple[tuple[str, float], ...]:
-    return (
-        ("the direction is uncertain", window.risk_direction),
-        ("another motion", window.risk_rival),
-        ("a camera that only rotates", window.risk_rotation),
-        ("moving bodies", window.risk_moving),
-    )
-
-
 def _gate_row(gate: Gate) -> str:
     sign = "≥" if gate.direction is Direction.AT_LEAST else "≤"
     mark = "" if gate.passes() else "**fails**"
     return f"| {gate.name} | {_shown(gate.value)} | {sign} {_shown(gate.threshold)} | {mark} |"
-
-
-def _evidence(attempt: Attempt) -> dict[str, Json]:
-    """Return all evidence of an attempt by name, in one flat table, without the unknown figures."""
-    rows: dict[str, Json] = dict(attempt.method_evidence)
-    if attempt.preview is not None:
-        rows |= plain_fields(attempt.preview)
-    if attempt.two_view is not None:
-        figures = plain_fields(attempt.two_view)
-        statistics = figures.pop("statistics")
-        rows |= {f"two_view_{name}": value for name, value in figures.items()}
-        if isinstance(statistics, Mapping):
-            rows |= {f"two_view_{name}": value for name, value in statistics.items()}
-    if attempt.free_focal is not None:
-        rows |= {f"free_focal_{name}": value for name, value in plain_fields(attempt.free_focal).items()}
-    if attempt.window is not None:
-        rows |= plain_fields(attempt.window)
-    if attempt.map is not None:
-        rows |= plain_fields(attempt.map)
-    return {name: value for name, value in rows.items() if value is not None}
 
 
 def _table(title: str, rows: Mapping[str, Json] | Mapping[str, int]) -> list[str]:

@@ -13,8 +13,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
@@ -52,34 +53,24 @@ def has_display() -> bool:
 
     * Returns: On Linux whether a display is named in the environment; elsewhere True.
     """
-    if not sys.platform.startswith("linux"):
-        return True
-    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+    named = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    return bool(named) or not sys.platform.startswith("linux")
 
 
 def show(path: Path) -> None:
     """Open a recording in a window, and return when the window is closed."""
-    with _viewer([str(path), "--port", str(_free_port()), "--bind", _HOST]) as (process, log):
-        if code := process.wait():
-            raise ViewerError(f"the viewer ended with code {code}{_last_line(log)}: try --web or --screenshot")
+    with _viewer(_free_port(), str(path)) as running:
+        running.wait("viewer", ": try --web or --screenshot")
 
 
+@dataclass(frozen=True)
 class Served:
-    """A recording that is served to browsers.
+    """A recording that is served to browsers."""
 
-    * ``url``: The address for a browser on this machine.
-    * ``process``: The server.
-    * ``log``: Its messages.
-    """
-
-    def __init__(self, url: str, process: subprocess.Popen[bytes], log: BinaryIO) -> None:
-        self.url = url
-        self._process, self._log = process, log
-
-    def wait(self) -> None:
-        """Wait until the server ends."""
-        if code := self._process.wait():
-            raise ViewerError(f"the web viewer ended with code {code}{_last_line(self._log)}")
+    #: The address for a browser on this machine.
+    url: str
+    #: Waits until the server ends.
+    wait: Callable[[], None]
 
 
 @contextmanager
@@ -89,26 +80,27 @@ def serve(path: Path, port: int | None = None) -> Iterator[Served]:
     * Returns: Once the page answers. The server ends with the ``with`` block.
     """
     web, data = port or _free_port(_WEB_PORT), _free_port()
-    ports = ["--web-viewer-port", str(web), "--port", str(data), "--bind", _HOST]
-    with _viewer([str(path), "--serve-web", *ports]) as (process, log):
-        _wait_for(web, process, log)
-        yield Served(f"http://{_HOST}:{web}/?url=rerun%2Bhttp%3A%2F%2F{_HOST}%3A{data}%2Fproxy", process, log)
+    with _viewer(data, str(path), "--serve-web", "--web-viewer-port", str(web)) as running:
+        running.wait_for(web)
+        yield Served(
+            f"http://{_HOST}:{web}/?url=rerun%2Bhttp%3A%2F%2F{_HOST}%3A{data}%2Fproxy",
+            lambda: running.wait("web viewer"),
+        )
 
 
 def screenshots(path: Path, frames: Sequence[int], window: str = _WINDOW) -> dict[int, bytes]:
     """Draw a recording without a display."""
     port = _free_port()
-    options = ["--headless", "--hide-welcome-screen", "--window-size", window, "--port", str(port), "--bind", _HOST]
-    with _viewer(options) as (process, log):
-        _wait_for(port, process, log)
+    with _viewer(port, "--headless", "--hide-welcome-screen", "--window-size", window) as running:
+        running.wait_for(port)
         try:
             return _screenshots_at(_client(port), path, frames)
         except (AttributeError, ImportError):
             raise ViewerError("the installed viewer takes no screenshots: pip install -U 'rerun-sdk>=0.41'") from None
         except (RuntimeError, OSError) as error:  # OSError: the viewer ended, or was ended, in between
             with suppress(subprocess.TimeoutExpired):
-                process.wait(_END_S)
-                raise _no_start(process, log) from None
+                running.process.wait(_END_S)
+                raise running.failure() from None
             raise ViewerError(f"the viewer took no screenshot: {plain_line(str(error))}: try again") from None
 
 
@@ -165,86 +157,85 @@ def _settled(client: ViewerClient, frame: int) -> bytes:
         before = after if there else None
 
 
+class _Running:
+    """The program of the viewer, and its messages."""
+
+    def __init__(self, process: subprocess.Popen[bytes], log: BinaryIO) -> None:
+        self.process, self._log = process, log
+
+    def wait(self, name: str, advice: str = "") -> None:
+        """Wait until it ends."""
+        if self.process.wait():
+            raise self._ended(name, advice)
+
+    def wait_for(self, port: int) -> None:
+        """Wait until a port answers."""
+        end = time.monotonic() + _START_S
+        while self.process.poll() is None and time.monotonic() < end:
+            if answers(_HOST, port):
+                return
+            time.sleep(_POLL_S)
+        if self.process.returncode is not None:
+            raise self.failure()
+        raise ViewerError(f"the viewer did not start within {_START_S:.0f} s{self._last_line()}")
+
+    def failure(self) -> ViewerError:
+        """Why it has ended by itself."""
+        text = self._text()
+        # With a driver of OpenGL alone the viewer starts and ends without a render context.
+        if any(told in text for told in ("raphics adapter", "Vulkan", "render context")):
+            return ViewerError(
+                "the viewer found no Vulkan driver: install one, on Debian and Ubuntu mesa-vulkan-drivers"
+            )
+        if "No module named" in text:
+            return ViewerError("the viewer is not installed: pip install rerun-sdk")
+        return self._ended("viewer")
+
+    def _ended(self, name: str, advice: str = "") -> ViewerError:
+        return ViewerError(f"the {name} ended with code {self.process.returncode}{self._last_line()}{advice}")
+
+    def _text(self) -> str:
+        """The last messages of the viewer."""
+        self._log.seek(max(0, self._log.seek(0, os.SEEK_END) - 10_000))
+        return self._log.read().decode(errors="replace")
+
+    def _last_line(self) -> str:
+        lines = [line.strip() for line in self._text().split("\n") if line.strip()]
+        return f" ({lines[-1][:300]})" if lines else ""
+
+
 @contextmanager
-def _viewer(options: Sequence[str]) -> Iterator[tuple[subprocess.Popen[bytes], BinaryIO]]:
+def _viewer(port: int, *options: str) -> Iterator[_Running]:
     """Run the viewer in a process group of its own, and end it with the ``with`` block."""
+    command = [sys.executable, "-m", "rerun", *options, "--port", str(port), "--bind", _HOST]
     environment = {"RERUN_ANALYTICS": "false", "NO_COLOR": "1"} | dict(os.environ)
+    null = subprocess.DEVNULL
     with tempfile.TemporaryFile() as log:
         try:
             process = subprocess.Popen(
-                [sys.executable, "-m", "rerun", *options],
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-                env=environment,
-                start_new_session=True,
+                command, stdin=null, stdout=log, stderr=log, env=environment, start_new_session=True
             )
         except OSError as error:
             raise ViewerError(f"the viewer cannot be started ({error.strerror}): pip install rerun-sdk") from None
         try:
-            yield process, log
+            yield _Running(process, log)
         finally:
             _end(process)
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """End a process and its children: the module ``rerun`` starts the program."""
-    for number in (signal.SIGTERM, getattr(signal, "SIGKILL", signal.SIGTERM)):
+    """End a process and its children: the module ``rerun`` starts the program, and ends before it."""
+    for number in (signal.SIGTERM, signal.SIGKILL):
         with suppress(OSError):
-            if hasattr(os, "killpg"):
-                os.killpg(process.pid, number)
-            else:
-                process.send_signal(number)
+            os.killpg(process.pid, number)
         with suppress(subprocess.TimeoutExpired):
             process.wait(timeout=5)
-            _wait_for_group(process.pid)
-            return
-
-
-def _wait_for_group(leader: int) -> None:
-    """Wait until the processes of a group have ended: the module ``rerun`` ends before the program."""
-    if not hasattr(os, "killpg"):
-        return
+            break
     end = time.monotonic() + _END_S
-    with suppress(OSError):  # none is left
+    with suppress(OSError):  # none of the group is left
         while time.monotonic() < end:
-            os.killpg(leader, 0)
+            os.killpg(process.pid, 0)
             time.sleep(0.01)
-
-
-def _wait_for(port: int, process: subprocess.Popen[bytes], log: BinaryIO) -> None:
-    """Wait until a port answers."""
-    end = time.monotonic() + _START_S
-    while time.monotonic() < end:
-        if process.poll() is not None:
-            raise _no_start(process, log)
-        if answers(_HOST, port):
-            return
-        time.sleep(_POLL_S)
-    raise ViewerError(f"the viewer did not start within {_START_S:.0f} s{_last_line(log)}")
-
-
-def _no_start(process: subprocess.Popen[bytes], log: BinaryIO) -> ViewerError:
-    text = _text(log)
-    # With a driver of OpenGL alone the viewer starts and ends without a render context.
-    if any(told in text for told in ("raphics adapter", "Vulkan", "render context")):
-        return ViewerError("the viewer found no Vulkan driver: install one, on Debian and Ubuntu mesa-vulkan-drivers")
-    if "No module named" in text:
-        return ViewerError("the viewer is not installed: pip install rerun-sdk")
-    return ViewerError(f"the viewer ended with code {process.returncode}{_last_line(log)}")
-
-
-def _text(log: BinaryIO) -> str:
-    """The last messages of the viewer."""
-    size = log.seek(0, os.SEEK_END)
-    log.seek(max(0, size - 10_000))
-    return log.read().decode(errors="replace")
-
-
-def _last_line(log: BinaryIO) -> str:
-    lines = _text(log).split("\n")
-    last = next((line.strip() for line in reversed(lines) if line.strip()), "")
-    return f" ({last[:300]})" if last else ""
 
 
 def _free_port(preferred: int = 0) -> int:

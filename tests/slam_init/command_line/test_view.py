@@ -32,11 +32,7 @@ def shown(monkeypatch):
     @contextmanager
     def serve(path, port=None):
         calls.append(("web", path.name, port))
-        yield viewer.Served("http://127.0.0.1:9090/", Ended(), None)
-
-    class Ended:
-        def wait(self):
-            return 0
+        yield viewer.Served("http://127.0.0.1:9090/", lambda: None)
 
     def screenshots(path, frames, window):
         calls.append(("screenshot", path.name, tuple(frames), window))

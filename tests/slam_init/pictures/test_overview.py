@@ -12,12 +12,18 @@ from make_map import make_attempts, make_map, make_result, make_truth, make_wind
 from make_summary import summarize
 from report_run import report_run
 
-from slam_init.pictures.overview import overview_png
-from slam_init.pictures.panels import draw_decision, draw_frame
+from slam_init.pictures.overview import (
+    VERDICT_COLORS,
+    canvas,
+    draw_decision,
+    draw_frame,
+    gate_words,
+    overview_png,
+    wrapped,
+)
 from slam_init.pictures.story import ShownFrame, Story, StoryRecorder
-from slam_init.pictures.style import canvas
 from slam_init.types.evidence import FreeFocal, Margin
-from slam_init.types.gates import GateName, at_least
+from slam_init.types.gates import GateName, at_least, at_most
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Segment
 
@@ -64,22 +70,24 @@ def test_each_end_of_a_run_has_a_picture_of_its_own(story):
     assert dark[0] > 0.5 and dark[1] > 0.5 > dark[2]
 
 
-@pytest.mark.parametrize(
-    ("name", "wanted"), [(GateName.RISK, "its risk is small enough"), (GateName.KNOWN_DEPTHS, "all other conditions")]
-)
-def test_the_subtitle_of_a_failure_does_not_contradict_the_risk_beside_it(story, name, wanted, monkeypatch):
-    gate = at_least(name, 0.1, 0.5, Verdict.LOW_PARALLAX)
+@pytest.fixture
+def told(monkeypatch):
+    """The texts that are written into the picture."""
+    texts = []
+    monkeypatch.setattr("slam_init.pictures.overview.write", lambda axes, x, y, text, *_: texts.append(text))
+    return texts
+
+
+def test_the_subtitle_of_a_failure_does_not_contradict_the_risk_beside_it(story, told):
     result = make_result(None, Verdict.LOW_PARALLAX)
-    last = replace(result.attempts[-1], gates=(gate,), verdict=Verdict.LOW_PARALLAX)
-    told = []
-    monkeypatch.setattr("slam_init.pictures.overview.write", lambda axes, x, y, text, *_: told.append(text))
-    draw(replace(result, attempts=(*result.attempts[:-1], last)), story)
-    assert any(wanted in text for text in told)
+    for name, words in ((GateName.RISK, "its risk is small"), (GateName.KNOWN_DEPTHS, "all other conditions")):
+        gate = at_least(name, 0.1, 0.5, Verdict.LOW_PARALLAX)
+        draw(replace(result, attempts=(replace(result.attempts[-1], gates=(gate,)),)), story)
+        assert any(words in text for text in told)
+        told.clear()
 
 
-def test_a_wrong_focal_length_is_written_into_the_picture_of_each_end(story, monkeypatch):
-    told = []
-    monkeypatch.setattr("slam_init.pictures.overview.write", lambda axes, x, y, text, *_: told.append(text))
+def test_a_wrong_focal_length_is_written_into_the_picture_of_each_end(story, told):
     wrong = FreeFocal(1230.0, 616.0, 22.0, contradicts=True)
     for result in (make_result(make_map()), make_result(None, Verdict.LOW_PARALLAX)):
         draw(result, story)
@@ -108,14 +116,16 @@ def attempts_of(count, every, verdict):
     return [replace(attempt, frames=(0, every * (k + 1)), window=window, verdict=verdict) for k in range(count)]
 
 
-@pytest.mark.parametrize(
-    ("count", "verdict", "has_terms"),
-    [(120, Verdict.LOW_PARALLAX, False), (8, Verdict.LOW_PARALLAX, True), (120, Verdict.ACCEPTED, True)],
-)
-def test_a_long_failure_shows_the_risk_alone(count, verdict, has_terms):
-    labels, _ = artists_of(lambda axes: draw_decision(axes, attempts_of(count, 1, verdict)))
-    assert any("part of it" in label for label in labels) == has_terms
-    assert "risk" in labels
+def test_a_long_failure_shows_the_risk_alone():
+    for count, verdict, has_terms in (
+        (120, Verdict.LOW_PARALLAX, False),
+        (8, Verdict.LOW_PARALLAX, True),
+        (120, Verdict.ACCEPTED, True),
+    ):
+        attempts = attempts_of(count, 1, verdict)
+        labels, _ = artists_of(lambda axes, attempts=attempts: draw_decision(axes, attempts))
+        assert any("part of it" in label for label in labels) == has_terms
+        assert "risk" in labels
 
 
 def test_every_third_frame_leaves_no_hole_in_the_strip():
@@ -146,3 +156,17 @@ def test_a_run_that_started_anew_has_a_row_for_each_map_and_the_story_of_the_fir
     recorder.restarted()
     recorder.attempt(make_attempts(map_)[-1])
     assert recorder.story().pair is pair
+
+
+def test_every_verdict_has_a_colour_of_its_own():
+    assert set(VERDICT_COLORS) == set(Verdict)
+    assert len(set(VERDICT_COLORS.values())) == len(Verdict)
+
+
+def test_words_are_cut_and_a_gate_has_value_side_bound_and_unit():
+    assert wrapped("one two three four", 9, 1) == "one ..."
+    assert wrapped("a\nb", 9) == r"a\nb"
+    risk = at_most(GateName.RISK, 0.03, 0.005, Verdict.LOW_PARALLAX)
+    motion = at_least(GateName.MOTION_PX, 1.5, 2.12, Verdict.STATIC_CAMERA)
+    assert gate_words(risk) == "risk 0.03, needs at most 0.005"
+    assert gate_words(motion) == "motion 1.5 px, needs at least 2.12 px"

@@ -37,35 +37,27 @@ def test_a_complete_recording_has_its_name_and_is_sound(tmp_path, stream):
     assert rerun_tool("verify", path).returncode == 0
 
 
-@pytest.mark.parametrize("failing", ["space", "replace"])
-def test_a_disk_that_fails_is_an_error_and_leaves_no_file(tmp_path, stream, monkeypatch, failing):
+def test_a_disk_that_fails_is_an_error_and_leaves_no_file(tmp_path, stream, monkeypatch):
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 
     file = RecordingFile(tmp_path / "a.rrd", stream, blueprint())
     log(stream, 3)
-    if failing == "space":
-        monkeypatch.setattr(recording_file.shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(1, 1, 0))
-        with pytest.raises(OutputError, match="No space left on device: make room"):
-            file.check()
-    else:
-        monkeypatch.setattr(type(tmp_path), failing, full)
+    with monkeypatch.context() as patched, pytest.raises(OutputError, match="No space left on device: make room"):
+        patched.setattr(recording_file.shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(1, 1, 0))
+        file.check()
+    monkeypatch.setattr(type(tmp_path), "replace", full)
     with pytest.raises(OutputError, match="No space left on device: make room"):
         file.complete()
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_file_that_is_gone_is_an_error_at_the_next_frame(tmp_path, stream):
+def test_a_file_that_is_gone_is_an_error_at_the_next_frame_and_a_discarded_one_stays_away(tmp_path, stream):
     file = RecordingFile(tmp_path / "a.rrd", stream, blueprint())
     file.check()
     (tmp_path / "a.partial.rrd").unlink()
     with pytest.raises(OutputError, match="the file is gone"):
         file.check()
-    file.discard()
-
-
-def test_a_discarded_recording_leaves_no_file(tmp_path, stream):
-    file = RecordingFile(tmp_path / "a.rrd", stream, blueprint())
     log(stream, 1)
     file.discard()
     file.complete()

@@ -31,20 +31,16 @@ def viewer(tmp_path, monkeypatch):
     return put
 
 
-@pytest.mark.parametrize(
-    ("code", "words"),
-    [
+def test_a_viewer_that_does_not_start_is_one_line_with_its_cause(tmp_path, viewer):
+    for code, words in (
         ("raise SystemExit('thread panicked: No graphics adapter was found')", "mesa-vulkan-drivers"),
-        ("raise SystemExit('thread panicked at Failed to get render context')", "mesa-vulkan-drivers"),
         ("raise SystemExit('something else\\n')", "something else"),
         ("import rerun_cli_that_is_missing", "not installed"),
-    ],
-)
-def test_a_viewer_that_does_not_start_is_one_line_with_its_cause(tmp_path, viewer, code, words):
-    viewer(code)
-    with pytest.raises(ViewerError, match=words) as raised:
-        screenshots(tmp_path / "a.rrd", [-1])
-    assert "\n" not in str(raised.value)
+    ):
+        viewer(code)
+        with pytest.raises(ViewerError, match=words) as raised:
+            screenshots(tmp_path / "a.rrd", [-1])
+        assert "\n" not in str(raised.value)
 
 
 @pytest.mark.parametrize("end", ["raise SystemExit('out of memory')", "import time; time.sleep(60)"])
