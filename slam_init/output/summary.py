@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -108,12 +107,6 @@ class Summary:
     def as_dict(self) -> dict[str, Json]:
         """Convert the summary to plain JSON types, as in the file."""
         return plain_fields(self)
-
-    def __getitem__(self, key: str) -> Json:
-        warnings.warn(
-            f'summary["{key}"] is deprecated: use summary.{key}, or summary.as_dict()', DeprecationWarning, stacklevel=2
-        )
-        return self.as_dict()[key]
 
 
 def summary_of(

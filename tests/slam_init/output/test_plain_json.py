@@ -1,12 +1,11 @@
 """Laws of the conversion to plain JSON types."""
 
-import json
 from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
 
-from slam_init.output.plain_json import parsed, plain, plain_fields
+from slam_init.output.plain_json import plain, plain_fields
 from slam_init.types.reasons import Verdict
 
 
@@ -51,19 +50,3 @@ def test_only_a_dataclass_has_fields():
     assert plain_fields(Inner(0.5, 0.25)) == {"exact": 0.5, "rounded": 0.25}
     with pytest.raises(TypeError, match="int is not a dataclass"):
         plain_fields(3)
-
-
-@dataclass(frozen=True)
-class Either:
-    value: float | str | None
-
-
-@pytest.mark.parametrize("value", [0.5, 3, "plane", None])
-def test_a_field_of_two_types_is_read_as_it_was_written(value):
-    assert parsed(Either, json.dumps(plain(Either(value)))).value == value
-
-
-@pytest.mark.parametrize("value", [True, [0.5], {}])
-def test_a_field_of_two_types_takes_no_third(value):
-    with pytest.raises(ValueError):
-        parsed(Either, json.dumps({"value": value}))
