@@ -39,7 +39,7 @@ def test_the_summary_of_a_map_has_its_figures_and_poses():
         "scene": "general",
         "ground_truth": {
             "rotation_error_deg": 0.25, "direction_error_deg": None, "ate_rmse": 0.01, "path_length": 1.5,
-            "scale_error": None,
+            "scale_error": None, "true_direction_sigma_deg": None, "true_baseline": None,
         },
         "scale": None,
         "scale_sigma": None,
