@@ -35,7 +35,7 @@ from slam_init.output.folder import OutputFolder
 from slam_init.output.names import INTERRUPTED, OVERVIEW, RECORDING, segment_folder
 from slam_init.output.plain_json import Json, plain_fields
 from slam_init.output.provenance import InputHash, provenance_of
-from slam_init.output.records import SegmentRecord
+from slam_init.output.records import SegmentRecord, SourceRecord
 from slam_init.output.results import publish_results
 from slam_init.output.summary import Summary, summary_of
 from slam_init.pictures.overview import overview_png
@@ -423,7 +423,7 @@ class Job:
         estimated = result.map is not None and result.map.camera.source == "estimated"
         return summary_of(
             result,
-            self.source,
+            SourceRecord(self.source.name, self.source.kind),
             result.map.camera if estimated and result.map is not None else self.camera,
             self.config.method,
             self.config.seed,

@@ -16,7 +16,7 @@ from paths import ROOT
 from slam_init.cli.main import main, make_parser
 from slam_init.config import Config
 from slam_init.datasets.layouts import LAYOUTS
-from slam_init.output.names import AUDIT_FILES, CALIBRATION_FILES, COMPARE_FILES, RUN_FILES
+from slam_init.output.names import CALIBRATION_FILES, COMPARE_FILES, RUN_FILES
 from slam_init.types.reasons import REASONS
 
 DOCS = ROOT / "docs"
@@ -119,7 +119,7 @@ def test_each_tutorial_has_blocks_that_run():
         assert {language for language, _, _ in blocks(page)} >= {"python"}, page
 
 
-@pytest.mark.parametrize("name", sorted({*RUN_FILES, *COMPARE_FILES, *CALIBRATION_FILES, *AUDIT_FILES}))
+@pytest.mark.parametrize("name", sorted({*RUN_FILES, *COMPARE_FILES, *CALIBRATION_FILES}))
 def test_every_file_of_a_command_is_on_the_page_of_the_files(name):
     text = (DOCS / "reference" / "files.md").read_text(encoding="utf-8")
     assert f"`{name}`" in text or f"`{name.partition('/')[0]}/`" in text

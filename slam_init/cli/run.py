@@ -150,7 +150,7 @@ def _run(arguments: argparse.Namespace) -> int:
     """``slam-init run``."""
     config_path = user_path(arguments.config) if arguments.config is not None else None
     from slam_init.output.folder import chosen_folder
-    from slam_init.output.names import run_files
+    from slam_init.output.names import RUN_FILES
     from slam_init.scale.requests import parse_scale
 
     arguments.export = arguments.export.split(",") if arguments.export is not None else ()
@@ -160,7 +160,7 @@ def _run(arguments: argparse.Namespace) -> int:
     named = (arguments.images, arguments.camera, arguments.mask, arguments.imu or None, config_path)
     table = None if arguments.gravity == "imu" else arguments.gravity
     inputs = [arguments.source, *(file for file in (*named, table) if file is not None)]
-    out = chosen_folder(arguments.out, "run", run_files(restart=arguments.restart), inputs)
+    out = chosen_folder(arguments.out, "run", RUN_FILES, inputs)
 
     from slam_init.config import load_config
     from slam_init.datasets.live import is_live
