@@ -11,7 +11,7 @@ import os
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, ClassVar, TypeVar, get_type_hints
 
 from quest.display import Described
 from slam_init.errors import ConfigError
@@ -59,25 +59,21 @@ RANGES: dict[str, tuple[float, float, str]] = {
     "external.max_frames": (2, 100_000, "a pair, and what a disk holds"),
 }
 
-_SECTIONS = {
-    "TrackingConfig": "tracking",
-    "KeyframeConfig": "keyframes",
-    "TwoViewConfig": "two_view",
-    "MapConfig": "map",
-    "AcceptanceConfig": "acceptance",
-    "ExternalConfig": "external",
-}
-
 
 class _Section:
-    """A section of the options. It refuses numbers out of their range."""
+    """A section of the options, with its name in a file. It refuses numbers out of their range."""
+
+    _name: ClassVar[str]
+
+    def __init_subclass__(cls, *, name: str) -> None:
+        cls._name = name
 
     def __post_init__(self) -> None:
-        _check_ranges(self, f"{_SECTIONS[type(self).__name__]}.")
+        _check_ranges(self, f"{self._name}.")
 
 
 @dataclass(frozen=True)
-class TrackingConfig(_Section):
+class TrackingConfig(_Section, name="tracking"):
     """Features and tracks (:mod:`slam_init.frontend.tracks`)."""
 
     #: Number of corners that are followed at a time. The standard deviation of the baseline's direction falls with the
@@ -106,7 +102,7 @@ class TrackingConfig(_Section):
 
 
 @dataclass(frozen=True)
-class KeyframeConfig(_Section):
+class KeyframeConfig(_Section, name="keyframes"):
     """Keyframe manager (:mod:`slam_init.frontend.keyframes`)."""
 
     #: Number of candidate reference frames: each costs up to a quarter of a millisecond a frame, and eight of them
@@ -124,7 +120,7 @@ class KeyframeConfig(_Section):
 
 
 @dataclass(frozen=True)
-class TwoViewConfig(_Section):
+class TwoViewConfig(_Section, name="two_view"):
     """Relative pose of a pair (:mod:`quest.estimate`)."""
 
     #: Outlier threshold in pixels: three standard deviations of a feature with 0.7 px of noise. The estimator lowers
@@ -133,7 +129,7 @@ class TwoViewConfig(_Section):
 
 
 @dataclass(frozen=True)
-class MapConfig(_Section):
+class MapConfig(_Section, name="map"):
     """Triangulation, further views and bundle adjustment."""
 
     #: Least number of tracks that a further view must see: 40 coordinates for six unknowns can contradict a wrong
@@ -164,7 +160,7 @@ class MapConfig(_Section):
 
 
 @dataclass(frozen=True)
-class AcceptanceConfig(_Section):
+class AcceptanceConfig(_Section, name="acceptance"):
     """What a map has to reach (:mod:`slam_init.decision.window_rule`)."""
 
     #: Largest probability that a map is wrong, stated by the joint estimate of all views: one map in 200.
@@ -184,7 +180,7 @@ class AcceptanceConfig(_Section):
 
 
 @dataclass(frozen=True)
-class ExternalConfig(_Section):
+class ExternalConfig(_Section, name="external"):
     """Limits of an external method (:mod:`slam_init.methods.external`)."""
 
     #: The program is killed after this number of seconds: the time of a trial of ``slam-init compare``.
@@ -234,10 +230,11 @@ class Config(Described):
     external: ExternalConfig = field(default_factory=ExternalConfig)
 
     def __post_init__(self) -> None:
-        for wanted, name in _SECTIONS.items():
-            found = type(getattr(self, name)).__name__
-            if found != wanted:
-                raise ConfigError(f"{name} is of the type {found}: give a {wanted} (from slam_init.config)")
+        for section in _Section.__subclasses__():
+            found = getattr(self, section._name)
+            if type(found) is not section:
+                wanted = f"give a {section.__name__} (from slam_init.config)"
+                raise ConfigError(f"{section._name} is of the type {type(found).__name__}: {wanted}")
         _check_ranges(self, "")
 
     def changed(self) -> dict[str, object]:
@@ -326,32 +323,24 @@ def _flat(config: Config) -> dict[str, object]:
 
 
 def _build(cls: type[_Options], table: Mapping[str, object], where: str, prefix: str) -> _Options:
-    types = get_type_hints(cls)
+    types = {name: kind for name, kind in get_type_hints(cls).items() if not name.startswith("_")}
     values: dict[str, object] = {}
     for key, value in table.items():
         if key not in types:
-            known = ", ".join(types)
-            raise ConfigError(f"{where}: unknown key {prefix + key!r}; known here: {known}")
-        wanted = types[key]
+            raise ConfigError(f"{where}: unknown key {prefix + key!r}; known here: {', '.join(types)}")
+        wanted, name = types[key], prefix + key
         if dataclasses.is_dataclass(wanted) and isinstance(wanted, type):
             if not isinstance(value, dict):
-                raise ConfigError(f"{where}: {prefix + key} must be a table")
-            values[key] = _build(wanted, value, where, f"{prefix}{key}.")
-        else:
-            values[key] = _number_or_text(wanted, value, where, prefix + key)
+                raise ConfigError(f"{where}: {name} must be a table")
+            values[key] = _build(wanted, value, where, f"{name}.")
+            continue
+        wanted = int if wanted == int | None else wanted
+        if wanted is float and isinstance(value, int) and type(value) is not bool and abs(value) < 1e300:
+            value = float(value)
+        if type(value) is not wanted:
+            raise ConfigError(f"{where}: {name} must be of type {wanted.__name__}, not {value!r:.40}")
+        values[key] = value
     try:
         return cls(**values)
     except ConfigError as error:
         raise ConfigError(f"{where}: {error}") from None
-
-
-def _number_or_text(wanted: object, value: object, where: str, key: str) -> object:
-    if wanted == int | None:
-        wanted = int
-    if not isinstance(wanted, type):
-        raise TypeError(f"option {key} of type {wanted}")
-    if wanted is float and type(value) is int:
-        value = float(value)
-    if type(value) is not wanted:
-        raise ConfigError(f"{where}: {key} must be of type {wanted.__name__}, not {value!r}")
-    return value

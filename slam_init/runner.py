@@ -1,34 +1,62 @@
-"""One run, from a source to the files of its results."""
+"""One run, from a source to the files of its results: initialize, follow the map, start anew where it is lost."""
 
 from __future__ import annotations
 
 import os
+import sys
 import warnings
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import get_args
 
 import numpy as np
 
 from slam_init.calibration.choosing import GivenCamera, camera_of_source
 from slam_init.config import Config, config_toml
-from slam_init.datasets.inertial import InertialSensor
+from slam_init.datasets.gyroscope import Gyroscope, StepRotations, gyroscope_of
+from slam_init.datasets.inertial import InertialSensor, inertial_of
+from slam_init.datasets.live.address import without_password
+from slam_init.datasets.track_source import KnowsTracks
 from slam_init.errors import ConfigError, OutputError, SlamInitError, SourceError, check_type
+from slam_init.evaluation.metrics import compare_with_groundtruth, scale_error
 from slam_init.exports import check_formats, stage
-from slam_init.job import Finished, Job, calibrated_by_motion, reduction_of
+from slam_init.frontend.frame_memory import FrameMemory
+from slam_init.frontend.orb import describe_landmarks
+from slam_init.frontend.tracks import History
+from slam_init.initializer import FittedPoses, Initializer
+from slam_init.mapping.follower import Continuation, FrameTracker, follow
+from slam_init.mapping.reduction import Reduction
+from slam_init.methods import make_initializer
 from slam_init.methods.external_command import is_external
-from slam_init.methods.registry import method_info
+from slam_init.methods.registry import FrontEnd, method_info
+from slam_init.methods.self_calibration import LONGEST_STRETCH, by_all_frames, calibrate, combine
+from slam_init.output.colmap import colmap_note
 from slam_init.output.folder import OutputFolder
 from slam_init.output.names import INTERRUPTED, OVERVIEW, RECORDING, segment_folder
+from slam_init.output.plain_json import Json, plain_fields
+from slam_init.output.provenance import InputHash, provenance_of
+from slam_init.output.records import SegmentRecord, SourceRecord
 from slam_init.output.results import publish_results
-from slam_init.output.summary import Summary
+from slam_init.output.summary import Summary, summary_of
 from slam_init.pictures.overview import overview_png
 from slam_init.pictures.story import StoryRecorder
 from slam_init.recording.recorder import Recorder, Several
 from slam_init.recording.rerun_recorder import RerunRecorder
-from slam_init.scale.requests import ScaleRequest
-from slam_init.types.frame import Source
+from slam_init.scale.find import find_scale
+from slam_init.scale.metric_map import in_metres, scaled_keyframes
+from slam_init.scale.requests import KnownBoard, KnownMarkers, MeasuredMotion, ScaleRequest
+from slam_init.types.arrays import Image
+from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame, Observations, Source, length_of, notes_of
+from slam_init.types.inertial import InertialRecord
+from slam_init.types.initial_map import Descriptors, InitialMap, Keyframe
+from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 from slam_init.types.pose import Trajectory
-from slam_init.types.result import Result
+from slam_init.types.reasons import Verdict, in_words
+from slam_init.types.result import GroundTruthErrors, Result, Segment
+from slam_init.types.scale import ScaleOrigin
+from slam_init.types.segments import MAX_SEGMENTS
+from slam_init.types.status import Status
 
 
 def run(
@@ -132,24 +160,13 @@ def run(
     # The landmarks of an external program are its own.
     described = out is not None and not is_external(config.method)
     job = Job(
-        source,
-        camera,
-        config,
-        start,
-        max_frames,
-        continue_frames,
-        progress,
-        notes,
-        scale,
-        restart,
-        described,
-        imu,
+        source, camera, config, start, max_frames, continue_frames, progress, notes, scale, restart, described, imu
     )
     if out is None:
-        finished = job.run(Recorder())
-        if (again := calibrated_by_motion(job, finished)) is not None:
-            finished = again.run(Recorder())
-        return finished.result, finished.summary
+        done = job.run(Recorder())
+        if (again := calibrated_by_motion(job, done)) is not None:
+            done = again.run(Recorder())
+        return done.result, done.summary
     with OutputFolder(out, "run") as folder:
         try:
             done, picture = _recorded(job, folder, viewer, overview=overview)
@@ -206,3 +223,371 @@ def _keep_recording(folder: OutputFolder) -> bool:
     except (OSError, OutputError):  # it ended before the first frame, or the disk is full
         return False
     return True
+
+
+#: Memory for images of keyframes: their descriptors need the newest one, and markers need all of them. 256 MB hold 800
+#: grey images of 640x480, or 30 of 4K.
+_FEW_IMAGE_BYTES, _IMAGE_BYTES = 1 << 25, 1 << 28
+#: Number of last frames of which given tracks are kept: a map is lost after five frames at the latest.
+_GIVEN_FRAMES = 10
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """What came of the frames until a map was lost, or until the end."""
+
+    result: Result
+    first_frame: int
+    continued: Continuation | None
+    descriptors: Descriptors | None
+    truth: GroundTruthErrors | None
+
+    @property
+    def located(self) -> tuple[Keyframe, ...]:
+        return () if self.continued is None else self.continued.keyframes
+
+    @property
+    def lost_at(self) -> int | None:
+        return None if self.continued is None else self.continued.lost_at
+
+    def segment(self) -> Segment:
+        """The map and its frames. There is a map."""
+        map_, frames = self.result.map, self.result.frames_to_init
+        assert map_ is not None
+        assert frames is not None
+        return Segment(map_, self.first_frame, frames, self.located, self.lost_at, self.result.scale)
+
+
+@dataclass(frozen=True, eq=False)
+class Finished:
+    """A run that has ended."""
+
+    result: Result
+    summary: Summary
+    located: tuple[Keyframe, ...]
+    descriptors: tuple[Descriptors, ...]
+    #: That of the last judged window, see :attr:`slam_init.initializer.Initializer.motion`.
+    motion: FittedPoses | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """The arguments of :func:`run`, checked.
+
+    * ``described``: Whether the map is described by descriptors.
+    """
+
+    source: Source
+    camera: Camera
+    config: Config
+    start: int
+    max_frames: int | None
+    continue_frames: int | None
+    progress: bool
+    notes: tuple[str, ...]
+    scale: ScaleRequest | None
+    restart: bool
+    described: bool
+    imu: bool | InertialSensor
+
+    def run(self, recorder: Recorder) -> Finished:
+        """Process the frames, and summarize the run."""
+        hashed = InputHash(self.camera)
+        memory = FrameMemory(_IMAGE_BYTES if isinstance(self.scale, KnownMarkers | KnownBoard) else _FEW_IMAGE_BYTES)
+        if self._record is not None:
+            hashed.inertial(self._record)
+        reduction = reduction_of(self.source, self.camera)
+        initializer = make_initializer(self.config.method, reduction.camera, self.config, recorder)
+        front = _Front(initializer, self, hashed, recorder, reduction)
+        goes_on = self.restart or self.continue_frames
+        frames = self.source.frames(start=self.start, max_frames=None if goes_on else self.max_frames)
+        frames = memory.reading(reduction.frames(hashed.reading(frames)))
+        parts = self._parts(front, front.turns.reading(frames), memory)
+        result = _whole(parts, self.restart)
+        # What a source has to tell may change with each frame.
+        notes = (*self.notes, *notes_of(self.source), *self.camera.notes, *reduction.notes)
+        notes = (*notes, *_focal_notes(result, self.camera), *front.turns.notes, *result.notes)
+        if result.map is not None and (note := colmap_note(result.map.camera)):
+            notes = (*notes, note)
+        result = replace(result, notes=notes)
+        summary = self._summary(result, parts, hashed)
+        descriptors = tuple(part.descriptors for part in parts if part.descriptors is not None)
+        motion = initializer.motion if isinstance(initializer, Initializer) else None
+        return Finished(result, summary, parts[0].located, descriptors, motion)
+
+    def _parts(self, front: _Front, frames: Iterator[Frame], memory: FrameMemory) -> list[_Part]:
+        """One part, or one for each map."""
+        counted = _Counted(frames)
+        parts = [self._part(front, counted, memory, self.start, None)]
+        after_first = counted.count - (parts[0].continued.frames if parts[0].continued is not None else 0)
+        while (lost_at := parts[-1].lost_at) is not None and len(parts) < MAX_SEGMENTS:
+            left = None if self.continue_frames is None else self.continue_frames - (counted.count - after_first)
+            if left is not None and left <= 0:
+                break
+            front.reset(lost_at)
+            parts.append(self._part(front, counted, memory, lost_at, left))
+        return parts
+
+    def _part(self, front: _Front, frames: _Counted, memory: FrameMemory, first_frame: int, left: int | None) -> _Part:
+        """Process frames until there is a map and, if asked for, until it is lost; at most ``left`` frames."""
+        before = frames.count
+        limits = (self.max_frames, None if left is None else front.initializer.frames_read + left)
+        most = min((limit for limit in limits if limit), default=None)
+        # A run hands its map over at once, but for frames that are asked for.
+        grows = self.config.refine_frames is not None
+        result = _initialize(front, frames, self._available(first_frame), most, self.progress, grows)
+        result = replace(result, segments=())
+        if result.map is None:
+            return _Part(front.reduction.enlarged(result), first_frame, None, None, None)
+        images = {k.frame: memory[k.frame] for k in result.map.keyframes if k.frame in memory}
+        descriptors = describe_landmarks(result.map, images) if self.described else None
+        count = self.continue_frames if left is None else left - (frames.count - before)
+        map_, continued = result.map, None
+        if self.restart or count:
+            continued = follow(
+                map_, front.tracker, frames, count, front.recorder,
+                until_lost=self.restart, keep_grown=self._by_motion,
+            )  # fmt: skip
+        if continued is not None and continued.ended_by is not None:
+            result = replace(result, notes=(*result.notes, f"the continuation ended early: {continued.ended_by}"))
+        if self.scale is not None:
+            result, continued = self._in_metres(self.scale, map_, result, continued, images, front.recorder)
+        result = front.reduction.enlarged(result)
+        return _Part(result, first_frame, continued, descriptors, self._errors(result, continued))
+
+    @property
+    def _by_motion(self) -> bool:
+        return isinstance(self.scale, MeasuredMotion)
+
+    @property
+    def _record(self) -> InertialRecord | None:
+        """What the scale is found from."""
+        if not self._by_motion:
+            return None
+        return self.imu.record if isinstance(self.imu, InertialSensor) else inertial_of(self.source)
+
+    @property
+    def gyroscope(self) -> Gyroscope | None:
+        """What measures the rotations between frames."""
+        return self.imu.gyroscope if isinstance(self.imu, InertialSensor) else gyroscope_of(self.source)
+
+    def _available(self, first_frame: int) -> int | None:
+        """Number of frames from a frame on; None where nobody knows it."""
+        left = getattr(self.source, "left", None)
+        length = length_of(self.source)
+        return left(first_frame) if left is not None else None if length is None else max(length - first_frame, 0)
+
+    def _in_metres(
+        self,
+        request: ScaleRequest,
+        map_: InitialMap,
+        result: Result,
+        continued: Continuation | None,
+        images: Mapping[int, Image],
+        recorder: Recorder,
+    ) -> tuple[Result, Continuation | None]:
+        """Find the scale of a map, and change its unit if there is one."""
+        located = () if continued is None else continued.keyframes
+        truth = self.source.groundtruth
+        grown = None if continued is None else continued.grown
+        scale = find_scale(
+            map_, request, images=images, located=located, groundtruth=truth, imu=self._record, grown=grown
+        )
+        if scale.metres_per_unit is None:
+            return replace(result, scale=scale), continued
+        map_ = in_metres(map_, scale)
+        recorder.scaled(scale)
+        if continued is not None:
+            continued = replace(continued, keyframes=scaled_keyframes(located, scale.metres_per_unit))
+        return replace(result, map=map_, hypotheses=(map_,), scale=scale), continued
+
+    def _errors(self, result: Result, continued: Continuation | None) -> GroundTruthErrors | None:
+        """The errors of a map against the ground truth."""
+        if result.map is None or self.source.groundtruth is None:
+            return None
+        errors, scale = compare_with_groundtruth(result.map.keyframes, self.source.groundtruth), result.map.scale
+        if errors is None or scale is None or scale.origin == ScaleOrigin.GROUNDTRUTH:
+            return errors
+        located = () if continued is None else continued.keyframes
+        return replace(errors, scale_error=scale_error((*result.map.keyframes, *located), self.source.groundtruth))
+
+    def _summary(self, result: Result, parts: Sequence[_Part], hashed: InputHash) -> Summary:
+        """Summarize the run, with its errors against the ground truth and its provenance."""
+        options: dict[str, Json] = {
+            "start": self.start, "max_frames": self.max_frames, "continue_frames": self.continue_frames,
+            "restart": self.restart, "imu": bool(self.imu),
+            "scale": None if self.scale is None else plain_fields(self.scale),
+        }  # fmt: skip
+        continued = parts[0].continued
+        command = [without_password(word) for word in sys.argv]
+        estimated = result.map is not None and result.map.camera.source == "estimated"
+        return summary_of(
+            result,
+            SourceRecord(self.source.name, self.source.kind),
+            result.map.camera if estimated and result.map is not None else self.camera,
+            self.config.method,
+            self.config.seed,
+            ground_truth=parts[0].truth,
+            continued=None if continued is None else continued.record(),
+            segments=tuple(
+                SegmentRecord.describe(segment_folder(number), segment, part.continued.record(), part.truth)
+                for number, (segment, part) in enumerate(zip(result.segments, parts, strict=False), start=1)
+                if part.continued is not None
+            ),
+            provenance=provenance_of(command, plain_fields(self.config) | options, hashed),
+        )
+
+
+def calibrated_by_motion(job: Job, done: Finished) -> Job | None:
+    """The same job with the camera that all its frames tell together, where no window told the focal length.
+
+    * Returns: None where there is a map or another reason, where the frames do not tell the focal length, or where they
+      cannot be read again.
+    """
+    if done.result.reason != Verdict.UNKNOWN_FOCAL_LENGTH or (length := length_of(job.source)) is None:
+        return None
+    frames = min(length - job.start, job.max_frames or length)
+    if frames > LONGEST_STRETCH or reduction_of(job.source, job.camera).camera is not job.camera:
+        found = calibrate(
+            job.source, job.camera, job.config, start=job.start, max_frames=job.max_frames, progress=job.progress
+        )
+    else:
+        one = by_all_frames(job.source, job.start, frames, done.motion, job.camera, job.config)
+        found = combine(job.camera, [] if one is None else [one])
+    if found.camera is None:
+        return None
+    found_px = f"{found.camera.focal_px:.0f} +- {found.camera.focal_sigma_px:.0f} px"
+    note = f"the focal length, {found_px}, was found by {frames} frames together; then they were read again"
+    return replace(job, camera=found.camera, notes=(*job.notes, note))
+
+
+def _whole(parts: Sequence[_Part], restart: bool) -> Result:
+    """The result of a run: that of its first part, with all maps as segments."""
+    first, last = parts[0].result, parts[-1]
+    if not restart:
+        return first
+    notes = [note for part in parts[1:] for note in part.result.notes if note not in first.notes]
+    if len(parts) > 1 and last.result.map is None:
+        notes.append(f"no further map from frame {last.first_frame} on: {last.result.reason}: {last.result.advice}")
+    if last.lost_at is not None:
+        notes.append(f"the last map was lost at frame {last.lost_at}, and no further one was looked for")
+    segments = tuple(part.segment() for part in parts if part.result.map is not None)
+    return replace(first, notes=(*first.notes, *dict.fromkeys(notes)), segments=segments)
+
+
+class _Front:
+    """An initializer, and what gives the tracks of its frames."""
+
+    def __init__(
+        self, initializer: FrontEnd, job: Job, hashed: InputHash, recorder: Recorder, reduction: Reduction
+    ) -> None:
+        self.initializer = initializer
+        self.reduction = reduction
+        self.recorder = recorder
+        self._hashed = hashed
+        self.tracker: FrameTracker = initializer.tracker
+        if isinstance(job.source, KnowsTracks):
+            self.tracker = _GivenTracks(job.source, job.camera, hashed)
+        # Other methods take no rotations.
+        used = bool(job.imu) and isinstance(initializer, Initializer)
+        self.turns = StepRotations(job.gyroscope if used else None)
+
+    def process(self, frame: Frame) -> Status:
+        """Process a frame: its given tracks, or its image with the rotation that a gyroscope measured before it."""
+        if isinstance(self.tracker, _GivenTracks):
+            observations = self.tracker.track(frame)
+            self.recorder.frame(frame, observations)
+            return self.initializer.process_tracks(observations)
+        if self.turns.latest is None or not isinstance(self.initializer, Initializer):
+            return self.initializer.process(frame)
+        rotation, sigma_rad = self.turns.latest
+        self._hashed.turned(rotation, sigma_rad)
+        return self.initializer.process(frame, rotation=rotation, rotation_sigma_rad=sigma_rad)
+
+    def reset(self, since: int) -> None:
+        """Start anew with the tracks from a frame on, which the initializer did not get where they are given."""
+        for observed in list(self.tracker.history):
+            if observed.frame >= since:
+                self.initializer.history.put(observed)
+        self.initializer.reset(since)
+
+
+class _GivenTracks:
+    """Gives the tracks of a source in the place of a tracker, and adds them to the hash of the input."""
+
+    def __init__(self, source: KnowsTracks, camera: Camera, hashed: InputHash) -> None:
+        self.history = History(camera, _GIVEN_FRAMES)
+        self.revised: tuple[Observations, ...] = ()
+        self._source = source
+        self._camera = camera
+        self._hashed = hashed
+
+    def track(self, frame: Frame) -> Observations:
+        observations = self._source.observed(frame, self._camera)
+        self._hashed.observed(observations)
+        self.history.put(observations)
+        self.history.forget(keep=())
+        return observations
+
+
+class _Counted:
+    """An iterator of frames that counts them."""
+
+    def __init__(self, frames: Iterator[Frame]) -> None:
+        self._frames = frames
+        self.count = 0
+
+    def __iter__(self) -> _Counted:
+        return self
+
+    def __next__(self) -> Frame:
+        frame = next(self._frames)
+        self.count += 1
+        return frame
+
+
+def reduction_of(source: Source, camera: Camera) -> Reduction:
+    """Choose how the frames are reduced; the tracks of a source that has its own are in original pixels."""
+    return Reduction(camera, 1, camera) if isinstance(source, KnowsTracks) else Reduction.for_camera(camera)
+
+
+def _focal_notes(result: Result, stated: Camera) -> tuple[str, ...]:
+    """A note on a stated focal length that is no calibration: what the motion made of it, or that nothing did."""
+    if result.map is None or (stated.focal_sigma or 0.0) <= CALIBRATED_SIGMA:
+        return ()
+    known, found = f"{stated.focal_px:.0f} +- {stated.focal_sigma_px:.0f} px", result.map.camera
+    if found.source != "estimated":
+        method = "is no calibration, and this method does not estimate it: expect a bent map"
+        return (f"the focal length, {known}, {method}",)
+    if stated.source == "prior":
+        return ()
+    # A number of a person or of metadata is off by some per cent; the motion corrects it within its deviation.
+    return (f"the {stated.source} focal length, {known}, was combined with the motion: {found.focal_px:.0f} px",)
+
+
+def _initialize(
+    front: _Front, frames: Iterator[Frame], available: int | None, max_frames: int | None, progress: bool, grows: bool
+) -> Result:
+    """Process frames until there is a map, and until it has grown by the frames that the configuration asks for."""
+    from tqdm import tqdm
+
+    total = min((limit for limit in (available, max_frames) if limit is not None), default=None)
+    # No time that is left: nobody knows the frame of the map, and the first frames may compile. They tell so within
+    # the first second, before there is a bar.
+    shown = "{l_bar}{bar}| {n_fmt}/{total_fmt} [{elapsed}]"
+    with tqdm(total=total, disable=not progress, leave=False, bar_format=shown, delay=1.0) as bar:
+        for frame in frames:
+            status = front.process(frame)
+            bar.set_description(live_text(status), refresh=False)
+            bar.update()
+            if (status and not (grows and status.refining)) or front.initializer.frames_read == max_frames:
+                break
+    return front.initializer.finish()
+
+
+def live_text(status: Status) -> str:
+    """What a person who waits wants to know: why there is no map yet, and how far it is."""
+    if status:
+        return "initialized"
+    waits = "reading" if status.reason is None else in_words(status.reason)
+    return waits if status.risk is None else f"{waits}, risk {status.risk:.2g}"

@@ -6,7 +6,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from slam_init.cli.parser import DONE, NOT_INITIALIZED, OUT_HELP, Commands, at_least
+from slam_init.cli.parser import DONE, NOT_INITIALIZED, OUT_HELP, Commands, number
 from slam_init.cli.source_options import add_source, chosen_camera, opened_source
 from slam_init.output.names import CALIBRATION_FILES
 from slam_init.system.process_io import tell
@@ -26,17 +26,14 @@ def add_calibrate(commands: Commands) -> None:
     )
     calibrate.set_defaults(command=_calibrate)
     add_source(calibrate, default=None, camera="auto")
-    calibrate.add_argument("--start", type=int, default=0, metavar="K", help="skip the first K frames")
-    calibrate.add_argument("--max-frames", type=int, metavar="N", help="read at most N frames")
-    calibrate.add_argument("--seed", type=int, default=0, metavar="N", help="of random draws (default: 0)")
+    calibrate.add_argument("--start", type=number(0), default=0, metavar="K", help="skip the first K frames")
+    calibrate.add_argument("--max-frames", type=number(1), metavar="N", help="read at most N frames")
+    calibrate.add_argument("--seed", type=number(0), default=0, metavar="N", help="of random draws (default: 0)")
     calibrate.add_argument("--out", metavar="DIR", default=_DEFAULT_OUT, help=OUT_HELP)
 
 
 def _calibrate(arguments: argparse.Namespace) -> int:
     """``slam-init calibrate``."""
-    at_least("--start", arguments.start, 0)
-    at_least("--max-frames", arguments.max_frames, 1)
-    at_least("--seed", arguments.seed, 0)
     from slam_init.output.folder import OutputFolder, chosen_folder
 
     out = chosen_folder(arguments.out, "calibrate", CALIBRATION_FILES, [arguments.source])

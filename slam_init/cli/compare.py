@@ -7,7 +7,7 @@ import os
 import shlex
 import sys
 
-from slam_init.cli.parser import DONE, OUT_HELP, Commands, ListMethods, UsageError, at_least
+from slam_init.cli.parser import DONE, OUT_HELP, Commands, ListMethods, UsageError, number
 from slam_init.cli.source_options import add_camera, add_mask, add_topics, calibrated_view_of, with_topics
 from slam_init.system.process_io import tell
 
@@ -50,24 +50,32 @@ def add_compare(commands: Commands) -> None:
         "program (docs/tutorials/add-a-method.md)",
     )
     compare.add_argument("--list-methods", action=ListMethods, nargs=0, help="list the methods, one a line, and exit")
-    compare.add_argument("--every", type=int, default=10, metavar="K", help="start at every K-th frame (default: 10)")
-    compare.add_argument("--use-every", type=int, default=1, metavar="N", help="use every N-th frame of each sequence")
+    compare.add_argument(
+        "--every", type=number(1), default=10, metavar="K", help="start at every K-th frame (default: 10)"
+    )
+    compare.add_argument(
+        "--use-every", type=number(1), default=1, metavar="N", help="use every N-th frame of each sequence"
+    )
     compare.add_argument("--fps", type=float, metavar="F", help="use the frames nearest to F a second, by their times")
     add_mask(compare)
     add_camera(compare, "'auto' estimates it; for all sources", "that of each source")
     compare.add_argument(
-        "--min-left", type=int, default=3, metavar="N", help="start only where N frames are left (default: 3)"
+        "--min-left", type=number(2), default=3, metavar="N", help="start only where N frames are left (default: 3)"
     )
     compare.add_argument(
-        "--limit-frames", type=int, default=150, metavar="N", help="a trial reads at most N frames (default: 150)"
+        "--limit-frames", type=number(2), default=150, metavar="N", help="a trial reads at most N frames (default: 150)"
     )
-    compare.add_argument("--jobs", type=int, metavar="N", help="processes (default: one a core)")
+    compare.add_argument("--jobs", type=number(1), metavar="N", help="processes (default: one a core)")
     compare.add_argument(
         "--backend", metavar="NAME", help="dask:ADDRESS of a scheduler (default: processes of this machine)"
     )
-    compare.add_argument("--time-limit", type=float, default=300.0, metavar="S", help="of a trial (default: 300 s)")
-    compare.add_argument("--memory-limit", type=int, default=6000, metavar="MB", help="of a trial (default: 6000 MB)")
-    compare.add_argument("--seed", type=int, default=0, metavar="N", help="of random draws (default: 0)")
+    compare.add_argument(
+        "--time-limit", type=number(1, float), default=300.0, metavar="S", help="of a trial (default: 300 s)"
+    )
+    compare.add_argument(
+        "--memory-limit", type=number(100), default=6000, metavar="MB", help="of a trial (default: 6000 MB)"
+    )
+    compare.add_argument("--seed", type=number(0), default=0, metavar="N", help="of random draws (default: 0)")
     add_topics(compare)
     compare.add_argument(
         "--audit", action="store_true", help="state the risk of the map of each trial (see slam-init audit)"
@@ -77,9 +85,6 @@ def add_compare(commands: Commands) -> None:
 
 def _compare(arguments: argparse.Namespace) -> int:
     """``slam-init compare``."""
-    least = {"every": 1, "use_every": 1, "min_left": 2, "limit_frames": 2, "seed": 0, "jobs": 1, "time_limit": 1}
-    for name, smallest in {**least, "memory_limit": 100}.items():
-        at_least(f"--{name.replace('_', '-')}", getattr(arguments, name), smallest)
     _check_suite(arguments)
     from slam_init.output.folder import chosen_folder
     from slam_init.output.names import COMPARE_FILES

@@ -26,12 +26,12 @@ def add_info(commands: Commands) -> None:
 
 def _info(arguments: argparse.Namespace) -> int:
     """``slam-init info``."""
-    from slam_init.output.result_folder import describe_result, describe_result_text, is_result_folder
+    from slam_init.output.result_folder import ResultFolder, is_result_folder
 
     folder = user_path(arguments.source)
     if is_result_folder(folder):
-        result = describe_result(folder)
-        tell(_json(asdict(result)) if arguments.json else describe_result_text(result))
+        result = ResultFolder.read(folder)
+        tell(_json(result.facts()) if arguments.json else result.text())
         return DONE
 
     from slam_init.datasets.describe import describe, describe_text

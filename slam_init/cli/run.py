@@ -6,9 +6,9 @@ import argparse
 import sys
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
-from slam_init.cli.parser import DONE, NOT_INITIALIZED, Commands, ListMethods, UsageError, at_least
+from slam_init.cli.parser import DONE, NOT_INITIALIZED, Commands, ListMethods, UsageError, number
 from slam_init.cli.source_options import (
     SENSORS,
     add_source,
@@ -23,12 +23,14 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
     from pathlib import Path
 
+    from _typeshed import DataclassInstance
+
     from slam_init.config import Config
-    from slam_init.datasets import TimedSource
     from slam_init.output.summary import Summary
     from slam_init.types.frame import Source
     from slam_init.types.result import Result
 
+_Section = TypeVar("_Section", bound="DataclassInstance")
 _DEFAULT_SOURCE = "synth:room"
 _DEFAULT_OUT = "slam-init-out"
 
@@ -40,8 +42,8 @@ def add_run(commands: Commands) -> None:
     run.set_defaults(command=_run)
     add_source(run, default=_DEFAULT_SOURCE)
     frames = run.add_argument_group("first and last frame")
-    frames.add_argument("--start", type=int, default=0, metavar="K", help="skip the first K frames")
-    frames.add_argument("--max-frames", type=int, metavar="N", help="give up after N frames")
+    frames.add_argument("--start", type=number(0), default=0, metavar="K", help="skip the first K frames")
+    frames.add_argument("--max-frames", type=number(1), metavar="N", help="give up after N frames")
     decision = run.add_argument_group("how it decides")
     decision.add_argument(
         "--method",
@@ -50,7 +52,9 @@ def add_run(commands: Commands) -> None:
         "'command:PROGRAM {images} {times} {camera} {out}'",
     )
     decision.add_argument("--list-methods", action=ListMethods, nargs=0, help="list the methods, one a line, and exit")
-    decision.add_argument("--seed", type=int, metavar="N", help="of random draws and synthetic worlds (default: 0)")
+    decision.add_argument(
+        "--seed", type=number(0), metavar="N", help="of random draws and synthetic worlds (default: 0)"
+    )
     decision.add_argument("--config", metavar="FILE", help="options in TOML, as in DIR/config.toml")
     decision.add_argument(
         "--matcher",
@@ -88,14 +92,14 @@ def add_run(commands: Commands) -> None:
     after = run.add_argument_group("after the map")
     after.add_argument(
         "--refine",
-        type=int,
+        type=number(0),
         metavar="N",
         dest="refine_frames",
         help="let the map grow by the next N frames before it is handed over: keyframes, landmarks, better depths",
     )
     after.add_argument(
         "--continue",
-        type=int,
+        type=number(0),
         metavar="N",
         dest="continue_frames",
         help="then resect the next N frames with the map; with --restart: frames to read after the first map",
@@ -121,7 +125,7 @@ def add_run(commands: Commands) -> None:
     live = run.add_argument_group("live sources, and a viewer")
     live.add_argument("--no-drop", action="store_true", help="of a live source: let the sender wait, drop no frame")
     live.add_argument(
-        "--reconnect", type=int, metavar="N", help="of a live source: attempts to connect again (default: 3)"
+        "--reconnect", type=number(0), metavar="N", help="of a live source: attempts to connect again (default: 3)"
     )
     run.bare_values["--live"] = "spawn"
     live.add_argument(
@@ -144,15 +148,9 @@ def add_run(commands: Commands) -> None:
 
 def _run(arguments: argparse.Namespace) -> int:
     """``slam-init run``."""
-    at_least("--start", arguments.start, 0)
-    at_least("--max-frames", arguments.max_frames, 1)
-    at_least("--refine", arguments.refine_frames, 0)
-    at_least("--continue", arguments.continue_frames, 0)
-    at_least("--seed", arguments.seed, 0)
-    at_least("--reconnect", arguments.reconnect, 0)
     config_path = user_path(arguments.config) if arguments.config is not None else None
     from slam_init.output.folder import chosen_folder
-    from slam_init.output.names import run_files
+    from slam_init.output.names import RUN_FILES
     from slam_init.scale.requests import parse_scale
 
     arguments.export = arguments.export.split(",") if arguments.export is not None else ()
@@ -162,24 +160,32 @@ def _run(arguments: argparse.Namespace) -> int:
     named = (arguments.images, arguments.camera, arguments.mask, arguments.imu or None, config_path)
     table = None if arguments.gravity == "imu" else arguments.gravity
     inputs = [arguments.source, *(file for file in (*named, table) if file is not None)]
-    out = chosen_folder(arguments.out, "run", run_files(restart=arguments.restart), inputs)
+    out = chosen_folder(arguments.out, "run", RUN_FILES, inputs)
 
     from slam_init.config import load_config
     from slam_init.datasets.live import is_live
     from slam_init.methods.external_command import is_external
     from slam_init.methods.registry import method_info
 
-    config = load_config(config_path, {"method": arguments.method, "seed": arguments.seed})
-    has_window = not method_info(config.method).home and not is_external(config.method)
+    overrides = {"method": arguments.method, "seed": arguments.seed, "refine_frames": arguments.refine_frames}
+    config = load_config(config_path, overrides)
+    acceptance = {"max_depth_sigma": arguments.max_depth_sigma, "min_parallax_deg": arguments.min_parallax}
+    config = replace(
+        config,
+        acceptance=_changed(config.acceptance, acceptance),
+        map=_changed(config.map, {"refine_focal": arguments.refine_focal or None}),
+        tracking=_changed(config.tracking, {"matcher": arguments.matcher}),
+    )
+    method, external, live = config.method, is_external(config.method), is_live(arguments.source)
+    has_window = not method_info(method).home and not external
     if arguments.refine_frames and not has_window:
-        raise UsageError(f"--refine goes on with the window, which {config.method} has not: use --continue")
-    if is_external(config.method) and arguments.continue_frames:
+        raise UsageError(f"--refine goes on with the window, which {method} has not: use --continue")
+    if external and arguments.continue_frames:
         raise UsageError("--continue needs landmarks, which an external program does not give: leave --continue out")
-    if is_external(config.method) and arguments.matcher is not None:
+    if external and arguments.matcher is not None:
         raise UsageError("--matcher gives tracks, which an external program does not take: leave --matcher out")
     if arguments.gravity is not None and not has_window:
-        raise UsageError(f"--gravity is a measurement of the window, which {config.method} has not: leave it out")
-    live = is_live(arguments.source)
+        raise UsageError(f"--gravity is a measurement of the window, which {method} has not: leave it out")
     if not live and (arguments.no_drop or arguments.reconnect is not None):
         raise UsageError("--no-drop and --reconnect are for live sources: leave them out")
     arguments.sensor = None
@@ -187,15 +193,6 @@ def _run(arguments: argparse.Namespace) -> int:
         from slam_init.datasets.inertial_file import read_inertial_file
 
         arguments.sensor = read_inertial_file(arguments.imu)
-    targets = {"max_depth_sigma": arguments.max_depth_sigma, "min_parallax_deg": arguments.min_parallax}
-    targets = {name: value for name, value in targets.items() if value is not None}
-    config = replace(config, acceptance=replace(config.acceptance, **targets))
-    if arguments.refine_frames is not None:
-        config = replace(config, refine_frames=arguments.refine_frames)
-    if arguments.refine_focal:
-        config = replace(config, map=replace(config.map, refine_focal=True))
-    if arguments.matcher is not None:
-        config = replace(config, tracking=replace(config.tracking, matcher=arguments.matcher))
     if arguments.live is not None:
         from slam_init.recording.live_viewer import viewer_url
 
@@ -203,7 +200,8 @@ def _run(arguments: argparse.Namespace) -> int:
     if live:
         result, summary = _run_live(arguments, config, out)
     else:
-        result, summary = _run_on(_source(arguments, config.seed), arguments, config, out)
+        source = with_gravity(arguments, opened_source(arguments, config.seed))
+        result, summary = _run_on(source, arguments, config, out)
     if arguments.json:
         from slam_init.output.summary import summary_text
 
@@ -215,9 +213,9 @@ def _run(arguments: argparse.Namespace) -> int:
     return DONE if summary.reason is None else NOT_INITIALIZED
 
 
-def _source(arguments: argparse.Namespace, seed: int) -> TimedSource:
-    """The source, with the gravity that is asked for."""
-    return with_gravity(arguments, opened_source(arguments, seed))
+def _changed(section: _Section, values: dict[str, Any]) -> _Section:
+    """A section of the configuration with the values that the command line gives."""
+    return replace(section, **{name: value for name, value in values.items() if value is not None})
 
 
 def _run_live(arguments: argparse.Namespace, config: Config, out: Path) -> tuple[Result, Summary]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from slam_init.cli.parser import DONE, Commands, at_least
+from slam_init.cli.parser import DONE, Commands, number
 from slam_init.errors import ConfigError
 from slam_init.system.process_io import tell
 
@@ -20,14 +20,12 @@ def add_synth(commands: Commands) -> None:
         help="room, wall, desk, ..., or with options 'room?lens=fisheye'; a wrong name lists all",
     )
     synth.add_argument("--out", metavar="DIR", required=True, help="a new or empty folder, or one of an earlier synth")
-    synth.add_argument("--seed", type=int, default=0, metavar="N", help="of the world (default: 0)")
-    synth.add_argument("--frames", type=int, metavar="N", help="number of frames (default: 100)")
+    synth.add_argument("--seed", type=number(0), default=0, metavar="N", help="of the world (default: 0)")
+    synth.add_argument("--frames", type=number(1), metavar="N", help="number of frames (default: 100)")
 
 
 def _synth(arguments: argparse.Namespace) -> int:
     """``slam-init synth``."""
-    at_least("--frames", arguments.frames, 1)
-    at_least("--seed", arguments.seed, 0)
     from slam_init.output.folder import OutputFolder, chosen_folder, output_error
 
     out = chosen_folder(arguments.out, "synth")

@@ -18,8 +18,6 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 _SMALLEST, _LARGEST = 320, 8192
 #: More screenshots than this are a mistake.
 _MOST_FRAMES = 100
-#: Recordings of a comparison that a message names.
-_NAMED = 3
 
 
 def add_view(commands: Commands) -> None:
@@ -91,16 +89,7 @@ def _recording(path: Path) -> Path:
         if (path / name).is_file():
             check_inside(path / name, path)
             return path / name
-    found = sorted(file for file in (path / "recordings").glob("*/*.rrd") if file.is_file())
-    if len(found) == 1:
-        check_inside(found[0], path)
-        return found[0]
-    if found:
-        names = ", ".join(str(file) for file in found[:_NAMED])
-        raise SourceError(f"{path} has {len(found)} recordings: name one of them, as in slam-init view {names}")
-    raise SourceError(
-        f"{path} holds no recording: give the --out folder of slam-init run, or of slam-init compare --recordings"
-    )
+    raise SourceError(f"{path} holds no recording: give the --out folder of slam-init run")
 
 
 def _frames(text: str | None) -> list[int]:
@@ -131,7 +120,10 @@ def _write_screenshots(recording: Path, target: Path, frames: list[int], size: s
     for file in files.values():
         _check_target(file)
     for (frame, png), file in zip(screenshots(recording, frames, size).items(), files.values(), strict=True):
-        _replace(file, png)
+        try:
+            file.write_bytes(png)
+        except OSError as error:
+            raise OutputError(f"cannot write {file}: {error.strerror}: give another name") from None
         tell(f"wrote {file} (frame {frame})\n")
 
 
@@ -147,22 +139,3 @@ def _check_target(file: Path) -> None:
         raise OutputError(f"{file} cannot be replaced ({error.strerror}): give another name") from None
     if not picture:
         raise OutputError(f"{file} exists and is no PNG file: give another name")
-
-
-def _replace(file: Path, content: bytes) -> None:
-    """Write a file beside its place, then put it there."""
-    import os
-    import tempfile
-
-    try:
-        with tempfile.NamedTemporaryFile(dir=file.parent, prefix=".slam-init-", delete=False) as part:
-            try:
-                part.write(content)
-                part.close()
-                os.chmod(part.name, 0o644)  # noqa: PTH101 (a temporary file is its owner's alone)
-                Path(part.name).replace(file)
-            except BaseException:
-                Path(part.name).unlink(missing_ok=True)
-                raise
-    except OSError as error:
-        raise OutputError(f"cannot write {file}: {error.strerror}: give another name") from None

@@ -63,7 +63,7 @@ def open_compared(text: str) -> TimedSource | PointSource:
       the frames that are used have consecutive indices. Large images are reduced, as for ``run``.
     """
     from slam_init.datasets.points import PointSource
-    from slam_init.job import reduction_of
+    from slam_init.runner import reduction_of
 
     source = _named(text)
     if isinstance(source, PointSource) or source.camera is None:

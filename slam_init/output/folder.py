@@ -96,7 +96,7 @@ def chosen_folder(
 
     A place that the command cannot or must not write to is refused before any work. Nothing is created.
 
-    * ``targets``: Names of files that the command may write; a folder must not look like one.
+    * ``targets``: Names of files that the command writes; a folder must not look like one.
     * ``inputs``: Files and folders that the command reads. A name that is no path is ignored.
     """
     if not text:

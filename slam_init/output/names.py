@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from slam_init.types.segments import MAX_SEGMENTS
-
 #: The text model of COLMAP: cameras, images, points.
 COLMAP_FILES = ("colmap/cameras.txt", "colmap/images.txt", "colmap/points3D.txt")
 #: The recording of a run. :mod:`slam_init.recording.rerun_recorder` writes it during the run.
@@ -50,11 +48,3 @@ CALIBRATION_FILES = ("camera.yaml", "calibration.json")
 def segment_folder(number: int) -> str:
     """Name the folder of a map of a run that starts anew after a loss."""
     return f"segment-{number:03d}"
-
-
-def run_files(*, restart: bool) -> tuple[str, ...]:
-    """List all files that a run can write."""
-    if not restart:
-        return RUN_FILES
-    folders = (segment_folder(number) for number in range(1, MAX_SEGMENTS + 1))
-    return (*RUN_FILES, *(f"{folder}/{name}" for folder in folders for name in MAP_FILES))

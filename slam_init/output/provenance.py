@@ -1,14 +1,12 @@
-"""The provenance of a result: versions, command line, options, a hash of the input; and the machine of a benchmark."""
+"""The provenance of a result: versions, command line, options, a hash of the input."""
 
 from __future__ import annotations
 
 import hashlib
-import os
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 
 import numpy as np
 
@@ -94,33 +92,3 @@ def package_versions(names: Sequence[str]) -> dict[str, str]:
         except PackageNotFoundError:
             packages[name] = NOT_INSTALLED
     return packages
-
-
-#: Packages whose versions may change a figure.
-_BENCH_PACKAGES = ("slam-init", "numpy", "opencv-python-headless", "gtsam", "numba", "poselib")
-
-
-def hardware() -> dict[str, str]:
-    """Describe the machine."""
-    memory_gb = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**30
-    return {
-        "processor": _processor(),
-        "cores": str(os.cpu_count() or 1),
-        "memory": f"{memory_gb:.0f} GB",
-        "system": f"{platform.system()} {platform.machine()}",
-    }
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of the program and its libraries."""
-    found = package_versions(_BENCH_PACKAGES)
-    return {name: number for name, number in found.items() if number != NOT_INSTALLED}
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith(("model name", "Model"))]
-    return names[0] if names else platform.machine()

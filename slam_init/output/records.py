@@ -28,10 +28,11 @@ _AS_IS = {"digits": 17}
 _Record = TypeVar("_Record", bound="DataclassInstance")
 
 
-def _record(kind: type[_Record], thing: object, **others: Any) -> _Record:
-    """Make a record whose other fields are attributes of a thing by the same names."""
-    shared = {item.name: getattr(thing, item.name) for item in dataclasses.fields(kind) if item.name not in others}
-    return kind(**shared, **others)
+def record(kind: type[_Record], *things: object, **others: Any) -> _Record:
+    """Make a record whose other fields are attributes of things by the same names."""
+    names = [item.name for item in dataclasses.fields(kind) if item.name not in others]
+    owners = {name: next(thing for thing in things if hasattr(thing, name)) for name in names}
+    return kind(**{name: getattr(owner, name) for name, owner in owners.items()}, **others)
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ class CameraRecord:
     @staticmethod
     def describe(camera: Camera) -> CameraRecord:
         """Make the record of a camera."""
-        return _record(CameraRecord, camera)
+        return record(CameraRecord, camera)
 
 
 @dataclass(frozen=True)
@@ -138,7 +139,7 @@ class GateRecord:
     @staticmethod
     def describe(gate: Gate) -> GateRecord:
         """Make the record of a gate."""
-        return _record(GateRecord, gate, passes=gate.passes())
+        return record(GateRecord, gate, passes=gate.passes())
 
 
 @dataclass(frozen=True)
@@ -173,7 +174,7 @@ class AttemptRecord:
     @staticmethod
     def describe(attempt: Attempt) -> AttemptRecord:
         """Make the record of an attempt."""
-        return _record(AttemptRecord, attempt, gates=tuple(GateRecord.describe(gate) for gate in attempt.gates))
+        return record(AttemptRecord, attempt, gates=tuple(GateRecord.describe(gate) for gate in attempt.gates))
 
 
 @dataclass(frozen=True)
@@ -224,7 +225,7 @@ class ScaleRecord:
     @staticmethod
     def describe(scale: Scale | None) -> ScaleRecord | None:
         """Make the record of a scale."""
-        return None if scale is None else _record(ScaleRecord, scale)
+        return None if scale is None else record(ScaleRecord, scale)
 
 
 @dataclass(frozen=True)
@@ -284,15 +285,13 @@ class SegmentRecord:
     ) -> SegmentRecord:
         """Make the record of a segment."""
         map_, scale = segment.map, segment.scale
-        return SegmentRecord(
+        return record(
+            SegmentRecord,
+            segment,
+            map_,
             folder=folder,
-            first_frame=segment.first_frame,
-            frames_to_init=segment.frames_to_init,
-            lost_at=segment.lost_at,
             keyframes=tuple(KeyframeRecord.describe(keyframe) for keyframe in map_.keyframes),
             landmarks=len(map_.points),
-            median_parallax_deg=map_.median_parallax_deg,
-            reprojection_rmse_px=map_.reprojection_rmse_px,
             scale=None if scale is None else scale.metres_per_unit,
             scale_sigma=None if scale is None else scale.sigma,
             scale_origin=ScaleRecord.describe(scale),

@@ -28,8 +28,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -41,12 +40,10 @@ from slam_init.output.handover import handover_bytes
 from slam_init.output.names import COLMAP_FILES, OVERVIEW, segment_folder
 from slam_init.output.nerfstudio import transforms_text
 from slam_init.output.ply import coloured_points
+from slam_init.output.records import SourceRecord
 from slam_init.output.summary import Summary, summary_of, summary_text
 from slam_init.system.regular_file import read_regular, user_path
-from slam_init.types.camera import Camera
-from slam_init.types.frame import Frame
 from slam_init.types.initial_map import Descriptors, InitialMap, Keyframe
-from slam_init.types.pose import Trajectory
 from slam_init.types.result import Result
 from slam_init.types.segments import MAX_SEGMENTS
 
@@ -116,20 +113,7 @@ def publish_results(
     * ``continued``: The frames that were located after the initialization; those of segments are in the result.
     * ``descriptors``: Those of each map; maps beyond have none.
     """
-    picture = {} if overview is None else {OVERVIEW: overview}
-    folder.write(picture | _contents(result, summary, config_toml, continued, descriptors))
-    folder.publish(last=_SUMMARY)
-
-
-def _contents(
-    result: Result,
-    summary: Summary,
-    config_toml: str | None,
-    continued: Sequence[Keyframe],
-    descriptors: Sequence[Descriptors],
-) -> dict[str, bytes]:
-    """Return the content of each file by name, the summary last."""
-    files: dict[str, bytes] = {}
+    files: dict[str, bytes] = {} if overview is None else {OVERVIEW: overview}
     maps = [(f"{segment_folder(n)}/", one.map, one.located) for n, one in enumerate(result.segments, start=1)]
     if not maps and result.map is not None:
         maps = [("", result.map, tuple(continued))]
@@ -138,7 +122,8 @@ def _contents(
     if config_toml is not None:
         files["config.toml"] = config_toml.encode()
     files[_SUMMARY] = summary_text(summary).encode()
-    return files
+    folder.write(files)
+    folder.publish(last=_SUMMARY)
 
 
 def map_files(
@@ -240,19 +225,6 @@ def ply_bytes(map_: InitialMap) -> bytes:
     return coloured_points(map_.points, map_.colors, comments)
 
 
-@dataclass(frozen=True)
-class _FromPython:
-    """The source of a result whose frames came from the caller."""
-
-    name: str = "python"
-    kind: str = "frames"
-    camera: Camera | None = None
-    groundtruth: Trajectory | None = None
-
-    def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        yield from ()
-
-
 def save(thing: object, folder: str | os.PathLike[str]) -> None:
     """Write a map or a result to a folder, see :meth:`slam_init.types.savable.Savable.save`."""
     if isinstance(thing, InitialMap):
@@ -262,7 +234,8 @@ def save(thing: object, folder: str | os.PathLike[str]) -> None:
     elif isinstance(thing, Result):
         if thing.camera is None:
             raise OutputError(f"{folder}: the result has no camera: take that of an Initializer, or save its map")
-        write_results(folder, thing, summary_of(thing, _FromPython(), thing.camera, thing.method, thing.seed))
+        source = SourceRecord("python", "frames")
+        write_results(folder, thing, summary_of(thing, source, thing.camera, thing.method, thing.seed))
 
 
 def write_colmap(map_: InitialMap, folder: str | os.PathLike[str]) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import math
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -25,10 +24,10 @@ from slam_init.output.records import (
     ScaleRecord,
     SegmentRecord,
     SourceRecord,
+    record,
 )
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import FreeFocal, Margin
-from slam_init.types.frame import Source
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import GroundTruthErrors, Result
 from slam_init.types.stopwatch import StageTimes
@@ -109,16 +108,10 @@ class Summary:
         """Convert the summary to plain JSON types, as in the file."""
         return plain_fields(self)
 
-    def __getitem__(self, key: str) -> Json:
-        warnings.warn(
-            f'summary["{key}"] is deprecated: use summary.{key}, or summary.as_dict()', DeprecationWarning, stacklevel=2
-        )
-        return self.as_dict()[key]
-
 
 def summary_of(
     result: Result,
-    source: Source,
+    source: SourceRecord,
     camera: Camera,
     method: str,
     seed: int,
@@ -132,18 +125,15 @@ def summary_of(
 
     * ``ground_truth``: From :func:`slam_init.evaluation.metrics.compare_with_groundtruth`.
     """
-    map_ = result.map
-    return Summary(
+    map_, scale = result.map, result.scale
+    return record(
+        Summary,
+        result,
         schema=SCHEMA,
-        status=result.status,
-        reason=result.reason,
-        advice=result.advice,
-        source=SourceRecord(source.name, source.kind),
+        source=source,
         method=method,
         seed=int(seed),
         camera=CameraRecord.describe(camera),
-        frames_read=result.frames_read,
-        frames_to_init=result.frames_to_init,
         keyframes=() if map_ is None else tuple(KeyframeRecord.describe(keyframe) for keyframe in map_.keyframes),
         landmarks=0 if map_ is None else len(map_.points),
         median_parallax_deg=None if map_ is None else _known(map_.median_parallax_deg),
@@ -151,20 +141,16 @@ def summary_of(
         reprojection_rmse_px=None if map_ is None else _known(map_.reprojection_rmse_px),
         scene=None if map_ is None else map_.scene,
         focal_length=None if map_ is None else FocalLengthRecord.describe(map_),
-        wrong_focal=result.wrong_focal,
-        scale=None if result.scale is None else result.scale.metres_per_unit,
-        scale_sigma=None if result.scale is None else result.scale.sigma,
-        scale_origin=ScaleRecord.describe(result.scale),
+        scale=None if scale is None else scale.metres_per_unit,
+        scale_sigma=None if scale is None else scale.sigma,
+        scale_origin=ScaleRecord.describe(scale),
         gravity=None if map_ is None else GravityRecord.describe(map_.gravity),
         # The hypotheses of an initialized run are the map itself, which the keys above describe.
         hypotheses=() if map_ is not None else tuple(HypothesisRecord.describe(kept) for kept in result.hypotheses),
-        margin=result.margin,
         attempts=tuple(AttemptRecord.describe(attempt) for attempt in result.attempts),
-        timing_ms=result.timing_ms,
         ground_truth=ground_truth,
         continued=continued,
         segments=segments,
-        notes=result.notes,
         provenance=provenance,
     )
 

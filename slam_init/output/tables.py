@@ -11,7 +11,7 @@ TERMINAL_WIDTH = 120
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Format a table in markdown with aligned columns.
 
-    * ``rows``: Cells of each row. Numbers must be formatted by the caller (:func:`number`); the cells are not changed.
+    * ``rows``: Cells of each row, which are not changed.
     * Returns: The table, without a line break at the end. The first column is aligned left, the others right.
     """
     widths = [max([len(heading) + 2, *(len(row[k]) for row in rows)]) for k, heading in enumerate(header)]
@@ -43,8 +43,3 @@ def fitted_tables(header: Sequence[str], rows: Sequence[Sequence[str]], names: i
         first, *others = ([row[k] for k in (*range(names), *part)] for row in cells)
         tables.append(markdown_table(first, others))
     return "\n\n".join(tables)
-
-
-def number(value: float | None, digits: int = 2) -> str:
-    """Format a number for a cell of a table."""
-    return "-" if value is None else f"{value:.{digits}f}"

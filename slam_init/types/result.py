@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -106,24 +104,6 @@ class Attempt(Described):
         """The suspected true focal length divided by the stated one; None if the stated one is not suspected."""
         free = self.free_focal
         return free.factor if free is not None and free.contradicts else None
-
-    @property
-    def evidence(self) -> dict[str, float | int | str]:
-        """Deprecated: all figures by name; use the typed fields and :attr:`gates`."""
-        warnings.warn(
-            "Attempt.evidence is deprecated: use the fields preview, two_view, free_focal, window, map and gates",
-            DeprecationWarning,
-            stacklevel=2,
-        )
-        figures: dict[str, float | int | str] = dict(self.method_evidence)
-        for part in (self.preview, self.two_view, self.free_focal, self.window, self.map):
-            for item in dataclasses.fields(part) if part is not None else ():
-                value = getattr(part, item.name)
-                if isinstance(value, float | int | str):
-                    figures[item.name] = value
-        for gate in self.gates:
-            figures |= {str(gate.name): gate.value, f"{gate.name}_gate": gate.threshold}
-        return figures
 
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
         facts = [("advice", self.advice)] if self.advice else []

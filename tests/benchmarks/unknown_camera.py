@@ -30,8 +30,8 @@ from slam_init.compare.measures import is_correct, pose_errors
 from slam_init.config import Config
 from slam_init.datasets.opening import open_source
 from slam_init.datasets.points import PointSource, open_points
-from slam_init.job import Finished, Job, calibrated_by_motion
 from slam_init.recording.recorder import Recorder
+from slam_init.runner import Finished, Job, calibrated_by_motion
 from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations, TimedSource

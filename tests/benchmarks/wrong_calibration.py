@@ -27,11 +27,11 @@ from slam_init.calibration.prior import prior_camera
 from slam_init.compare.statistics import wilson
 from slam_init.datasets.points import PointSource, open_points
 from slam_init.initializer import Initializer
-from slam_init.output.tables import markdown_table
 from slam_init.types.camera import Camera
 from slam_init.types.result import Result
 from tests.benchmarks.options import progress, show
 from tests.benchmarks.reliability import commit
+from tests.benchmarks.tables import markdown_table
 
 #: Scenes by their kind: structure, planes, forward motion, a camera that only rotates.
 _SCENES = {

@@ -6,7 +6,6 @@ import os
 
 import pytest
 
-from slam_init.cli.main import main
 from slam_init.config import RANGES, AcceptanceConfig, Config, config_toml, load_config
 from slam_init.errors import ConfigError
 
@@ -37,10 +36,6 @@ NUMBERS = {path: value for path, value in OPTIONS.items() if type(value) in (int
 SWITCHES = {path: value for path, value in OPTIONS.items() if type(value) is bool}
 
 
-def name(path):
-    return ".".join(path)
-
-
 def test_nothing_given_is_the_defaults():
     assert load_config(None) == Config()
     assert load_config(None, {"seed": None, "method": None}) == Config()
@@ -50,25 +45,25 @@ def test_the_defaults_come_back(tmp_path):
     assert load_config(written(tmp_path, config_toml(Config()))) == Config()
 
 
-@pytest.mark.parametrize("path", NUMBERS, ids=name)
-def test_every_option_can_be_set_and_comes_back(tmp_path, path):
-    value = 2 * NUMBERS[path] + 1
-    if value > RANGES[name(path)][1]:
-        value = 0.9 * NUMBERS[path]
-    changed = load_config(written(tmp_path, as_toml(path, value)))
-    assert dict(leaves(changed)) == OPTIONS | {path: value}
-    assert load_config(written(tmp_path, config_toml(changed))) == changed
+def test_every_option_can_be_set_and_comes_back(tmp_path):
+    for path, default in NUMBERS.items():
+        value = 2 * default + 1
+        if value > RANGES[".".join(path)][1]:
+            value = 0.9 * default
+        changed = load_config(written(tmp_path, as_toml(path, value)))
+        assert dict(leaves(changed)) == OPTIONS | {path: value}
+        assert load_config(written(tmp_path, config_toml(changed))) == changed
 
 
-@pytest.mark.parametrize("path", SWITCHES, ids=name)
-def test_a_switch_is_true_or_false_and_nothing_else(tmp_path, path):
-    for value in (True, False):
-        read = load_config(written(tmp_path, as_toml(path, str(value).lower())))
-        assert dict(leaves(read)) == OPTIONS | {path: value}
-        assert load_config(written(tmp_path, config_toml(read))) == read
-    for value in ("1", "0", '"yes"', "1.0"):
-        with pytest.raises(ConfigError, match=f"{path[-1]} must be of type bool"):
-            load_config(written(tmp_path, as_toml(path, value)))
+def test_a_switch_is_true_or_false_and_nothing_else(tmp_path):
+    for path in SWITCHES:
+        for value in (True, False):
+            read = load_config(written(tmp_path, as_toml(path, str(value).lower())))
+            assert dict(leaves(read)) == OPTIONS | {path: value}
+            assert load_config(written(tmp_path, config_toml(read))) == read
+        for value in ("1", "0", '"yes"', "1.0"):
+            with pytest.raises(ConfigError, match=f"{path[-1]} must be of type bool"):
+                load_config(written(tmp_path, as_toml(path, value)))
 
 
 def test_options_of_the_command_line_win_over_the_file(tmp_path):
@@ -84,26 +79,21 @@ def test_a_whole_number_serves_as_a_decimal(tmp_path):
     assert isinstance(value, float)
 
 
-@pytest.mark.parametrize("path", NUMBERS, ids=name)
-@pytest.mark.parametrize("value", ["-1", "nan", "inf", "-inf", '"many"', "true", "[1]"])
-def test_a_value_that_is_none_is_refused_by_name(tmp_path, path, value):
-    with pytest.raises(ConfigError, match=path[-1]) as refusal:
-        load_config(written(tmp_path, as_toml(path, value)))
-    assert "\n" not in str(refusal.value)
-
-
-MAY_BE_ZERO = (
+MAY_BE_ZERO = {
     ("seed",),
     ("acceptance", "min_parallax_deg"),
     ("acceptance", "lens_changes"),
     ("map", "lens_uncertainty"),
-)
+}
 
 
-@pytest.mark.parametrize("path", [path for path in NUMBERS if path not in MAY_BE_ZERO], ids=name)
-def test_zero_is_refused_for_all_but_the_seed_and_a_bound_that_is_none(tmp_path, path):
-    with pytest.raises(ConfigError, match=path[-1]):
-        load_config(written(tmp_path, as_toml(path, 0)))
+def test_a_value_that_is_none_is_refused_by_name(tmp_path):
+    for path in NUMBERS:
+        values = ["-1", "nan", "inf", "-inf", '"many"', "true", "[1]", *(["0"] if path not in MAY_BE_ZERO else [])]
+        for value in values:
+            with pytest.raises(ConfigError, match=path[-1]) as refusal:
+                load_config(written(tmp_path, as_toml(path, value)))
+            assert "\n" not in str(refusal.value)
 
 
 @pytest.mark.parametrize(
@@ -112,8 +102,10 @@ def test_zero_is_refused_for_all_but_the_seed_and_a_bound_that_is_none(tmp_path,
         ("sead = 3\n", "sead"),
         ("[tracking]\nmax_trax = 3\n", "tracking.max_trax"),
         ("[nothing]\n", "nothing"),
+        ('[map]\n_name = "map"\n', "unknown key 'map._name'"),
         ("tracking = 3\n", "tracking must be a table"),
         ("seed = 1.5\n", "seed must be of type int"),
+        (f"[map]\nnoise_px = 1{400 * '0'}\n", "map.noise_px must be of type float"),
         ("method = 3\n", "method must be of type str"),
         ("seed = \n", "not valid TOML"),
         ("seed = 1\nseed = 2\n", "not valid TOML"),
@@ -125,19 +117,12 @@ def test_what_is_not_understood_is_refused_in_one_line(tmp_path, text, told):
     assert "\n" not in str(refusal.value)
 
 
-@pytest.mark.parametrize("risk", [0.0, 0.001, -0.1, 1.0001, 5, float("nan"), float("inf")])
-def test_a_risk_that_is_no_probability_or_that_no_map_can_have_is_refused_in_one_line(tmp_path, risk):
-    with pytest.raises(ConfigError, match=r"acceptance\.max_risk is") as refusal:
-        AcceptanceConfig(max_risk=risk)
-    assert "\n" not in str(refusal.value)
-    with pytest.raises(ConfigError, match=r"acceptance\.max_risk is") as refusal:
-        load_config(written(tmp_path, f"[acceptance]\nmax_risk = {risk}\n"))
-    assert "\n" not in str(refusal.value)
-
-
-@pytest.mark.parametrize("risk", [0.0011, 0.5, 1.0])
-def test_a_risk_is_a_probability_above_what_is_not_modelled(tmp_path, risk):
-    assert load_config(written(tmp_path, f"[acceptance]\nmax_risk = {risk}\n")).acceptance.max_risk == risk
+def test_a_risk_is_a_probability_above_what_is_not_modelled(tmp_path):
+    for risk in (0.0, 0.001, 1.0001, math.nan):
+        with pytest.raises(ConfigError, match=r"acceptance\.max_risk is"):
+            AcceptanceConfig(max_risk=risk)
+    for risk in (0.0011, 1.0):
+        assert load_config(written(tmp_path, f"[acceptance]\nmax_risk = {risk}\n")).acceptance.max_risk == risk
 
 
 def test_files_that_cannot_be_read(tmp_path):
@@ -157,10 +142,6 @@ def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
         load_config(tmp_path / "pipe")
 
 
-def str_or_huge(value):
-    return "huge" if isinstance(value, int) and value > 1e18 else str(value)
-
-
 def test_every_number_has_a_range_with_its_default_in_it():
     for path, value in leaves(Config()):
         if type(value) in (int, float):
@@ -168,19 +149,11 @@ def test_every_number_has_a_range_with_its_default_in_it():
             assert least <= value <= most and reason
 
 
-@pytest.mark.parametrize("key", sorted(RANGES))
-@pytest.mark.parametrize("off", [1e10, -1e9, math.nan, "1", True, 10**5000], ids=str_or_huge)
-def test_a_number_out_of_its_range_is_one_line_with_the_range_and_the_reason(key, off):
-    section, _, name = key.rpartition(".")
-    if key in ("seed", "external.memory_limit_mb") and off == 1e10:
-        pytest.skip("in its range")
-    kind = type(getattr(Config(), section)) if section else Config
-    with pytest.raises(ConfigError) as told:
-        kind(**{name: off})
-    assert key in str(told.value) and len(str(told.value)) < 250 and "\n" not in str(told.value)
-
-
-def test_a_seed_of_five_thousand_digits_is_one_short_line(capsys):
-    assert main(["run", "synth:room", "--seed", "9" * 5000]) == 2
-    error = capsys.readouterr().err
-    assert error.count("\n") == 1 and len(error) < 600
+def test_a_number_out_of_its_range_is_one_line_with_the_range_and_the_reason():
+    for key, (_, most, _) in RANGES.items():
+        section, _, name = key.rpartition(".")
+        kind = type(getattr(Config(), section)) if section else Config
+        for off in (2 * most, -1e9, math.nan, "1", True, 10**5000):
+            with pytest.raises(ConfigError) as told:
+                kind(**{name: off})
+            assert key in str(told.value) and len(str(told.value)) < 250 and "\n" not in str(told.value)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from make_map import make_attempts, make_map, make_window_evidence
 from make_scene import CAMERA
 from make_source import GivenFrames, synth
 from paths import DATA
@@ -15,9 +16,10 @@ from slam_init.config import Config, load_config
 from slam_init.datasets import open_source
 from slam_init.errors import ConfigError, SourceError
 from slam_init.output.summary import Summary
-from slam_init.runner import run
+from slam_init.runner import live_text, run
 from slam_init.types.frame import Frame
 from slam_init.types.reasons import REASONS, Verdict
+from slam_init.types.status import State, Status
 
 SMALL = {"width": 320, "height": 240}
 
@@ -269,3 +271,13 @@ def test_a_run_lets_the_map_grow_by_the_frames_that_are_asked_for(room, room_run
     assert later.frames_to_init == at_once.frames_to_init
     assert later.frames_read == at_once.frames_read + 10
     assert later.map.depth_sigma < 0.7 * at_once.map.depth_sigma
+
+
+def test_the_line_of_a_terminal_tells_the_reason_and_the_risk_of_the_frame_until_there_is_a_map():
+    waiting = Status(State.WAITING, 0.2, Verdict.PURE_ROTATION, "move")
+    assert live_text(waiting) == "pure rotation"
+    attempt = make_attempts(make_map())[-1]
+    window = make_window_evidence(0.0312)
+    judged = replace(waiting, attempt=replace(attempt, window=window), window=window)
+    assert live_text(judged) == "pure rotation, risk 0.031"
+    assert live_text(Status.initialized(None)) == "initialized"

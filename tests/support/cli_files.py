@@ -37,6 +37,7 @@ INITIALIZED = Summary(
     reprojection_rmse_px=0.314,
     scene="general",
     focal_length=None,
+    wrong_focal=None,
     scale=None,
     scale_sigma=None,
     scale_origin=None,

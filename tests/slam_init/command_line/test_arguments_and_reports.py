@@ -11,24 +11,10 @@ from slam_init.scale.requests import parse_scale
 
 
 def test_arguments_reach_the_pipeline(world, pipeline, capsys):
-    numbers = [
-        "--start",
-        "1",
-        "--max-frames",
-        "2",
-        "--continue",
-        "4",
-        "--seed",
-        "5",
-        "--restart",
-        "--scale",
-        "height:1.65",
-        "--export",
-        "scene",
-        "--matcher",
-        "orb",
-    ]
-    assert main(["run", IMAGES, *WITH, *numbers, "--out", "results", "--quiet"]) == 0
+    numbers = (
+        "--start 1 --max-frames 2 --continue 4 --seed 5 --restart --scale height:1.65 --export scene --matcher orb"
+    )
+    assert main(["run", IMAGES, *WITH, *numbers.split(), "--out", "results", "--quiet"]) == 0
     ((source, camera, config, options),) = pipeline.calls
     assert (source.kind, len(source), camera.fx, config.seed, config.method) == ("images", 3, 60, 5, "quest")
     assert str(options.pop("out")) == "results"
@@ -53,14 +39,12 @@ def test_the_overview_can_be_left_out(world, pipeline):
     assert pipeline.calls[0][3]["overview"] is False
 
 
-@pytest.mark.parametrize(
-    ("text", "readout"),
-    [("25", (25.0, "down")), ("25,up", (25.0, "up")), ("0", (0.0, "down")), ("auto", (None, "down"))],
-)
-def test_the_readout_of_the_command_line_reaches_the_pipeline(world, pipeline, text, readout):
-    assert main(["run", IMAGES, *WITH, "--readout", text, "--quiet"]) == 0
-    ((_, camera, _, _),) = pipeline.calls
-    assert (camera.readout_ms, camera.readout_direction) == readout
+def test_the_readout_of_the_command_line_reaches_the_pipeline(world, pipeline):
+    readouts = {"25": (25.0, "down"), "25,up": (25.0, "up"), "0": (0.0, "down"), "auto": (None, "down")}
+    for text in readouts:
+        assert main(["run", IMAGES, *WITH, "--readout", text, "--quiet"]) == 0
+    cameras = [camera for _, camera, _, _ in pipeline.calls]
+    assert [(camera.readout_ms, camera.readout_direction) for camera in cameras] == list(readouts.values())
 
 
 def test_the_seed_makes_the_synthetic_world_too(pipeline, capsys):
@@ -86,11 +70,11 @@ def test_a_seed_of_the_configuration_counts_where_none_is_given(world, pipeline)
     assert pipeline.calls[0][2].seed == 9
 
 
-@pytest.mark.parametrize("asked", [[], ["--camera", "auto"], ["--camera", "guess"]])
-def test_without_a_calibration_the_focal_length_is_to_be_estimated(world, pipeline, asked):
-    assert main(["run", IMAGES, *asked]) == 0
-    ((_, camera, _, _),) = pipeline.calls
-    assert camera.source == "prior" and camera.focal_sigma > 0.2
+def test_without_a_calibration_the_focal_length_is_to_be_estimated(world, pipeline):
+    for asked in ([], ["--camera", "auto"], ["--camera", "guess"]):
+        assert main(["run", IMAGES, *asked]) == 0
+    for _, camera, _, _ in pipeline.calls:
+        assert camera.source == "prior" and camera.focal_sigma > 0.2
 
 
 @pytest.mark.parametrize("tagged", [b"Apple", b""])

@@ -174,30 +174,32 @@ def too_few_points(folder):
     return "few"
 
 
-@pytest.mark.parametrize(
-    ("make", "said"),
-    [
-        (lambda _: "absent", "no such map"),
-        (lambda folder: str(folder), "holds no map"),
-        (broken_npz, "has no array"),
-        (no_images, "--images"),
-        (no_listed_image, "--images"),
-        (junk, "junk.txt:1"),
-        (broken_points, "POINT3D_ID"),
-        (a_pipe, "pipe: cannot be read: it is a named pipe"),
-        (no_image, "images.txt: holds no image"),
-        (too_few_points, "few: no two frames with a pose share"),
-        (changed(keyframe_frames=np.zeros_like), "keyframe_frames has a frame twice"),
-        (changed(observation_keyframes=lambda keyframes: keyframes[:0]), "its arrays do not fit together"),
-        (changed(observation_points=lambda points: points + 10**6), "its arrays do not fit together"),
-        (changed(observation_pixels=lambda pixels: pixels * 1e30), "handover.npz: no two frames"),
-    ],
-)
-def test_what_is_no_map_is_told_in_one_line(make, said, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert main(["audit", make(tmp_path)]) == 2
-    error = capsys.readouterr().err
-    assert said in error and error.count("\n") == 1
+NO_MAPS = [
+    (lambda _: "absent", "no such map"),
+    (lambda folder: str(folder), "holds no map"),
+    (broken_npz, "has no array"),
+    (no_images, "--images"),
+    (no_listed_image, "--images"),
+    (junk, "junk.txt:1"),
+    (broken_points, "POINT3D_ID"),
+    (a_pipe, "pipe: cannot be read: it is a named pipe"),
+    (no_image, "images.txt: holds no image"),
+    (too_few_points, "few: no two frames with a pose share"),
+    (changed(keyframe_frames=np.zeros_like), "keyframe_frames has a frame twice"),
+    (changed(observation_keyframes=lambda keyframes: keyframes[:0]), "its arrays do not fit together"),
+    (changed(observation_points=lambda points: points + 10**6), "its arrays do not fit together"),
+    (changed(observation_pixels=lambda pixels: pixels * 1e30), "handover.npz: no two frames"),
+]
+
+
+def test_what_is_no_map_is_told_in_one_line(tmp_path, monkeypatch, capsys):
+    for number, (make, said) in enumerate(NO_MAPS):
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        monkeypatch.chdir(folder)
+        assert main(["audit", make(folder)]) == 2
+        error = capsys.readouterr().err
+        assert said in error and error.count("\n") == 1
 
 
 def test_images_of_another_scene_are_told_from_a_wrong_map(room_run, capsys):

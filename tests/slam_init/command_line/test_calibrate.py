@@ -48,11 +48,10 @@ def test_a_camera_that_calibrate_wrote_is_a_calibration(sigma, told, tmp_path, m
     assert ("expect a bent map" in capsys.readouterr().out) == told
 
 
-@pytest.mark.parametrize(("out", "meant"), [("x.yaml", "as in x"), ("lens/x.json", "as in x")])
-def test_out_is_no_name_of_a_file(out, meant, world, capsys):
-    assert main(["calibrate", IMAGES, "--out", out]) == 2
-    error = capsys.readouterr().err
-    assert "names a file: give a folder" in error and meant in error and not (world / out).exists()
+def test_out_is_no_name_of_a_file(world, capsys):
+    for out in ("x.yaml", "lens/x.json"):
+        assert main(["calibrate", IMAGES, "--out", out]) == 2
+        assert "names a file: give a folder" in capsys.readouterr().err and not (world / out).exists()
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import subprocess
 import sys
+from contextlib import nullcontext
 
 import pytest
 from paths import ROOT
@@ -25,23 +26,21 @@ def test_what_a_run_needs_is_loaded_at_once(pictures):
 
 
 @pytest.mark.parametrize("collecting", [False, True])
-@pytest.mark.parametrize("error", [None, ImportError, KeyboardInterrupt])
-def test_the_collector_is_as_before_whatever_happens(monkeypatch, collecting, error):
-    def load(pictures):
-        assert not gc.isenabled()
-        if error is not None:
-            raise error
-
-    monkeypatch.setattr("slam_init.cli.loading._load", load)
+def test_the_collector_is_as_before_whatever_happens(monkeypatch, collecting):
     before = gc.isenabled()
     try:
         gc.enable() if collecting else gc.disable()
-        if error is KeyboardInterrupt:
-            with pytest.raises(KeyboardInterrupt):
+        for error in (None, ImportError, KeyboardInterrupt):
+
+            def load(pictures, error=error):
+                assert not gc.isenabled()
+                if error is not None:
+                    raise error
+
+            monkeypatch.setattr("slam_init.cli.loading._load", load)
+            with pytest.raises(KeyboardInterrupt) if error is KeyboardInterrupt else nullcontext():
                 load_libraries(pictures=False)
-        else:
-            load_libraries(pictures=False)
-        assert gc.isenabled() is collecting
+            assert gc.isenabled() is collecting
     finally:
         gc.enable() if before else gc.disable()
         gc.unfreeze()

@@ -89,7 +89,6 @@ def test_screenshots_are_one_file_for_each_frame_and_replace_pictures_only(folde
         (["missing"], "no such folder"),
         (["empty"], "holds no recording"),
         (["garbage.rrd"], "not a rerun recording"),
-        (["many"], "has 2 recordings"),
         (["out", "--at", "3"], "--screenshot"),
         (["out", "--port", "3"], "--web"),
         (["out", "--web", "--port", "70000"], "65535"),
@@ -105,10 +104,6 @@ def test_screenshots_are_one_file_for_each_frame_and_replace_pictures_only(folde
 def test_what_cannot_be_shown_is_one_line(folder, shown, tmp_path, capsys, arguments, word):
     (tmp_path / "empty").mkdir()
     (tmp_path / "garbage.rrd").write_bytes(b"garbage")
-    for method in ("a", "b"):
-        recordings = tmp_path / "many" / "recordings" / "room-000000"
-        recordings.mkdir(parents=True, exist_ok=True)
-        (recordings / f"{method}.rrd").write_bytes(RECORDING)
     assert main(["view", *arguments]) == 2
     error = capsys.readouterr().err
     assert word in error

@@ -1,4 +1,4 @@
-"""Laws of ``summary.json``: its keys and values, and the deprecated access by key."""
+"""Laws of ``summary.json``: its keys and values."""
 
 import json
 from dataclasses import fields, replace
@@ -114,11 +114,3 @@ def test_the_text_is_ascii_and_ends_with_a_newline():
     assert text.isascii()
     assert text.endswith("}\n")
     assert json.loads(text)["notes"] == ["größer", "\udcff.png"]
-
-
-def test_access_by_key_is_deprecated_and_gives_the_plain_value():
-    summary = summarize(make_result(make_map()))
-    with pytest.warns(DeprecationWarning, match=r"use summary\.landmarks"):
-        assert summary["landmarks"] == 60
-    with pytest.warns(DeprecationWarning), pytest.raises(KeyError):
-        _ = summary["no_such_key"]

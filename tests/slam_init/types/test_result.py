@@ -1,11 +1,10 @@
-"""The texts of attempts and results, and the deprecated dictionary of all evidence."""
+"""The texts of attempts and results."""
 
 from dataclasses import replace
 
-import pytest
 from make_map import make_attempts, make_map, make_result
 
-from slam_init.types.evidence import FreeFocal, MapEvidence
+from slam_init.types.evidence import FreeFocal
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 
@@ -54,19 +53,3 @@ def test_a_printed_result_says_that_the_stated_focal_length_is_wrong():
         assert "--camera" not in str(result)
         wrong = replace(result, wrong_focal=FreeFocal(1230.0, 616.0, 22.0, contradicts=True), notes=(told, "more"))
         assert str(wrong).count(told) == 1
-
-
-def test_the_deprecated_evidence_holds_all_figures_and_gates_by_name():
-    attempt = replace(
-        make_attempts(make_map())[0],
-        free_focal=FreeFocal(500.0, 520.0, 9.0, contradicts=False),
-        map=MapEvidence(failure="no points"),
-        method_evidence={"score": 0.5},
-    )
-    with pytest.warns(DeprecationWarning, match="use the fields preview, two_view"):
-        evidence = attempt.evidence
-    assert evidence["parallax_px"] == 2.5
-    assert evidence["estimated_px"] == 520.0
-    assert evidence["failure"] == "no points"
-    assert evidence["score"] == 0.5
-    assert (evidence["risk"], evidence["risk_gate"], evidence["direction_sigma_deg"]) == (0.07, 0.005, 4.0)

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from make_map import make_map, make_poses
-from slam_init.output.ros_messages import RosMessages
+from slam_init_ros.ros_messages import RosMessages
 
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose
