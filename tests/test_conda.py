@@ -3,8 +3,11 @@
 import re
 import tomllib
 
+import pytest
 import yaml
 from paths import ROOT
+
+pytestmark = pytest.mark.docs
 
 #: Names of conda-forge that differ from those of PyPI.
 NAMES = {"opencv-python-headless": "py-opencv", "matplotlib": "matplotlib-base"}

@@ -19,6 +19,8 @@ from slam_init.datasets.layouts import LAYOUTS
 from slam_init.output.names import CALIBRATION_FILES, COMPARE_FILES, RUN_FILES
 from slam_init.types.reasons import REASONS
 
+pytestmark = pytest.mark.docs
+
 DOCS = ROOT / "docs"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 TUTORIALS = sorted((DOCS / "tutorials").glob("*.md"))

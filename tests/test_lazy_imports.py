@@ -6,6 +6,8 @@ import sys
 import pytest
 from paths import ROOT
 
+pytestmark = pytest.mark.process
+
 HEAVY = (
     "av",
     "cv2",

@@ -6,6 +6,8 @@ from contextlib import chdir
 import pytest
 from makers import maker
 
+pytestmark = pytest.mark.docs
+
 notebooks = maker("notebooks")
 SCRIPTS = sorted(notebooks.NOTEBOOKS.glob("*.py"))
 

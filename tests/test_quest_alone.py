@@ -9,6 +9,8 @@ from zipfile import ZipFile
 import pytest
 from paths import ROOT
 
+pytestmark = pytest.mark.process
+
 QUEST = ROOT / "quest"
 
 

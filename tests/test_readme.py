@@ -10,6 +10,8 @@ import pytest
 from make_video import write_mp4
 from paths import ROOT
 
+pytestmark = pytest.mark.docs
+
 COMMANDS = ["python -m pip install . && slam-init run", 'python -m pip install ".[test]" && python -m pytest']
 
 #: Stands in for every program that the script may start: notes how it was called, makes what ``-m venv`` would.

@@ -9,6 +9,8 @@ from pathlib import PurePosixPath
 import pytest
 from paths import ROOT
 
+pytestmark = pytest.mark.process
+
 PACKAGES = ("quest", "sequences_synth", "slam_init")
 #: Packages that the extra ``test`` installs and a user need not have.
 TEST_PACKAGES = ("pytest", "hypothesis", "numpydoc", "jsonschema", "evo", "pycolmap", "distributed", "h5py",

@@ -79,8 +79,7 @@ class InterruptsNoted:
     def _dropped(self, what: sys.UnraisableHookArgs) -> None:
         if self.seen is not None and isinstance(what.exc_value, KeyboardInterrupt):
             # Not from here: what a handler raises now would be dropped too.
-            main = threading.main_thread().ident
-            threading.Timer(_AGAIN_S, lambda: main and signal.pthread_kill(main, self.seen or 0)).start()
+            threading.Timer(_AGAIN_S, signal.pthread_kill, (threading.main_thread().ident, self.seen)).start()
         else:
             self._hook_before(what)
 

@@ -8,6 +8,8 @@ from paths import DATA
 
 from slam_init.types.pose import Pose
 
+pytestmark = pytest.mark.process
+
 SEQUENCE = DATA / "middlebury" / "templeRing_19"
 
 

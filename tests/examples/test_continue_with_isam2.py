@@ -2,10 +2,13 @@
 
 import continue_with_isam2 as continue_with_isam2_module
 import numpy as np
+import pytest
 from continue_with_isam2 import continue_with_isam2, main, position_errors
 
 from slam_init.bundle.graph import calibration_key, pose_key
 from slam_init.types.frame import Frame
+
+pytestmark = pytest.mark.process
 
 #: After the map.
 FRAMES = 8

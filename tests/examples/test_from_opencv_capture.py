@@ -8,6 +8,8 @@ from make_scene import texture
 
 from slam_init.calibration.files import load_camera
 
+pytestmark = pytest.mark.process
+
 RATE_HZ = 25
 
 

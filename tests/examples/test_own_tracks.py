@@ -10,6 +10,8 @@ from own_tracks import OrbTracks
 
 from slam_init.compare.measures import pose_errors
 
+pytestmark = pytest.mark.process
+
 
 @pytest.fixture(scope="module")
 def result(room):

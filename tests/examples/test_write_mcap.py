@@ -7,6 +7,8 @@ from write_mcap import messages_of, write
 
 from slam_init.output.handover import handover_bytes
 
+pytestmark = pytest.mark.process
+
 reader = pytest.importorskip("mcap_ros2.reader")
 
 

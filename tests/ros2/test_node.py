@@ -18,6 +18,8 @@ from slam_init.config import load_config
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 
+pytestmark = pytest.mark.process
+
 pytest.importorskip("rosbags")
 RCLPY = pytest.param(
     "rclpy",

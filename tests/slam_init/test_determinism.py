@@ -4,7 +4,10 @@ import os
 import subprocess
 import sys
 
+import pytest
 from paths import ROOT
+
+pytestmark = pytest.mark.process
 
 #: A plane with two conjugate motions, which may stay undecided, a general scene with many outliers, and images.
 SOURCES = (

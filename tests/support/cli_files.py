@@ -50,7 +50,6 @@ INITIALIZED = Summary(
     continued=None,
     segments=(),
     notes=(),
-    wrong_focal=None,
     provenance=None,
 )
 REFUSED = replace(

@@ -12,6 +12,8 @@ from paths import ROOT
 
 from slam_init.cli.loading import load_libraries
 
+pytestmark = pytest.mark.process
+
 
 @pytest.mark.parametrize("pictures", [False, True])
 def test_what_a_run_needs_is_loaded_at_once(pictures):

@@ -1,12 +1,15 @@
 """The command ``slam-init compare``."""
 
 import cv2
+import pytest
 from comparisons import rows_of
 from make_source import synth
 
 from slam_init.cli import main
 from slam_init.compare.report import main_table
 from slam_init.compare.run import chosen_methods
+
+pytestmark = pytest.mark.process
 
 DATA_SET = "python:docs/examples/add_a_data_set.py:Poster"
 

@@ -18,6 +18,8 @@ from slam_init.compare.trials import Settings, Trial
 from slam_init.compare.workers import run_on_cluster, run_trials
 from slam_init.errors import ConfigError, SlamInitError
 
+pytestmark = pytest.mark.process
+
 MARK = "SLAM_INIT_TEST_MARK"
 PARENT = f"""
 from slam_init.compare.sources import describe_sources

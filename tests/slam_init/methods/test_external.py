@@ -20,6 +20,8 @@ from slam_init.methods.external_command import is_external, method_label, parse_
 from slam_init.methods.external_run import run_program
 from slam_init.types.camera import Camera
 
+pytestmark = pytest.mark.process
+
 CAMERA = Camera("radtan", 64, 48, 60.0, 61.0, 31.5, 23.5, (0.1, -0.01, 0.001, 0.002))
 FRAMES = 4
 

@@ -14,6 +14,8 @@ import pytest
 import quest
 from quest.robust.kernels.compiler import inlined, numba
 
+pytestmark = pytest.mark.process
+
 ESTIMATE = """
 import sys
 import numpy as np

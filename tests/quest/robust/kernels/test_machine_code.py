@@ -11,6 +11,8 @@ import pytest
 
 from quest.robust.kernels import machine_code
 
+pytestmark = pytest.mark.process
+
 ROTATION = (
     "import sys, numpy as np; from quest.robust.kernels import small_algebra; R = np.eye(3);"
     "small_algebra.turn(R, 0.1, *small_algebra.tangents(R[2])[:2]); print(*R.ravel(), 'scipy.linalg' in sys.modules)"

@@ -19,6 +19,8 @@ from slam_init.datasets.live import LiveSource, open_live
 from slam_init.datasets.live.streams import CaptureStream
 from slam_init.errors import SourceError
 
+pytestmark = pytest.mark.process
+
 SERVER = """
 import sys, gi
 gi.require_version("Gst", "1.0")
