@@ -92,7 +92,7 @@ def test_the_script_runs_the_two_commands_of_the_readme_and_lint_layers_types_an
 def test_the_script_runs_what_the_readme_says_and_not_what_it_said_before(integrate):
     code, calls = integrate(readme_of("slam-init run elsewhere", "python -m pytest -x"))
     assert code == 0
-    commands = ["slam-init run elsewhere", "python -m pytest -x"]
+    commands = ["slam-init run elsewhere", "python -m pytest -x", "python -m pytest -m process or docs or slow"]
     assert [call for call in calls if call.startswith(("slam-init", "python -m pytest"))] == commands
     assert not any("not run" in call for call in calls)
 
