@@ -136,12 +136,14 @@ def test_two_maps_are_drawn_while_they_are_kept_with_the_evidence_that_decides(p
 
 def test_matches_are_neither_inliers_nor_outliers_where_no_motion_was_estimated(path):
     attempt = make_attempts(make_map())[0]
-    no = np.zeros(len(attempt.inliers), bool)
+    no, none = np.zeros(len(attempt.inliers), bool), np.zeros((0, 2))
     with pinhole(path) as recorder:
         recorder.attempt(replace(attempt, inliers=no, moving=no, window=None, two_view=None, map=None))
+        recorder.attempt(replace(attempt, pixels1=none, pixels2=none, inliers=no[:0], moving=no[:0]))
     names = ("inliers", "outliers", "moving", "tracks")
     drawn = [column(path, f"/pairs/image/{name}/points", "Points2D:positions")[0] or () for name in names]
     assert [len(points) for points in drawn] == [0, 0, 0, 2 * len(no)]
+    assert len(column(path, "/pairs/image", "EncodedImage:blob")) == 2  # also without their images
 
 
 def test_tracks_on_moving_bodies_are_drawn_in_their_frame_only(path):
@@ -156,15 +158,21 @@ def test_tracks_on_moving_bodies_are_drawn_in_their_frame_only(path):
     assert [len(points or ()) for points in shown] == [np.count_nonzero(attempt.moving & ~attempt.inliers), 0]
 
 
-def test_a_rolling_shutter_is_shown_before_and_after_its_correction(path):
+def test_without_a_map_the_camera_turns_and_a_rolling_shutter_is_shown_before_and_after_its_correction(path):
     seen = make_observations(make_map())[0]
     corrected = seen.pixels + np.array([1.0, -2.0])
+    turned = Rotation.from_rotvec([0.0, 0.2, 0.0]).as_matrix()
     with pinhole(path) as recorder:
         seen_in(recorder, seen)
         recorder.row_times(seen, corrected)
+        recorder.waiting(CameraPose(PoseKind.PROVISIONAL, turned, 0.3, np.ones(3), 2.0, 0))
     for name, pixels in (("before", seen.pixels), ("after", corrected)):
         points = column(path, f"/world/camera/image/readout/{name}", "Points2D:positions")[0]
         np.testing.assert_allclose(points, pixels + 0.5, atol=1e-3)
+    [matrix] = column(path, "/world/camera", "Transform3D:mat3x3")
+    # Rerun stores matrices by columns, so that the transposed matrix is the one that was given.
+    np.testing.assert_allclose(np.reshape(matrix, (3, 3)), turned, atol=1e-6)
+    assert column(path, "/stats/direction/rotation", "Scalars:scalars") == [[0.3]]
 
 
 def test_equal_runs_have_equal_content_and_other_runs_do_not(tmp_path):
@@ -206,15 +214,6 @@ def test_of_many_frames_only_some_images_are_kept_but_all_tracks(path, monkeypat
     batches = [b for b in chunks(path, "/world/camera/image") if "EncodedImage:blob" in b.schema.names]
     assert [frame for b in batches for frame in b["frame"].to_pylist()] == [0, 1, 2, 3, 4, 6, 8, 12]
     assert len(column(path, "/stats/counts/tracks", "Scalars:scalars")) == 15
-
-
-def test_a_pair_is_drawn_also_without_its_images_and_without_matches(path):
-    attempt = make_attempts(make_map())[0]
-    none = np.zeros((0, 2))
-    with pinhole(path) as recorder:
-        recorder.attempt(attempt)
-        recorder.attempt(replace(attempt, pixels1=none, pixels2=none, inliers=none[:, 0] > 0, moving=none[:, 0] > 0))
-    assert len(column(path, "/pairs/image", "EncodedImage:blob")) == 2
 
 
 def test_figures_that_an_attempt_lacks_or_that_are_not_finite_are_not_plotted(path):
@@ -259,17 +258,6 @@ def test_an_error_leaves_the_earlier_recording_and_an_interrupt_the_new_one(path
         assert (path.read_bytes() == b"old") == isinstance(error, SourceError)
     recorder.close()  # a second time
     assert rerun_tool("verify", path).returncode == 0
-
-
-def test_the_camera_turns_while_there_is_no_map(path):
-    turned = Rotation.from_rotvec([0.0, 0.2, 0.0]).as_matrix()
-    with pinhole(path) as recorder:
-        seen_in(recorder, make_observations(make_map())[0])
-        recorder.waiting(CameraPose(PoseKind.PROVISIONAL, turned, 0.3, np.ones(3), 2.0, 0))
-    [matrix] = column(path, "/world/camera", "Transform3D:mat3x3")
-    # Rerun stores matrices by columns, so that the transposed matrix is the one that was given.
-    np.testing.assert_allclose(np.reshape(matrix, (3, 3)), turned, atol=1e-6)
-    assert column(path, "/stats/direction/rotation", "Scalars:scalars") == [[0.3]]
 
 
 def test_a_map_that_has_grown_is_drawn_with_its_scale_and_cleared_when_it_is_lost(path):

@@ -104,20 +104,15 @@ def test_a_window_that_fails_is_told_and_one_that_is_closed_is_not(tmp_path, vie
         show(tmp_path / "a.rrd")
 
 
-def test_a_served_recording_answers_and_its_process_ends_with_the_block(tmp_path, viewer):
-    viewer(SERVER)
-    with serve(tmp_path / "a.rrd") as served:
-        address = urlsplit(served.url)
+def test_served_recordings_answer_on_ports_of_their_own_and_their_processes_end_with_the_block(tmp_path, viewer):
+    viewer(SERVER)  # it takes its web port alone, as a viewer does that has not opened the others yet
+    with serve(tmp_path / "a.rrd") as one, serve(tmp_path / "b.rrd") as two:
+        assert one.url.split("%3A")[-1] != two.url.split("%3A")[-1]
+        address = urlsplit(one.url)
         assert urllib.request.urlopen(f"http://{address.netloc}/", timeout=10).status == 200
     with socket.socket() as probe:
         probe.settimeout(1)
         assert probe.connect_ex((address.hostname, address.port)) != 0
-
-
-def test_viewers_that_start_at_once_share_no_port(tmp_path, viewer):
-    viewer(SERVER)  # it takes its web port alone, as a viewer does that has not opened the others yet
-    with serve(tmp_path / "a.rrd") as one, serve(tmp_path / "b.rrd") as two:
-        assert one.url.split("%3A")[-1] != two.url.split("%3A")[-1]
 
 
 def test_only_a_recording_is_opened(tmp_path):
