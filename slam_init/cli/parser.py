@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
+from itertools import takewhile
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
 from slam_init.errors import SlamInitError
@@ -56,6 +58,25 @@ class Parser(argparse.ArgumentParser):
         given = [f"{word}={bare[word]}" if word in bare else word for word in words[:end]]
         return super().parse_known_args([*given, *words[end:]], namespace)
 
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse words; an option that does not exist is reported with the command that it was given to."""
+        try:
+            namespace, unknown = self.parse_known_args(args, namespace)
+        except UsageError as error:
+            words = sys.argv[1:] if args is None else list(args)
+            if "required: COMMAND" in str(error) and words:  # an option that does not exist hides the rest
+                self.error(f"unrecognized arguments: {' '.join(words)}{_hint(words[0], self)}")
+            raise
+        if unknown:
+            known = next((part.choices for part in self._actions if isinstance(part.choices, dict)), {})
+            words = sys.argv[1:] if args is None else list(args)
+            command = next((word for word in words if word in known), None)
+            parser: Parser = self if command is None else known[command]
+            before = words[words.index(unknown[0]) - 1]
+            joined = f": did you mean {before}={unknown[0]}?" if before in parser.bare_values else ""
+            parser.error(f"unrecognized arguments: {' '.join(unknown)}{joined or _hint(unknown[0], parser)}")
+        return namespace
+
     # Called for each value. All words of a command are a value as well, that of the action of the commands.
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
         bare = any(self.bare_values.get(option) == "" for option in action.option_strings)
@@ -69,24 +90,15 @@ class Parser(argparse.ArgumentParser):
         tell(self.format_help())
 
     def error(self, message: str) -> NoReturn:
-        """Raise what is wrong with the arguments, with the name that was meant."""
-        from difflib import get_close_matches
-
-        wrong = re.search(r"(?:arguments: |invalid choice: ')([\w-]+)(?=[\s'=]|$)", message)
-        if wrong is not None and (near := get_close_matches(wrong[1], self._names(), n=1)):
-            message += f": did you mean {near[0]}?"
+        """Raise what is wrong with the arguments."""
+        if wrong := re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message):
+            meant = _meant(wrong[1], re.findall(r"[\w-]+", wrong[2]))
+            if "COMMAND" in message and wrong[1] and (Path(wrong[1]).exists() or ":" in wrong[1]):
+                meant = [f"{self.prog} run {wrong[1]}"]
+            message += f": did you mean {meant[0]}?" if meant else ""
         if len(message) > _LONGEST:  # a number of 5,000 digits
             message = f"{message[: _LONGEST // 2]}...{message[-_LONGEST // 4 :]}"
         raise UsageError(f"{message} (see {self.prog} --help)")
-
-    def _names(self) -> list[str]:
-        """All options and choices, those of the commands as well."""
-        names = list(self._option_string_actions)
-        for action in self._actions:
-            names += action.choices or ()
-            if isinstance(action.choices, dict):
-                names += [name for command in action.choices.values() for name in command._names()]
-        return names
 
 
 class ListMethods(argparse.Action):
@@ -98,6 +110,51 @@ class ListMethods(argparse.Action):
 
         tell(methods_text())
         parser.exit()
+
+
+#: What people call an option elsewhere. None: SOURCE stands without an option.
+_OTHER_NAMES: dict[str, str | None] = {
+    **dict.fromkeys(("--calib", "--calibration", "--intrinsics"), "--camera"),
+    **dict.fromkeys(("--output", "--outdir", "--save"), "--out"),
+    **dict.fromkeys(("--frames", "--num-frames", "--limit"), "--max-frames"),
+    **dict.fromkeys(("--skip", "--step", "--stride"), "--every"),
+    **dict.fromkeys(("--show", "--viewer", "--visualize"), "--live"),
+    **dict.fromkeys(("--video", "--input", "--source", "--folder"), None),
+}
+#: The option that takes a file, by the end of its name.
+_OPTION_OF_FILE = {".yaml": "--camera", ".yml": "--camera", ".xml": "--camera", ".toml": "--config", ".csv": "--imu"}
+
+
+def _hint(word: str, parser: argparse.ArgumentParser) -> str:
+    """The option that was meant, as the end of a message."""
+    options = [option for part in parser._actions for option in part.option_strings]
+    name, suffix = word.partition("=")[0], Path(word).suffix.lower()
+    if not word.startswith("-") and _OPTION_OF_FILE.get(suffix) in options:
+        option = _OPTION_OF_FILE[suffix]
+        return f": did you mean {option}{'=' if option in getattr(parser, 'bare_values', {}) else ' '}{word}?"
+    if name in _OTHER_NAMES and name not in options:
+        other = _OTHER_NAMES[name]
+        if other is None:
+            return f": leave {name} out: SOURCE stands without an option"
+        return f": did you mean {other}?" if other in options else ""
+    meant = _meant(name, options)
+    return f": did you mean {meant[0]}?" if meant else ""
+
+
+def _meant(word: str, known: Sequence[str]) -> list[str]:
+    """The name that was meant, if any: one with a slip of the fingers, or the only long option of a letter."""
+    if re.fullmatch(r"-\w", word):
+        long = [option for option in known if option.startswith(f"-{word}")]
+        return long if len(long) == 1 else []
+    return [name for name in known if _is_slip(word, name)]
+
+
+def _is_slip(word: str, name: str) -> bool:
+    """Whether a letter was added, left out or replaced, or two neighbours were exchanged: the meaning is the same."""
+    same = takewhile(lambda pair: pair[0] == pair[1], zip(word, name, strict=False))
+    first = len(list(same))
+    a, b = word[first:], name[first:]
+    return word != name and (a[1:] == b or a == b[1:] or a[1:] == b[1:] or (a[1::-1], a[2:]) == (b[:2], b[2:]))
 
 
 def number(least: float, kind: type[float] = int) -> Callable[[str], float]:

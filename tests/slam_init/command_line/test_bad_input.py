@@ -63,7 +63,7 @@ BAD = {
     "compare with a missing mask": (["compare", "synth:room", "--mask", "nowhere.png", "--out", "out"], "nowhere.png"),
     "compare points with a rate": (["compare", "points:room", "--fps", "3", "--out", "out"], "has no images"),
     "compare within no time": (["compare", "points:room", "--time-limit", "nan", "--out", "out"], "--time-limit"),
-    "file behind a bare option": (["run", IMAGES, "--imu", "file.csv"], "file.csv"),
+    "file behind a bare option": (["run", IMAGES, "--imu", "file.csv"], "did you mean --imu=file.csv"),
     "compare every zero": (["compare", "points:room", "--use-every", "0", "--out", "out"], "--use-every"),
     # camera
     "no focal length": (["run", IMAGES, "--camera", "f=none"], "f=1250"),
