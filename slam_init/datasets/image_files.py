@@ -17,7 +17,7 @@ from typing import cast
 
 import numpy as np
 
-from slam_init.calibration.metadata import photograph_facts
+from slam_init.calibration.metadata import jpeg_head, photograph_facts
 from slam_init.calibration.size_problem import TURNS, size_remedy
 from slam_init.datasets.even_steps import TRIPLES, steps_are_even
 from slam_init.datasets.grey_levels import SAMPLES, GreyLevels, Pixels
@@ -43,8 +43,6 @@ MAX_FRAMES = 200_000
 _ALL_LEVELS = GreyLevels()
 _PNG = b"\x89PNG\r\n\x1a\n"
 
-# The size of a JPEG is known after as many bytes: thumbnails, profiles and other segments come before.
-_JPEG_HEADER = 4_000_000
 # Largest file of an image: that of an image of MAX_PIXELS without compression, with four channels of 16 bits.
 _MAX_BYTES = 8 * MAX_PIXELS
 
@@ -156,8 +154,7 @@ def _check_header(name: str, data: bytes) -> None:
     from PIL import Image as Pillow
 
     try:
-        # A JPEG may have fill bytes before each marker, which are read one by one. Its size is before its pixels.
-        head = data[:_JPEG_HEADER] if data.startswith(b"\xff\xd8") else data
+        head = jpeg_head(data) or data
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             pixels = math.prod(Pillow.open(io.BytesIO(head)).size)
