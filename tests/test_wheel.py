@@ -13,8 +13,8 @@ pytestmark = pytest.mark.process
 
 PACKAGES = ("quest", "sequences_synth", "slam_init")
 #: Packages that the extra ``test`` installs and a user need not have.
-TEST_PACKAGES = ("pytest", "hypothesis", "numpydoc", "jsonschema", "evo", "pycolmap", "distributed", "h5py",
-                 "rosbags", "av", "xdist", "msgpack", "mcap", "mcap_ros2")  # fmt: skip
+TEST_PACKAGES = ("pytest", "hypothesis", "numpydoc", "pandas", "jinja2", "pebble", "evo", "pycolmap", "distributed",
+                 "h5py", "rosbags", "av", "xdist", "mcap", "mcap_ros2")  # fmt: skip
 #: A wheel of Python files only: more than this is a picture, a table or machine code that slipped in.
 LARGEST_MB = 4.0
 
