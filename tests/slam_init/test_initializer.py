@@ -395,6 +395,7 @@ def _bytes_reached(root):
     return total
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn_rad", [0.0, 2e-3])
 def test_the_memory_of_a_waiting_initializer_does_not_grow_but_for_a_few_bytes_of_statistics(turn_rad):
     """A camera that stands, and one that turns to and fro, for longer than frames and candidates are kept."""

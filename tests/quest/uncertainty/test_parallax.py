@@ -32,6 +32,7 @@ def test_poisson_tail_equals_that_of_scipy(count, mean):
     assert poisson_tail(count, mean) == pytest.approx(stats.poisson.sf(count - 1, mean), rel=1e-9, abs=1e-13)
 
 
+@pytest.mark.slow
 def test_the_error_rate_for_rotation_only_cameras_is_at_most_the_stated_one():
     # With a true error rate of 5 % more than 5 of 30 would happen once in 300 times; the seeds are fixed.
     values = []

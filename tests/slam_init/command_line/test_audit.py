@@ -20,6 +20,8 @@ from slam_init.output.nerfstudio import opengl_matrix
 from slam_init.output.results import tum_text
 from slam_init.types.initial_map import Keyframe
 
+pytestmark = pytest.mark.slow
+
 POINTS = 200
 ROOM = "synth:room?frames=10&width=320&height=240&slow_start=1"
 

@@ -17,6 +17,8 @@ from slam_init.compare.sources import describe_sources
 from slam_init.compare.statistics import wilson
 from slam_init.compare.trials import Plan
 
+pytestmark = pytest.mark.process
+
 
 def row(risk, outcome="correct", *, method="quest", group="points:room", start=0, **values):
     given = {"source": group, "frames_limit": 11, "judged_by": criteria_of(group).rule, "keyframes": "0 1"} | values

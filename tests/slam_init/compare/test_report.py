@@ -2,11 +2,14 @@
 
 import re
 
+import pytest
 from comparisons import METHODS
 
 from slam_init.compare.run import compare
 from slam_init.compare.sources import describe_sources
 from slam_init.compare.trials import Plan
+
+pytestmark = pytest.mark.process
 
 
 def test_the_page_loads_nothing_and_tells_the_wait_and_how_each_scene_is_judged(finished):

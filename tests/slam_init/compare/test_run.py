@@ -20,6 +20,8 @@ from slam_init.errors import OutputError
 from slam_init.output.folder import Marker
 from slam_init.output.plain_json import plain
 
+pytestmark = pytest.mark.process
+
 
 @pytest.fixture
 def copied(finished, tmp_path):

@@ -26,6 +26,8 @@ from slam_init.errors import SlamInitError
 from slam_init.output.handover import handover_bytes
 from slam_init.types.camera import Camera
 
+pytestmark = pytest.mark.slow
+
 CAMERA = Camera("pinhole", 64, 48, 60.0, 60.0, 31.5, 23.5)
 
 

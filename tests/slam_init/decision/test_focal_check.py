@@ -27,6 +27,7 @@ def seen(camera, source):
     return result
 
 
+@pytest.mark.slow
 def test_a_focal_length_that_the_tracks_contradict_is_named_and_a_right_one_is_not():
     for scene, options in TELLING.items():
         for focal_error in (-0.4, -0.15, 0.0, 0.15, 0.8):

@@ -117,6 +117,7 @@ def test_moving_bodies_before_a_camera_that_does_not_translate_are_no_near_objec
     assert not finished(source)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "noise_px"), [(365010, 0.3), (365029, 0.6)])
 def test_a_few_tracks_on_moving_bodies_do_not_decide_between_the_motions_of_a_plane(seed, noise_px):
     """Both walls had a map with the wrong motion, by the votes of 22 and of 53 tracks off the plane."""

@@ -109,6 +109,7 @@ def killed_at(line, out):
     return os.WIFSIGNALED(os.waitpid(child, 0)[1])
 
 
+@pytest.mark.slow
 def test_a_command_that_is_killed_at_any_line_leaves_the_old_results_or_the_new_ones(tmp_path):
     out, line, seen = tmp_path / "out", 1, set()
     fill(out)
