@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import pytest
 from make_window import point_source
 
 from slam_init.calibration.prior import prior_camera
