@@ -18,7 +18,7 @@ from slam_init.errors import SourceError, plain_line
 from slam_init.output.folder import read_marker
 from slam_init.output.names import RECORDING, RUN_FILES
 from slam_init.system.regular_file import check_inside, read_regular
-from slam_init.types.reasons import in_words
+from slam_init.types.result import why_no_map
 
 _SUMMARY = "summary.json"
 #: A thousand attempts with their gates and evidence have 4 MB.
@@ -71,6 +71,7 @@ class _Summary:
     attempts: tuple[_Attempt, ...] = ()
     provenance: _Provenance | None = None
     notes: tuple[str, ...] = ()
+    wrong_focal: Mapping[str, object] | None = None
 
 
 def is_result_folder(path: str | os.PathLike[str]) -> bool:
@@ -145,7 +146,9 @@ class ResultFolder:
             more = ", ..." if count > _SHOWN_KEYFRAMES else ""
             facts = [("keyframes", f"{count} (frames {frames}{more})"), ("landmarks", str(summary.landmarks))]
         else:
-            title = f"not initialized after {summary.frames_read} frames: {in_words(summary.reason)}"
+            title = (
+                f"not initialized after {summary.frames_read} frames: {why_no_map(summary.reason, summary.wrong_focal)}"
+            )
             facts = [("advice", summary.advice)]
             if summary.hypotheses:
                 facts.append(("kept", f"{len(summary.hypotheses)} maps, one of them is right"))

@@ -11,7 +11,7 @@ from slam_init.output.summary import Summary
 from slam_init.recording.layout import ARROW_FACTOR
 from slam_init.types.gates import Direction, Gate, GateName
 from slam_init.types.reasons import Verdict, in_words
-from slam_init.types.result import Attempt
+from slam_init.types.result import Attempt, why_no_map
 
 #: Fields of the summary that have one line each.
 _FIGURES = (
@@ -130,7 +130,7 @@ def headline(summary: Summary) -> str:
     """Write in one line whether there is a map, and why not."""
     if summary.reason is None:
         return f"Initialized after {summary.frames_to_init} frames"
-    return f"No map after {summary.frames_read} frames: {in_words(summary.reason)}"
+    return f"No map after {summary.frames_read} frames: {why_no_map(summary.reason, summary.wrong_focal)}"
 
 
 def advice_markdown(summary: Summary) -> str:
