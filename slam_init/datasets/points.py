@@ -78,13 +78,3 @@ def open_points(text: str, seed: int) -> PointSource:
     except ValueError as error:
         raise SourceError(str(error)) from None
 
-
-def point_scenes() -> tuple[str, ...]:
-    """List the standard scenes, which a grid of trials draws.
-
-    * Returns: :data:`sequences_synth.STANDARD_SCENES`. The other scenes of :data:`sequences_synth.POINT_SCENES` are
-      opened by name only, so that the trials of a grid do not change when scenes are added.
-    """
-    from sequences_synth import STANDARD_SCENES
-
-    return STANDARD_SCENES

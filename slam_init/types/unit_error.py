@@ -36,9 +36,3 @@ class UnitError:
     def with_scale(self, variance: float) -> Self:
         """The same with a scale that is as uncertain besides."""
         return type(self)(math.sqrt(max(self.own**2 + variance, 0.0)), self.by_lens)
-
-    def of_ratio(self, other: UnitError, *, same_lens: bool) -> float:
-        """Relative standard deviation of the ratio of the units of two maps."""
-        owns = [one.own if one.own >= 0 else 0.0 for one in (self, other)]
-        lens = [*(self.by_lens - other.by_lens)] if same_lens else [*self.by_lens, *other.by_lens]
-        return math.hypot(*owns, *lens)

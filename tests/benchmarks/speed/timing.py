@@ -41,16 +41,6 @@ def median_ms(work: Callable[[], object], calls: int, clock: Callable[[], float]
     return float(np.median(times))
 
 
-def cpu_ms(work: Callable[[], object], calls: int) -> float:
-    """Least CPU time of some calls in milliseconds: what the work takes where nothing disturbs it."""
-    times = []
-    for _ in range(calls):
-        begin = time.thread_time()
-        work()
-        times.append(1e3 * (time.thread_time() - begin))
-    return min(times)
-
-
 def machine() -> str:
     """Describe the CPU model and the versions, without anything that identifies the machine."""
     import platform

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sequences_synth import PointOptions, make_points
-from slam_init.datasets.points import open_points, point_scenes
+from slam_init.datasets.points import open_points
 from slam_init.errors import SourceError
 
 
@@ -39,11 +39,6 @@ def test_the_focal_error_of_a_rotation_scene_is_that_of_the_stated_camera():
     assert wrong.camera.fx == pytest.approx(0.96 * right.camera.fx)
     for a, b in zip(right.observations(), wrong.observations(), strict=True):
         np.testing.assert_array_equal(a.pixels, b.pixels)
-
-
-def test_a_grid_draws_the_standard_scenes_only():
-    assert len(point_scenes()) == 9
-    assert not [name for name in point_scenes() if name.startswith("tilted")]
 
 
 @pytest.mark.parametrize(
