@@ -77,4 +77,3 @@ def open_points(text: str, seed: int) -> PointSource:
         return PointSource(make_points(name, seed, PointOptions(**values)))
     except ValueError as error:
         raise SourceError(str(error)) from None
-

@@ -152,11 +152,13 @@ def _draw_title(axes: Axes, result: Result, summary: Summary) -> None:
     color = VERDICT_COLORS[result.reason or Verdict.ACCEPTED]
     axes.plot([0.0, 0.0], [0.0, 1.0], color=color, linewidth=10, transform=axes.transAxes, clip_on=False)
     write(axes, 0.012, 1.02, headline(summary), 25, INK, "bold")
-    write(axes, 0.012, 0.47, wrapped(_subtitle(result), 150, 1), 13, INK)
+    wrong, is_map = result.wrong_focal, result.map is not None
+    if wrong is None or is_map:
+        write(axes, 0.012, 0.47, wrapped(_subtitle(result), 150, 1), 13, INK)
+    if wrong is not None:  # beside the short title of a map, and below the long one of a refusal
+        write(axes, *((0.5, 0.9) if is_map else (0.012, 0.4)), wrapped(wrong.note, 100, 1), 11.5, OUTLIER, "bold")
     origin = f"source {summary.source.name}, method {summary.method}, seed {summary.seed}"
     write(axes, 0.012, 0.17, wrapped(origin, 190, 1), 9.5, FAINT)
-    if result.wrong_focal is not None:
-        write(axes, 0.5, 0.9, wrapped(result.wrong_focal.note, 100, 1), 11.5, OUTLIER, "bold")
 
 
 def _subtitle(result: Result) -> str:
@@ -495,8 +497,7 @@ def _draw_risk(axes: Axes, frames: Floats, attempts: Sequence[Attempt]) -> None:
         words = "no motion was estimated, so there is no risk to state"
         axes.text(0.5, 0.62, words, transform=axes.transAxes, ha="center", color=FAINT)
         return
-    axes.plot(frames[known], shown[known], "-", color=INK, linewidth=0.8, alpha=0.4)  # across frames without a risk
-    axes.plot(frames, shown, "-", color=INK, linewidth=1.6, label="risk")
+    axes.plot(frames[known], shown[known], "-", color=INK, linewidth=1.2, label="risk")  # a frame with one has a dot
     colors = [VERDICT_COLORS[attempt.verdict] for attempt in attempts]
     size = float(np.clip(300 / len(frames), 2.5, 7))
     axes.scatter(frames, shown, s=size**2, c=colors, linewidths=0, zorder=3)

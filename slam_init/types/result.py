@@ -290,7 +290,8 @@ def report_facts(result: Result, further: Sequence[tuple[str, str]] = ()) -> tup
     verdicts = Counter(in_words(attempt.verdict) for attempt in result.attempts)
     counts = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.most_common())
     attempts = f"{len(result.attempts)}" + (f" ({counts})" if counts else "")
-    notes = [("note", plain_line(note)) for note in result.notes]
+    said = "" if result.map is not None else result.advice
+    notes = [("note", plain_line(note)) for note in result.notes if note != said]
     return title, [*facts, *further, ("attempts", attempts), *notes]
 
 
