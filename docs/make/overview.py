@@ -2,8 +2,8 @@
 
     python docs/make/overview.py
 
-The camera approaches the wall in a straight line. Two motions explain its first three views, and both maps are kept.
-The fourth view decides. The picture has 256 colours, so that it is below 300 kB.
+The camera approaches the wall in a straight line. Two motions explain its first views, and both maps are kept.
+Further views decide. The picture has 256 colours, so that it is below 300 kB.
 """
 
 from __future__ import annotations
