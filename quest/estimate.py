@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quest.alternatives import as_hypothesis, equivalent_motions, explained_by_plane, more_probable_first
+from quest.alternatives import as_hypothesis, equivalent_motions, explained_by_plane
 from quest.chance import (
     LARGEST_OF_MOTION,
     LARGEST_OF_ROTATION,
@@ -31,10 +31,10 @@ from quest.covariance import planar_pose_covariance, plane_of_pose, pose_covaria
 from quest.errors import InputError, as_floats, as_index, as_positive
 from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import quaternion_from_matrix
-from quest.noise import GATE_SIGMAS, LOSSES, MOST_COMPARED, best_of_modes, refine_with_noise
+from quest.noise import GATE_SIGMAS, MOST_COMPARED, best_of_modes, log_likelihood, refine_with_noise
 from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
 from quest.robust import kernels
-from quest.robust.lo_ransac import PROPOSALS, lo_ransac
+from quest.robust.lo_ransac import lo_ransac
 from quest.robust.plane import PlaneFit, fit_plane, off_line_rad
 from quest.robust.pose_modes import same_mode, spread_out
 from quest.robust.pose_problem import PoseProblem
@@ -71,8 +71,6 @@ class _Options(NamedTuple):
     confidence: float
     max_samples: int
     scores: Floats | None
-    solver: str
-    loss: str
 
 
 class _Motion(NamedTuple):
@@ -113,8 +111,6 @@ def estimate_relative_pose(
     confidence: float = 0.999,
     max_samples: int = 50_000,
     scores: ArrayLike | None = None,
-    solver: str = "quest5",
-    loss: str = "mixture",
     initial_pose: tuple[ArrayLike, ArrayLike] | None = None,
 ) -> RelativePose | NoPose:
     """Estimate the motion between two calibrated views from matches with outliers.
@@ -136,15 +132,6 @@ def estimate_relative_pose(
     scores : (N,) array_like, optional
         Quality of the matches, higher is better (for example minus the descriptor distance). Better matches are drawn
         first.
-    solver : {"quest5", "quest6", "five"}
-        What proposes motions. "quest5": all solutions of QuEst on five matches, 3 to 4 us a sample. "quest6": those on
-        six matches, 6 to 11 us a sample, and more samples where there are outliers. "five": Newton's method on five
-        matches from two starts; it finds a quarter to a half of the solutions in the same time. The machine code of
-        the last two is compiled at their first use.
-    loss : {"mixture", "least_squares", "truncated", "huber", "cauchy", "geman_mcclure"}
-        What the last refinement minimizes. "mixture": the likelihood with a scale for each match, see
-        :mod:`quest.robust.kernels.mixture`; the others are M-estimates of the scale of half of the threshold, for
-        comparison: their poses are less accurate where outliers lie near their epipolar lines.
     initial_pose : (q_or_R, t), optional
         A pose cam2_from_cam1 to begin with, as from a motion model: its rotation as a quaternion wxyz or a matrix, and
         its translation of any norm but zero. Samples are drawn until a better one would have been found, so a good
@@ -166,7 +153,7 @@ def estimate_relative_pose(
     .. [F17] K. Fathian et al., "Quaternion Based Camera Pose Estimation From Matched Feature Points", 2017.
     """
     m, n = as_unit_bearings(bearings1, bearings2)
-    options = _checked_options(len(m), threshold_rad, seed, confidence, max_samples, scores, solver, loss)
+    options = _checked_options(len(m), threshold_rad, seed, confidence, max_samples, scores)
     start = None if initial_pose is None else _checked_pose(initial_pose)
     threshold_rad = options.threshold_rad
     rng = np.random.default_rng(options.seed)
@@ -175,17 +162,15 @@ def estimate_relative_pose(
     if distinct < _MIN_MATCHES:
         return NoPose("too_few_matches", PoseEvidence(distinct, needed=_MIN_MATCHES))
     rotation = propose_rotation(m, n, threshold_rad, rng)
-    problem = PoseProblem(m, n, threshold_rad, options.loss)
+    problem = PoseProblem(m, n, threshold_rad)
     report = lo_ransac(
         problem.m,
         problem.n,
         threshold_rad,
         rng,
-        rotation,
         confidence=options.confidence,
         max_samples=options.max_samples,
         scores=options.scores,
-        solver=options.solver,
         start=start,
     )
     if report is None:
@@ -234,7 +219,6 @@ def refine_relative_pose(
     *,
     threshold_rad: float = 2e-3,
     seed: int = 0,
-    loss: str = "mixture",
 ) -> RelativePose | NoPose:
     """Refine a known motion between two calibrated views on matches with outliers.
 
@@ -250,8 +234,6 @@ def refine_relative_pose(
         A match whose Sampson error is larger is an outlier, in radians.
     seed : int
         Seed of the subsets to which the pose is refitted.
-    loss : str
-        As of :func:`quest.estimate_relative_pose`.
 
     Returns
     -------
@@ -265,7 +247,7 @@ def refine_relative_pose(
     """
     start = _checked_pose(initial_pose)
     return estimate_relative_pose(
-        bearings1, bearings2, threshold_rad=threshold_rad, seed=seed, max_samples=0, loss=loss, initial_pose=start
+        bearings1, bearings2, threshold_rad=threshold_rad, seed=seed, max_samples=0, initial_pose=start
     )
 
 
@@ -296,8 +278,6 @@ def _checked_options(
     confidence: float,
     max_samples: int,
     scores: ArrayLike | None,
-    solver: str,
-    loss: str,
 ) -> _Options:
     threshold_rad = as_positive(threshold_rad, "threshold_rad", "a positive angle in radians")
     if threshold_rad > 1:
@@ -306,11 +286,7 @@ def _checked_options(
         raise InputError(f"confidence is {confidence!r}: give a probability between 0 and 1")
     max_samples = as_index(max_samples, "max_samples", 0)
     ranking = None if scores is None else _checked_scores(scores, count)
-    if not (isinstance(solver, str) and solver in PROPOSALS):
-        raise InputError(f"solver is {solver!r:.60}: give one of {', '.join(PROPOSALS)}")
-    if not (isinstance(loss, str) and loss in ("mixture", *LOSSES)):
-        raise InputError(f"loss is {loss!r:.60}: give one of mixture, {', '.join(LOSSES)}")
-    return _Options(threshold_rad, as_index(seed, "seed", 0), confidence, max_samples, ranking, solver, loss)
+    return _Options(threshold_rad, as_index(seed, "seed", 0), confidence, max_samples, ranking)
 
 
 def _checked_scores(scores: ArrayLike, count: int) -> Floats:
@@ -351,11 +327,11 @@ def _pose_with_alternatives(
     gate_rad, noise_rad, best, inliers = motion.gate_rad, motion.noise_rad, motion.model, motion.inliers
     plane = fit_plane(best, motion.m, motion.n, noise_rad)
     evidence = evidence.extended(on_plane=plane.on, off_plane=plane.off)
-    planar = explained_by_plane(problem, plane, best, len(motion.m), gate_rad, noise_rad)
+    planar = explained_by_plane(problem, plane, best, len(motion.m))
     if planar:
         # The two poses of the homography: with the constraint of the plane they are several times more accurate than
         # poses from epipolar lines alone.
-        best, *candidates = more_probable_first(problem, plane, gate_rad, noise_rad)
+        best, *candidates = sorted(plane.poses, key=lambda pose: -log_likelihood(problem, pose))
         inliers = problem.explained(best, gate_rad)
         # With rays in all directions, this motion may place so many points behind a camera that fewer than ten inliers
         # remain.
@@ -363,7 +339,7 @@ def _pose_with_alternatives(
             return NoPose("no_consistent_motion", evidence)
     else:
         candidates = _rivals(problem, others, motion, plane)
-    alternatives = equivalent_motions(problem, candidates, best, inliers, gate_rad, None if planar else noise_rad)
+    alternatives = equivalent_motions(problem, candidates, best, gate_rad)
     first = as_hypothesis(best, inliers)
     depths, parallax_rad = kernels.depths_and_parallax(problem.m, problem.n, first.R, first.t, inliers)
     outliers = 1 - float(inliers.mean())
@@ -382,7 +358,7 @@ def _pose_with_alternatives(
         depths1=depths[0],
         depths2=depths[1],
         kind="planar" if planar else "general",
-        alternatives=tuple(alternatives[: 1 if planar else 3]),
+        alternatives=tuple(alternatives),
         noise_rad=noise_rad,
         parallax_rad=parallax_rad,
         parallax=parallax,

@@ -10,14 +10,12 @@ All focal lengths are compared by the Sampson errors in the image ::
 and not by the angles of the rays: off the axis a pixel is a smaller angle where the focal length is smaller, so that by
 angles short focal lengths explain more matches. Compared by angles, 500 matches with 0.7 px of noise gave focal lengths
 that were off by 3.6 to 5.4 % in the median and poses within 5 degrees in 84 to 89 %; by pixels it is 1.2 to 2.7 % and
-97 to 100 %. The likelihood is that of the choice between modes (:mod:`quest.noise`).
+97 to 100 %. The likelihood is that of :mod:`quest.robust.loss`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from math import inf, sqrt
 from typing import NamedTuple
 
@@ -28,8 +26,8 @@ from quest.errors import InputError, as_floats, as_positive
 from quest.estimate import estimate_relative_pose, refine_relative_pose
 from quest.geometry.quaternion import quaternion_from_matrix, rotation_from_vector
 from quest.geometry.refine import tangent_basis
-from quest.noise import KERNEL_SIGMAS, likelihoods
 from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
+from quest.robust.loss import REACH, SCALE, log_likelihoods, weights
 from quest.robust.pose_problem import PoseProblem
 
 Floats = NDArray[np.float64]
@@ -45,15 +43,11 @@ _SWEEP = np.geomspace(0.5, 6.0, 15)
 _SAMPLES = 512
 #: Number of motions of the sweep that are refined.
 _REFINED = 4
-#: Gate of the first refinement, in thresholds: a motion that was found at another focal length misses its own matches
-#: by a little. Number of steps of a refinement.
-_GATE, _STEPS = 3.0, 15
-#: Number of refinements with the noise that the residuals show: the second has the residuals of the right motion.
-_WITH_NOISE = 2
+#: Factor on the scale of the first refinement: a motion that was found at another focal length misses its own matches by
+#: a little. Number of steps of a refinement.
+_WIDE, _STEPS = 3.0, 15
 #: Smallest threshold: the rounding errors of a coordinate of a million pixels.
 _ROUNDING_PX = 1e-9
-#: Smallest noise in thresholds, as of :func:`quest.noise.refine_with_noise`.
-_LEAST_NOISE = 1e-3
 #: The refinement ends where a step raises the logarithm of the likelihood by less. At the maximum a hundredth of a
 #: standard deviation is half of that.
 _SETTLED = 1e-4
@@ -180,31 +174,20 @@ class _Pixels:
         return [self._with_likelihood(_Motion(one.R, one.t, focal_px)) for one in poses]
 
     def refined(self, motion: _Motion) -> _Motion:
-        """Refine the motion and the focal length, within the range of the sweep.
-
-        First by the likelihood, for which no scale is known, within a wide gate. Its peak at zero leaves the precision
-        to the few smallest residuals, so that the noise of all residuals gives the last weights.
-        """
-        gate_px = _GATE * self.threshold_px
-        motion = self._climb(motion, lambda r: likelihoods(r / gate_px))
-        for _ in range(_WITH_NOISE):
-            r = np.abs(self._derivatives(motion, self._in_front(motion))[0])
-            near = r[r < self.threshold_px]
-            if len(near) == 0:
-                break
-            # 1.4826 times the median absolute deviation is the deviation of a Gaussian.
-            noise_px = 1.4826 * float(np.median(near))
-            motion = self._climb(motion, partial(_fading, noise_px=max(noise_px, _LEAST_NOISE * self.threshold_px)))
+        """Refine the motion and the focal length, within the range of the sweep: with a wide scale, then the last one."""
+        for factor in (_WIDE, 1.0):
+            motion = self._climb(motion, factor * SCALE * self.threshold_px)
         return self._with_likelihood(motion)
 
-    def _climb(self, motion: _Motion, loss: Callable[[Floats], tuple[Floats, Floats]]) -> _Motion:
-        """Damped steps of re-weighted least squares; ``loss`` gives the values of residuals in pixels, and weights."""
+    def _climb(self, motion: _Motion, scale_px: float) -> _Motion:
+        """Damped steps of re-weighted least squares."""
         use = self._in_front(motion)
         low_px, high_px = self.size_px * _SWEEP[0], self.size_px * _SWEEP[-1]
         r, J = self._derivatives(motion, use)
-        (values, weights), damping = loss(r), 1e-4
+        value, damping = float(log_likelihoods(r, scale_px).sum()), 1e-4
         for _ in range(_STEPS):
-            A, g = J.T @ (J * weights[:, None]), J.T @ (weights * r)
+            weight = weights(r, scale_px)
+            A, g = J.T @ (J * weight[:, None]), J.T @ (weight * r)
             A[np.diag_indices(6)] += damping * np.diag(A) + 1e-12 * np.trace(A)
             step = -np.linalg.solve(A, g) if np.trace(A) > 0 else np.zeros(6)
             step /= max(1.0, float(np.abs(step).max()) / _LONGEST_STEP)
@@ -212,10 +195,9 @@ class _Pixels:
             focal_px = min(max(motion.focal_px * float(np.exp(step[5])), low_px), high_px)
             moved = _Motion(rotation_from_vector(step[:3]) @ motion.R, t / np.linalg.norm(t), focal_px)
             r_new, J_new = self._derivatives(moved, use)
-            values_new, weights_new = loss(r_new)
-            gain = float(values_new.sum() - values.sum())
+            gain = float(log_likelihoods(r_new, scale_px).sum()) - value
             if gain >= 0:
-                motion, r, J, values, weights, damping = moved, r_new, J_new, values_new, weights_new, 0.1 * damping
+                motion, r, J, value, damping = moved, r_new, J_new, value + gain, 0.1 * damping
                 if gain < _SETTLED:
                     break
             else:
@@ -241,7 +223,11 @@ class _Pixels:
 
     def _with_likelihood(self, motion: _Motion) -> _Motion:
         r, _ = self._derivatives(motion, self._in_front(motion))
-        return motion._replace(log_likelihood=float(likelihoods(r / self.threshold_px)[0].sum()))
+        return motion._replace(
+            log_likelihood=float(
+                log_likelihoods(r[np.abs(r) < REACH * self.threshold_px], SCALE * self.threshold_px).sum()
+            )
+        )
 
     def _in_front(self, motion: _Motion) -> Bools:
         """Whether each match lies in front of both cameras."""
@@ -267,12 +253,6 @@ class _Pixels:
         by_norm = np.einsum("ij,kij->ki", gradient[0], gradient[1:]) / norm2
         r, J = e[0] / np.sqrt(norm2), e[1:] / np.sqrt(norm2)
         return r, (J - r * by_norm).T
-
-
-def _fading(r: Floats, noise_px: float) -> tuple[Floats, Floats]:
-    """The kernel of Geman and McClure for residuals in pixels: less half of the sum of squares, and the weights."""
-    share = 1 / (1 + (r / (KERNEL_SIGMAS * noise_px)) ** 2)
-    return -0.5 * share * (r / noise_px) ** 2, share**2 / noise_px**2
 
 
 def _centred(points1: ArrayLike, points2: ArrayLike, principal_point: ArrayLike) -> tuple[Floats, Floats]:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
-from math import log
-
 import numpy as np
 from numpy.typing import NDArray
 
 from quest.robust import kernels
+from quest.robust.loss import REACH, SCALE, log_likelihoods
 from quest.robust.pose_modes import same_mode
 from quest.robust.pose_problem import PoseProblem
 from quest.robust.samples import RansacReport
@@ -23,30 +20,17 @@ GATE_SIGMAS = 3.0
 KERNEL_SIGMAS = 3.0
 #: Number of unknowns of a motion.
 _UNKNOWNS = 5
-#: Smallest and largest deviation of a match, in thresholds: the features of exact data, and a threshold of three
-#: deviations. Outliers are a twentieth as dense as a match of unknown scale: within 0.02 to 0.1 the answers on real
-#: pairs are the same.
-_SCALES, _OUTLIERS = (0.01, 1 / 3), 0.05
-#: What a match that only one of two motions explains adds to the logarithm of its likelihood.
-OUTLIER_NATS = -log(_OUTLIERS)
-#: Steps of the table of the likelihood: four in the smallest deviation.
-_TABLE = 400
+#: Smallest noise, in thresholds: it keeps the gates of exact data open.
+_LEAST_NOISE = 1e-3
 #: Largest number of other modes of the search that are compared with the best, and of matches that compare them.
 _MODES, MOST_COMPARED = 4, 500
-#: Stages of the refinement of another mode: the largest Sampson error and the scale of the kernel, in thresholds;
-#: largest number of steps of each.
-_STAGES, _STEPS = np.array([(2.0, 0.5), (1.0, 0.5)]), 6
-#: Scale of the losses beside "mixture" in thresholds, as PoseLib has it; number of their steps; the last
-#: step.
-_LOSS_SCALE, _LOSS_STEPS, _LOSS_SETTLED_RAD = 0.5, 25, 1e-7
-#: Weight of a match by its squared residual, in units of the squared scale, for each of these losses.
-LOSSES: dict[str, Callable[[Floats], Floats]] = {
-    "least_squares": np.ones_like,
-    "truncated": lambda u: (u < 1 / _LOSS_SCALE**2).astype(np.float64),
-    "huber": lambda u: 1 / np.sqrt(np.maximum(u, 1)),
-    "cauchy": lambda u: 1 / (1 + u),
-    "geman_mcclure": lambda u: 1 / (1 + u) ** 2,
-}
+#: Largest number of steps of a refinement.
+_STEPS = 25
+#: By so much the likelihood of five unknowns differs from its maximum within their noise: half of the chi-square that is
+#: exceeded once in a thousand.
+SAME_FIT_NATS = 10.3
+#: Fewer matches than this are not sorted by their depth.
+_LEAST_TYPICAL = 8
 
 
 def best_of_modes(
@@ -54,7 +38,7 @@ def best_of_modes(
 ) -> tuple[Floats, float, list[Floats]]:
     """The refined motion (q_wxyz, t) of the largest likelihood among the modes of a search, its noise, and the others.
 
-    The search compares motions by the threshold, before they are refined; see :mod:`quest.robust.kernels.mixture`.
+    The search compares motions by the threshold, before they are refined.
 
     * ``inliers``: Number of matches that the best motion of the search explains. A raw model that misses half of them
       is left out.
@@ -63,112 +47,65 @@ def best_of_modes(
     some = problem
     if len(near) > 0 and len(problem) > MOST_COMPARED:
         rows = rng.permutation(len(problem))[:MOST_COMPARED]
-        some = PoseProblem(problem.m[rows], problem.n[rows], problem.threshold_rad, problem.loss)
-    models = [report.models[0]]
+        some = PoseProblem(problem.m[rows], problem.n[rows], problem.threshold_rad)
+    models = [refine_motion(some, report.models[0])]
     for k in near[:_MODES].tolist():
-        model = report.models[1 + k]
-        if 1 + k >= report.refined:
-            model = _polished(some, model)
+        model = refine_motion(some, report.models[1 + k])
         # Most raw models lead to the optimum that is known.
         if not any(same_mode(model, other) for other in models):
             models.append(model)
-    if len(models) == 1:
-        return *refine_with_noise(problem, models[0]), []
-    refined = [refine_with_noise(some, model) for model in models]
-    best = int(np.argmax([log_likelihood(some, model) for model, _ in refined]))
-    others = [model for k, (model, _) in enumerate(refined) if k != best]
-    model, noise_rad = refined[best] if some is problem else refine_with_noise(problem, refined[best][0])
-    return model, noise_rad, others
+    models.sort(key=lambda model: -log_likelihood(some, model))
+    return *refine_with_noise(problem, models[0]), models[1:]
 
 
 def log_likelihood(problem: PoseProblem, model: Floats) -> float:
-    """Logarithm of the likelihood of a motion (q_wxyz, t) without a scale, less that of outliers alone."""
-    return kernels.log_likelihood(problem.m, problem.n, model, problem.threshold_rad, _tables()[0])
+    """Logarithm of the likelihood of a motion (q_wxyz, t), less that of outliers alone."""
+    return kernels.log_likelihood(problem.m, problem.n, model, problem.threshold_rad)
 
 
-def likelihoods(residuals: Floats) -> tuple[Floats, Floats]:
-    """Logarithm of the likelihood of matches of unknown scale, less that of an outlier, and their weights.
+def log_likelihoods_of(problem: PoseProblem, model: Floats) -> Floats:
+    """The part of each match (N,) in :func:`log_likelihood`."""
+    r, threshold_rad = np.sqrt(problem.residuals(model)), problem.threshold_rad
+    return np.where(r < REACH * threshold_rad, log_likelihoods(r, SCALE * threshold_rad), 0.0)
 
-    The weights are those of re-weighted least squares, which maximizes the likelihood: its derivative by half of the
-    squared residual, with the other sign.
 
-    Shapes: ``residuals`` (N,), returns (N,), returns (N,).
+def refine_motion(problem: PoseProblem, model: Floats) -> Floats:
+    """Refine a motion (q_wxyz, t) by maximum likelihood, see :mod:`quest.robust.loss`."""
+    stage = problem.threshold_rad * np.array([(REACH, SCALE)])
+    return kernels.climb(problem.m, problem.n, model, problem.threshold_rad, stage, len(problem), _STEPS)[0]
 
-    * ``residuals``: In thresholds, of any sign; one or more is an outlier.
+
+def _of_typical_depth(problem: PoseProblem, model: Floats) -> Floats:
+    """The motion refined without matches of untypical depth, unless the likelihood of all matches contradicts it.
+
+    An outlier that fits a motion by chance lies anywhere on its epipolar line, and with a long lever. A foreground is
+    of untypical depth as well, and then the likelihood falls by more than the noise of the motion explains.
     """
-    places, (logarithms, weights) = np.abs(residuals), _tables()
-    known = np.linspace(0, 1, _TABLE + 1)
-    return np.interp(places, known, logarithms, right=0.0), np.interp(places, known, weights, right=0.0)
-
-
-@cache
-def _tables() -> tuple[Floats, Floats]:
-    """What :func:`likelihoods` gives for residuals from zero to the threshold in equal steps."""
-    residuals = np.linspace(0, 1, _TABLE + 1)[:, None]
-    scales = np.geomspace(*_SCALES, 16)
-    densities = np.exp(-0.5 * (residuals / scales) ** 2) / scales
-    both = np.mean(densities, axis=1) + _OUTLIERS
-    return np.asarray(np.log(both / _OUTLIERS)), np.mean(densities / scales**2, axis=1) / both
+    scale_rad = SCALE * problem.threshold_rad
+    R, t = kernels.rotation_of_model(model), model[4:].copy()
+    typical = problem.explained(model, REACH * problem.threshold_rad)
+    kernels.mark_typical(problem.m, problem.n, R, t, RATIO_MADS, LEAST_SINE2, typical)
+    if typical.sum() < _LEAST_TYPICAL:
+        return model
+    kernels.refine(problem.m, problem.n, typical, R, t, scale_rad, _STEPS)
+    refined = kernels.model_of_pose(R, t)
+    return refined if log_likelihood(problem, refined) > log_likelihood(problem, model) - SAME_FIT_NATS else model
 
 
 def refine_with_noise(problem: PoseProblem, model: Floats) -> tuple[Floats, float]:
-    """Refine a motion (q_wxyz, t) with the noise that its residuals show; return the motion and that noise.
+    """Refine a motion (q_wxyz, t); return the motion and the noise that its residuals show.
 
-    The refinement is that of :mod:`quest.robust.kernels.mixture`, or that of another loss. The noise is the standard
-    deviation of a bearing, from the median absolute residual; at least a thousandth of the threshold. Matches of
-    untypical depth do not take part in it: an outlier that fits a motion by chance lies anywhere on its epipolar line,
-    while with little parallax the points of the scene lie within a few pixels of their lines.
+    The noise is the standard deviation of a bearing, from the median absolute residual; at least a thousandth of the
+    threshold. Matches of untypical depth do not take part in it: an outlier that fits a motion by chance lies anywhere
+    on its epipolar line, while with little parallax the points of the scene lie within a few pixels of their lines.
 
     P. J. Rousseeuw and A. M. Leroy, "Robust Regression and Outlier Detection", 1987, section 5.1: the factor for small
     samples.
     """
-    threshold_rad, mixture = problem.threshold_rad, problem.loss == "mixture"
-    if not mixture:
-        model = _refined_with_loss(problem, model)
-    least_rad = 1e-3 * threshold_rad
-    model, count, median_rad = kernels.refine_with_noise(
-        problem.m, problem.n, model, mixture, threshold_rad, least_rad, RATIO_MADS, LEAST_SINE2
-    )
+    model, threshold_rad = _of_typical_depth(problem, refine_motion(problem, model)), problem.threshold_rad
+    count, median_rad = kernels.typical_noise(problem.m, problem.n, model, threshold_rad, RATIO_MADS, LEAST_SINE2)
     if count < _UNKNOWNS + 1:
         return model, threshold_rad / GATE_SIGMAS
-    # 1.4826 times the median absolute deviation is the deviation of a Gaussian. The lower bound keeps the gates of
-    # exact data open.
-    return model, max(1.4826 * _few_matches(count) * median_rad, least_rad)
-
-
-def _refined_with_loss(problem: PoseProblem, model: Floats) -> Floats:
-    """Refine a motion (q_wxyz, t) by re-weighted least squares over the matches within twice the threshold."""
-    from quest.robust.kernels import refinement
-
-    m, n, threshold_rad, weight_of = problem.m, problem.n, problem.threshold_rad, LOSSES[problem.loss]
-    use = problem.explained(model, 2 * threshold_rad)
-    if use.sum() <= _UNKNOWNS:
-        return model
-    R, t = kernels.rotation_of_model(model), model[4:].copy()
-    rays, rows = kernels.rays_by_row(m[use], n[use]), np.empty((7, int(use.sum())))
-    A, g, damped, step = np.empty((5, 5)), np.empty(5), np.empty((5, 5)), np.empty(5)
-    for _ in range(_LOSS_STEPS):
-        refinement.derivatives(rays, R, t, 1.0, rows)
-        # The sums multiply by the square of the last row.
-        rows[6] = np.sqrt(weight_of((rows[5] / (_LOSS_SCALE * threshold_rad)) ** 2))
-        refinement.sums_of(rows, A, g)
-        if not refinement.damped_step(A, g, 1e-9, damped, step):
-            break
-        refinement.move(R.copy(), t.copy(), step, R, t)
-        if np.abs(step).max() < _LOSS_SETTLED_RAD:
-            break
-    return kernels.model_of_pose(R, t)
-
-
-def _few_matches(count: int) -> float:
-    """The factor of Rousseeuw and Leroy for small samples: the motion has adapted to few matches."""
-    return 1 + _UNKNOWNS / max(count - _UNKNOWNS, 1)
-
-
-def _polished(problem: PoseProblem, model: Floats) -> Floats:
-    """A raw motion (q_wxyz, t) of a sample, refined on the matches within twice the threshold and within it.
-
-    The motion stays as it is where fewer than six matches are inliers.
-    """
-    stages = problem.threshold_rad * _STAGES
-    return kernels.climb(problem.m, problem.n, model, problem.threshold_rad, stages, len(problem), _STEPS)[0]
+    # The motion has adapted to few matches. 1.4826 times the median absolute deviation is the deviation of a Gaussian.
+    few_matches = 1 + _UNKNOWNS / max(count - _UNKNOWNS, 1)
+    return model, max(1.4826 * few_matches * median_rad, _LEAST_NOISE * threshold_rad)

@@ -1,4 +1,4 @@
-"""The search for the motion that explains most matches: locally optimized RANSAC over samples of five or six.
+"""The search for the motion that explains most matches: locally optimized RANSAC over samples of five.
 
 numpy draws the samples in chunks. The compiled loops of :mod:`quest.robust.kernels` solve and score them. The best
 model of each chunk is refined on its inliers. The tests compare it with a readable loop in plain numpy over samples of
@@ -30,23 +30,10 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-class Proposals(NamedTuple):
-    """What proposes motions: the number of matches in a sample, and the share of good samples that lead to the motion.
-
-    The share is that of the samples without outliers, under noise of 0.7 px at a focal length of 458 px, over general
-    and planar scenes with baselines from 0.03 to 0.5 of the depth.
-    """
-
-    sample_size: int
-    sample_yield: float
-    #: Starts of Newton's method for each sample.
-    starts: int
-
-
-#: By name, as the argument ``solver`` of :func:`quest.estimate_relative_pose`. The yields are 0.24 to 0.82 for all
-#: solutions of QuEst 5, 0.1 to 0.55 for Newton's method on five matches, and 0.2 to 0.9 for QuEst 6; refinement raises
-#: those of the first two.
-PROPOSALS = {"quest5": Proposals(5, 0.55, 0), "quest6": Proposals(6, 0.5, 0), "five": Proposals(5, 0.35, 2)}
+#: Matches in a sample of QuEst 5, and the share of the samples without outliers that lead to the motion after
+#: refinement: 0.24 to 0.82 under noise of 0.7 px at a focal length of 458 px, over general and planar scenes with
+#: baselines from 0.03 to 0.5 of the depth.
+_SAMPLE, _YIELD = 5, 0.55
 #: The chunks grow: easy data stop after the first chunk, hard data need few calls. With 48 in place of 24 the AUC of
 #: 400 real pairs is the same (differences of .1 +- .3 %), and an estimate takes .15 ms longer.
 _FIRST_CHUNK, _LARGEST_CHUNK = 24, 1024
@@ -64,7 +51,7 @@ _MOST_NEAR = 500
 _MOST_COMPARED = 1000
 #: Stages of a refinement in the search: the largest Sampson error and the scale of the kernel, in thresholds. A model
 #: from few noisy matches misses many of its own inliers by a little, so the first gate is twice the threshold.
-_STAGES = np.array([(2.0, 1.0), (1.0, 0.5)])
+_STAGES = np.array([(2.0, 0.3), (1.0, 0.15)])
 #: Largest number of steps of each stage; the result is refined to the end afterwards.
 _STEPS = 6
 #: Smallest number of inliers among the best-scored matches that is no chance: those of the sample, and four or five
@@ -98,31 +85,15 @@ class _Matches:
         by_score = None if scores is None else np.argsort(-scores[order], kind="stable")
         return cls(np.ascontiguousarray(m[order]), np.ascontiguousarray(n[order]), threshold_rad, by_score)
 
-    def draw(self, rng: np.random.Generator, size: int, drawn: int, batch: int, starts: int) -> tuple[Ints, Floats]:
-        """Samples (batch, size), and a direction for each start of a sample (batch, starts, 3)."""
-        samples, directions = np.empty((batch, size), np.int64), np.empty((batch, starts, 3))
-        if self.by_score is not None:
-            samples[:] = self.by_score[progressive_samples(rng, len(self.m), size, drawn, batch)]
-        uniform = rng.random((batch, size + 2 * starts))
-        kernels.draw_starts(uniform, len(self.m) if self.by_score is None else 0, samples, directions)
-        return samples, directions
+    def draw(self, rng: np.random.Generator, drawn: int, batch: int) -> Ints:
+        """Samples (batch, 5)."""
+        if self.by_score is None:
+            return kernels.draw_subsets(rng.random((batch, _SAMPLE)), len(self.m))
+        return self.by_score[progressive_samples(rng, len(self.m), _SAMPLE, drawn, batch)]
 
 
 def _empty_pool() -> Pool:
     return np.zeros((_POOL, 3, 3)), np.zeros((_POOL, 3)), np.full(_POOL, np.inf), np.zeros(_POOL, np.int64), np.zeros(2)
-
-
-def _try_samples(
-    solver: str, matches: _Matches, samples: Ints, rotation: Floats, directions: Floats, pool: Pool
-) -> None:
-    """Enter the solutions of some samples into the pool."""
-    m, n, threshold_rad = matches.m, matches.n, matches.threshold_rad
-    if solver == "quest5":
-        kernels.try_samples_of_five(m, n, samples, threshold_rad, pool)
-    elif solver == "quest6":
-        kernels.try_samples_of_six(m, n, samples, threshold_rad, pool)
-    else:
-        kernels.try_samples(m, n, samples, np.stack([np.eye(3), rotation]), directions, threshold_rad, pool)
 
 
 def lo_ransac(
@@ -130,34 +101,25 @@ def lo_ransac(
     n: Floats,
     threshold_rad: float,
     rng: np.random.Generator,
-    rotation: Floats,
     *,
     confidence: float,
     max_samples: int,
     scores: Floats | None = None,
-    solver: str = "quest5",
     start: tuple[Floats, Floats] | None = None,
 ) -> RansacReport | None:
     """Search for the motion of least truncated cost.
 
     See [1]_ and [2]_ of the module docstring; the order of the samples is that of :mod:`quest.robust.prosac`.
 
-    Shapes: ``m, n`` (N, 3), ``rotation`` (3, 3), ``scores`` (N,).
+    Shapes: ``m, n`` (N, 3), ``scores`` (N,).
 
     * ``m, n``: Unit bearings in camera 1 and camera 2, N at least the size of a sample.
-    * ``rotation``: The rotation that explains most matches by itself. Newton's method starts from this rotation and
-      from the identity, since a rotation that is fitted to matches contains a part of the translation. QuEst needs no
-      start.
     * ``scores``: Quality of the matches, higher is better: better matches are drawn earlier.
-    * ``solver``: A key of :data:`PROPOSALS`. "quest5": all solutions of five matches,
-      :func:`quest.robust.kernels.quest_five.solve_five`. "quest6": those of six,
-      :func:`quest.robust.kernels.six_point.solve_six`. "five": :func:`quest.robust.kernels.newton_five`.
     * ``start``: A pose (R, t) to begin with: samples are drawn until a better one would have been found.
     * Returns: The models are rows (q_wxyz, t): the refined best model, then the best model of each mode, refined where
       it is near the best. None where no sample has a solution.
     """
     matches = _Matches.shuffled(m, n, threshold_rad, scores, rng)
-    sample_size, sample_yield, starts = PROPOSALS[solver]
     pool = _empty_pool()
     pool_R, pool_t, costs, _, _ = pool
     best: _Refined | None = None if start is None else _polish(matches, kernels.model_of_pose(*start))
@@ -166,8 +128,8 @@ def lo_ransac(
     drawn, chunk = 0, _FIRST_CHUNK
     while drawn < max_samples:
         chunk = min(chunk, max_samples - drawn)
-        samples, directions = matches.draw(rng, sample_size, drawn, chunk, starts)
-        _try_samples(solver, matches, samples, rotation, directions, pool)
+        samples = matches.draw(rng, drawn, chunk)
+        kernels.try_samples_of_five(matches.m, matches.n, samples, threshold_rad, pool)
         drawn += chunk
         # A raw model from few noisy matches is worse than the same model refined, so each new leader is refined.
         if costs[0] < leading_cost:
@@ -178,9 +140,9 @@ def lo_ransac(
         share = 0.0 if best is None else best.inliers / len(m)
         if matches.by_score is not None and best is not None:
             # The samples so far came from the best-scored matches, and the share of inliers is higher among those.
-            drawn_from = matches.by_score[: subset_size(len(m), sample_size, drawn)]
+            drawn_from = matches.by_score[: subset_size(len(m), _SAMPLE, drawn)]
             share = max(share, _share_of_rows(matches, best, drawn_from))
-        needed = samples_needed(share, sample_size, confidence, sample_yield)
+        needed = samples_needed(share, _SAMPLE, confidence, _YIELD)
         if drawn >= needed:
             break
         chunk = min(2 * chunk, _LARGEST_CHUNK, max(_FIRST_CHUNK, math.ceil(min(needed, max_samples)) - drawn))

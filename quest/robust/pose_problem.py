@@ -20,12 +20,11 @@ class PoseProblem:
 
     * ``m, n``: (N, 3) Unit bearings in camera 1 and camera 2.
     * ``threshold_rad``: Sampson error above which a match is an outlier.
-    * ``loss``: That of the last refinement, see :func:`quest.estimate_relative_pose`.
     """
 
-    def __init__(self, m: Floats, n: Floats, threshold_rad: float, loss: str = "mixture") -> None:
+    def __init__(self, m: Floats, n: Floats, threshold_rad: float) -> None:
         self.m, self.n = np.ascontiguousarray(m), np.ascontiguousarray(n)
-        self.threshold_rad, self.loss = threshold_rad, loss
+        self.threshold_rad = threshold_rad
 
     def __len__(self) -> int:
         return len(self.m)

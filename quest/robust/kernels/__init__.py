@@ -15,14 +15,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from quest.robust.kernels.five_point import newton_five as newton_five
     from quest.robust.kernels.local_optimization import climb as climb
-    from quest.robust.kernels.local_optimization import draw_starts as draw_starts
+    from quest.robust.kernels.local_optimization import draw_subsets as draw_subsets
     from quest.robust.kernels.local_optimization import refit as refit
-    from quest.robust.kernels.mixture import log_likelihood as log_likelihood
-    from quest.robust.kernels.mixture import refine_with_noise as refine_with_noise
     from quest.robust.kernels.noise import chance_inliers as chance_inliers
     from quest.robust.kernels.noise import mark_typical as mark_typical
+    from quest.robust.kernels.noise import typical_noise as typical_noise
     from quest.robust.kernels.parallax import anisotropy_sums as anisotropy_sums
     from quest.robust.kernels.parallax import depths_and_parallax as depths_and_parallax
     from quest.robust.kernels.parallax import pose_information as pose_information
@@ -33,15 +31,14 @@ if TYPE_CHECKING:
     from quest.robust.kernels.planes import off_line as off_line
     from quest.robust.kernels.planes import planar_information as planar_information
     from quest.robust.kernels.quest_five import try_samples_of_five as try_samples_of_five
+    from quest.robust.kernels.refinement import log_likelihood as log_likelihood
     from quest.robust.kernels.refinement import refine as refine
     from quest.robust.kernels.refinement import refine_rotation as refine_rotation
     from quest.robust.kernels.rotations import best_rotation as best_rotation
-    from quest.robust.kernels.samples import try_samples as try_samples
     from quest.robust.kernels.scoring import rays_by_row as rays_by_row
     from quest.robust.kernels.scoring import residuals as residuals
     from quest.robust.kernels.scoring import residuals_of_model as residuals_of_model
     from quest.robust.kernels.scoring import score as score
-    from quest.robust.kernels.six_point import try_samples_of_six as try_samples_of_six
     from quest.robust.kernels.small_algebra import eigen_in_place as eigen_in_place
     from quest.robust.kernels.small_algebra import median_in_place as median_in_place
     from quest.robust.kernels.small_algebra import model_of_pose as model_of_pose
@@ -51,18 +48,14 @@ if TYPE_CHECKING:
 
 #: The loops by module. A module is loaded, and numba with it, when one of its loops is first used.
 _LOOPS = {
-    "five_point": "newton_five",
-    "local_optimization": "climb draw_starts refit",
-    "mixture": "log_likelihood refine_with_noise",
-    "noise": "chance_inliers mark_typical",
+    "local_optimization": "climb draw_subsets refit",
+    "noise": "chance_inliers mark_typical typical_noise",
     "parallax": "anisotropy_sums depths_and_parallax pose_information ratio_sums rotation_of_all",
     "planes": "best_plane fit_plane off_line planar_information",
     "quest_five": "try_samples_of_five",
-    "refinement": "refine refine_rotation",
+    "refinement": "log_likelihood refine refine_rotation",
     "rotations": "best_rotation",
-    "samples": "try_samples",
     "scoring": "rays_by_row residuals residuals_of_model score",
-    "six_point": "try_samples_of_six",
     "small_algebra": "eigen_in_place median_in_place model_of_pose models_of_poses rotation_of_model unit_rows",
 }
 _MODULE_OF = {loop: module for module, loops in _LOOPS.items() for loop in loops.split()}

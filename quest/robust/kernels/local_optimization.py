@@ -36,20 +36,15 @@ def draw_subset(uniform: Floats, count: int, subset: Ints) -> None:
 
 
 @compiled
-def draw_starts(uniform: Floats, count: int, samples: Ints, directions: Floats) -> None:
-    """Draw samples of matches, and directions that are uniform on the sphere.
+def draw_subsets(uniform: Floats, count: int) -> Ints:
+    """Draw subsets of ``range(count)``.
 
-    Shapes: ``uniform`` (S, 5 + 2 K), ``samples`` (S, 5), ``directions`` (S, K, 3).
+    Shapes: ``uniform`` (S, K), returns (S, K).
     """
+    samples = np.empty(uniform.shape, np.int64)
     for i in range(len(samples)):
-        if count > 0:
-            draw_subset(uniform[i], count, samples[i])
-        for k in range(directions.shape[1]):
-            # The height of a random point of the sphere is uniform (Archimedes).
-            height, angle = 2 * uniform[i, 5 + 2 * k] - 1, 2 * np.pi * uniform[i, 6 + 2 * k]
-            radius = np.sqrt(1 - height * height)
-            directions[i, k, 0], directions[i, k, 1] = radius * np.cos(angle), radius * np.sin(angle)
-            directions[i, k, 2] = height
+        draw_subset(uniform[i], count, samples[i])
+    return samples
 
 
 @compiled
@@ -61,8 +56,7 @@ def climb(
     Shapes: ``m, n`` (N, 3), ``model`` (7,), ``stages`` (S, 2), returns ``model`` (7,).
 
     * ``m, n``: Unit bearings in camera 1 and camera 2, in random order where there are more than ``most``.
-    * ``stages``: For each stage the largest Sampson error of a match that is near, and the scale of the Geman-McClure
-      kernel.
+    * ``stages``: For each stage the largest Sampson error of a match that is near, and the scale of the loss.
     * Returns ``cost``: Truncated sum of squared Sampson errors, rad^2, of all matches.
     """
     R, t, near = rotation_of_model(model), model[4:].copy(), np.empty(len(m), np.bool_)

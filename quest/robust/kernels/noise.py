@@ -84,12 +84,13 @@ def mark_typical(m: Floats, n: Floats, R: Floats, t: Floats, mads: float, least_
 
 @compiled
 def typical_noise(
-    m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float, mads: float, least_sine2: float
+    m: Floats, n: Floats, model: Floats, threshold_rad: float, mads: float, least_sine2: float
 ) -> tuple[int, float]:
     """Number of inliers of typical depth, and the median of their absolute Sampson errors; 0 without such a match.
 
-    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3).
+    Shapes: ``m, n`` (N, 3), ``model`` (7,).
     """
+    R, t = rotation_of_model(model), model[4:]
     limit, total = threshold_rad * threshold_rad, len(m)
     r2, values, use = np.empty(total), np.empty(total), np.empty(total, np.bool_)
     for i in range(total):

@@ -13,8 +13,8 @@ where the columns of the 3x3 matrix C have the degrees 3, 3 and 4 in z. Its dete
 chain counts the real roots in an interval, so that intervals are halved until each holds one. Of the four poses of an
 E at most one has all five points in front of both cameras.
 
-No rotation is a special case, and no start is needed: Newton's method (:mod:`quest.robust.kernels.five_point`) finds a
-quarter to a half of the true poses in the same time.
+No rotation is a special case, and no start is needed: Newton's method on five matches found a quarter to a half of the
+true poses in the same time.
 
 References
 ----------

@@ -1,4 +1,4 @@
-"""Many samples of five matches: solve each from several starts, score the solutions, keep the best of each mode."""
+"""The pool of a search: score the solutions of samples, and keep the best of each mode."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quest.robust.kernels.compiler import compiled
-from quest.robust.kernels.five_point import newton_five
-from quest.robust.kernels.scoring import rays_by_row, score_or_refute
+from quest.robust.kernels.scoring import score_or_refute
 from quest.robust.kernels.small_algebra import copy_pose
 
 Floats = NDArray[np.float64]
@@ -34,35 +33,6 @@ def mode_distance(R1: Floats, t1: Floats, R2: Floats, t2: Floats) -> float:
     between_rotations: float = np.arccos(min(1.0, max(-1.0, 0.5 * (trace - 1))))
     between_directions: float = np.arccos(min(1.0, max(-1.0, cosine)))
     return between_rotations + between_directions
-
-
-@compiled
-def try_samples(
-    m: Floats, n: Floats, samples: Ints, rotations: Floats, directions: Floats, threshold_rad: float, pool: Pool
-) -> None:
-    """Solve samples from several starts each, score the solutions, and keep the best of each mode in the pool.
-
-    Shapes: ``m, n`` (N, 3), ``samples`` (S, 5), ``rotations`` (K, 3, 3), ``directions`` (S, K, 3).
-
-    * ``m, n``: Unit bearings, in random order: a bad model is recognized by the first matches.
-    """
-    rays = rays_by_row(m, n)
-    R, t = np.empty((3, 3)), np.empty(3)
-    found_R, found_t = np.empty((len(rotations), 3, 3)), np.empty((len(rotations), 3))
-    for i in range(len(samples)):
-        found = 0
-        for k in range(len(rotations)):
-            copy_pose(rotations[k], directions[i, k], R, t)
-            if not newton_five(m, n, samples[i], R, t):
-                continue
-            known = False
-            for j in range(found):
-                known = known or mode_distance(R, t, found_R[j], found_t[j]) < 1e-5
-            if known:
-                continue
-            copy_pose(R, t, found_R[found], found_t[found])
-            found += 1
-            enter_if_better(rays, R, t, threshold_rad, pool)
 
 
 @compiled
