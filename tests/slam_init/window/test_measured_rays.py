@@ -9,7 +9,7 @@ from slam_init.window.lens_offset import IN_USE
 from slam_init.window.measured_rays import measured_rays, triangulated
 
 
-@pytest.mark.parametrize("k1", [0.0, 0.2, -0.2])
+@pytest.mark.parametrize("k1", [0.0, 0.2])
 @pytest.mark.parametrize("model", list(CAMERAS))
 def test_the_rays_are_those_of_the_camera_and_missing_where_it_has_none(model, k1):
     camera = CAMERAS[model].bent(k1)
