@@ -55,7 +55,7 @@ def test_a_lens_that_moves_takes_its_prior_along():
 
 
 def room():
-    return point_source("room", 1, baseline=0.1, views=16)
+    return point_source("room", 1, baseline=0.1, views=16, points=200)
 
 
 @cache

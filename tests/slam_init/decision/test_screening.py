@@ -23,11 +23,6 @@ def screened(*pairs, current=CURRENT):
     return screen(CAMERA, CONFIG, current, pairs)
 
 
-def test_a_pair_with_matches_motion_and_parallax_is_not_refused():
-    assert screened(pair()) is None
-    assert screened() is None
-
-
 @pytest.mark.parametrize(
     ("changed", "reason", "stage", "gate"),
     [
