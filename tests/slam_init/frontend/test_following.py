@@ -119,15 +119,6 @@ def test_a_patch_that_is_found_far_from_its_place_counts_as_not_found():
     assert not sought.within(0.5, places + 0.8).found[near].any()
 
 
-def test_tracks_that_are_expected_nowhere_are_sought_by_flow_alone():
-    before, after = image(100, 60), image(103, 61)
-    last, found = followed(before, after, (np.nan, np.nan))
-    by_flow = flow(before, after, last.pixels, CONFIG)
-    assert not found.sought.found.any()
-    np.testing.assert_array_equal(found.flow.pixels, by_flow.pixels)
-    np.testing.assert_array_equal(found.flow.kept, by_flow.kept)
-
-
 def test_a_track_without_a_patch_is_sought_by_flow():
     """As near the border of the image, or where it is flat."""
     before, after = image(100, 60), image(103, 61)

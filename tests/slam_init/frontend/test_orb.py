@@ -32,12 +32,6 @@ def test_landmarks_have_the_descriptor_of_the_newest_image():
     assert not descriptors[~described].any()
 
 
-def test_without_images_nothing_is_described():
-    descriptors, described = describe_landmarks(make_map(), {999: texture(0, 480, 640)})
-    assert not descriptors.any()
-    assert not described.any()
-
-
 def test_a_pixel_on_the_border_or_outside_is_not_described():
     _, known = orb_descriptors(texture(0, 100, 120), np.array([[0.0, 0.0], [60.0, 50.0], [500.0, 50.0], [-5.0, 50.0]]))
     assert known.tolist() == [False, True, False, False]
