@@ -45,13 +45,6 @@ def test_it_is_that_of_the_covariances_of_a_map_of_few_landmarks():
     assert found == pytest.approx(math.sqrt(np.linalg.eigvalsh(stated)[-1]), rel=1e-9)
 
 
-def test_some_of_many_landmarks_tell_about_as_much():
-    full = optimum(cloud(np.random.default_rng(1), 600), 0.3, 1)
-    stated = solution_of(CAMERA, full, CONFIG).pose_covariances[-1, :3, :3]
-    found = LocatedRotation.of(CAMERA, full, CONFIG).sigma_rad(full)
-    assert found == pytest.approx(math.sqrt(np.linalg.eigvalsh(stated)[-1]), rel=0.3)
-
-
 def test_a_frame_beside_the_newest_keyframe_has_its_errors():
     """By the noise of its own landmarks alone the frame would be known to a tenth of that."""
     before, *_ = without_last(optimum(cloud(np.random.default_rng(2), 200), 0.3, 2))

@@ -1,6 +1,6 @@
 """Laws of refusals: the first gate that fails gives the reason and the advice."""
 
-from slam_init.decision.refusal import refused, refused_at, refused_by, with_gates
+from slam_init.decision.refusal import refused, refused_at, refused_by
 from slam_init.types.gates import GateName, Stage, at_least, at_most, progress
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
@@ -15,10 +15,6 @@ def test_the_first_failed_gate_gives_reason_and_advice_and_the_worst_one_the_pro
     attempt = refused_by(ATTEMPT, Stage.MAP, (PASSED, FAILED, WORSE))
     assert (attempt.verdict, attempt.advice, attempt.stage) == (Verdict.LOW_PARALLAX, "come nearer", Stage.MAP)
     assert attempt.progress == progress(Stage.MAP, (WORSE,)) < progress(Stage.MAP, (FAILED,))
-
-
-def test_gates_are_added_in_order():
-    assert with_gates(with_gates(ATTEMPT, (PASSED,)), (FAILED, WORSE)).gates == (PASSED, FAILED, WORSE)
 
 
 def test_a_refusal_without_a_gate_has_the_advice_of_its_reason():

@@ -25,12 +25,6 @@ def views(poses=POSES, noise_px=0.3):
 
 
 @pytest.fixture(scope="module")
-def wide():
-    """The pose of a pair with a wide baseline."""
-    return estimated(views())
-
-
-@pytest.fixture(scope="module")
 def rotating():
     """The pose of a pair of a rotation-only camera."""
     return estimated(views([Pose.identity(), Pose(rotation_from_vector(np.array([0.0, 0.05, 0.0])), np.zeros(3))]))
@@ -67,14 +61,6 @@ def test_a_rotation_is_pure_rotation_and_one_within_the_noise_is_a_static_camera
     static = refuse_rotation(CAMERA, CONFIG, Attempt((0, 1), Verdict.ACCEPTED), replace(rotating, R=within_noise))
     assert (static.verdict, static.stage) == (Verdict.STATIC_CAMERA, Stage.MOTION)
     assert [gate.name for gate in static.failed_gates] == [GateName.ROTATION_PX]
-
-
-def test_the_evidence_of_a_pose_is_in_pixels_and_degrees(wide):
-    evidence = pose_evidence(CAMERA, wide)
-    assert evidence.kind == "general"
-    assert evidence.alternatives == len(wide.alternatives)
-    assert evidence.noise_px == pytest.approx(0.3, rel=0.2)
-    assert evidence.direction_sigma_deg == pytest.approx(np.degrees(wide.direction_sigma_rad))
 
 
 def test_the_evidence_of_no_pose_holds_the_statistics_alone():

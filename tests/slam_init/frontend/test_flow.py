@@ -130,26 +130,12 @@ def test_points_that_are_not_where_they_are_expected_are_sought_in_all_octaves()
         assert (apart < 0.1).mean() > 0.9  # a patch that looks alike may be where a point is expected
 
 
-def test_no_points_have_an_empty_flow():
-    gray = image(100, 60)
-    found = flow(gray, gray, np.zeros((0, 2)), CONFIG)
-    assert len(found.kept) == len(found.pixels) == len(found.covariances) == 0
-    assert found.step_px == 0
-    assert found.trail is None
-
-
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 def test_the_trails_of_a_blurred_image_tell_the_exposure(share):
     step_px = 16
     trail_px = round(share * step_px)
     _, found = followed(image(100, 60, 2.0, trail_px), image(100 + step_px, 60, 2.0, trail_px, seed=1))
     assert found.trail == pytest.approx(share, abs=0.3)
-
-
-def test_little_motion_tells_no_exposure():
-    _, found = followed(image(100, 60), image(103, 60))
-    assert found.trail is None
-    assert Exposure().update(None, 1 / 30) == 0.0
 
 
 def test_the_exposure_is_the_median_of_what_the_last_frames_showed():

@@ -59,15 +59,6 @@ def test_points_that_do_not_move_as_before_are_expected_nowhere():
     assert expected_as_before(before, after, start, np.column_stack([elsewhere, elsewhere]), CONFIG) is None
 
 
-def test_points_that_move_about_as_before_are_not_expected_closely():
-    before, after = image(100, 60), image(103, 61)
-    start = corners(before)
-    about = np.tile([-3.0, -1.0], (len(start), 1)) + np.random.default_rng(0).uniform(-2, 2, (len(start), 2))
-    expected = expected_as_before(before, after, start, about, CONFIG)
-    assert not expected.closely
-    assert np.abs(expected.pixels - start - (-3, -1)).max() < 3
-
-
 def test_points_whose_last_step_is_not_known_are_expected_nowhere():
     before, after = image(100, 60), image(103, 61)
     start = corners(before)

@@ -137,17 +137,6 @@ def test_a_blurred_frame_is_no_candidate_while_the_next_frames_will_do():
     assert due < candidates_with_steps(lasting)[1] <= 2 * due
 
 
-def test_after_a_frame_with_few_features_the_next_frame_becomes_a_candidate():
-    """The first frame after a cut or a dark image shares its few tracks with the next, which has many more."""
-    poor, rich = observe(CAMERA, [Pose.identity()] * 2, cloud(np.random.default_rng(1)))
-    poor = replace(poor, track_ids=poor.track_ids[:5], pixels=poor.pixels[:5], bearings=poor.bearings[:5])
-    manager = KeyframeManager(CONFIG)
-    history = history_of([poor, rich])
-    for current in (poor, rich):
-        manager.update(current, manager.preview(history, current))
-    assert manager.candidates == [0, 1]
-
-
 def test_pairs_with_too_few_matches_are_not_tried():
     manager = KeyframeManager(CONFIG)
     few, enough = CONFIG.keyframes.min_matches - 1, CONFIG.keyframes.min_matches

@@ -306,21 +306,6 @@ def test_lightglue_gets_the_keypoints_of_disk_and_its_pairs_become_matches(torch
     assert named == {"hw1": (48, 64), "hw2": (48, 64)}
 
 
-def test_features_of_an_image_are_found_once():
-    class Counting(SiftMatcher):
-        calls = 0
-
-        def features(self, image):
-            self.calls += 1
-            return super().features(image)
-
-    matcher = Counting()
-    images = [np.random.default_rng(k).integers(0, 255, (60, 80), dtype=np.uint8) for k in range(3)]
-    for a, b in ((0, 1), (1, 2), (0, 2), (2, 1)):
-        matcher(images[a], images[b])
-    assert matcher.calls == 3
-
-
 def test_a_matcher_that_raises_our_errors_is_not_renamed():
     def refuses(image1, image2):
         raise SlamInitError("no such camera")

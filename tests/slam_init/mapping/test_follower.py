@@ -93,16 +93,6 @@ def test_a_frame_that_cannot_be_read_ends_the_continuation_and_not_the_run(room_
     assert continued.ended_by == "000030.png is truncated"
 
 
-def test_the_next_frames_are_located_with_the_adjusted_focal_length(room_refined):
-    map_, true = room_refined.result.map, room_refined.source.camera
-    assert abs(map_.camera.fx / true.fx - 1) < 0.025
-    continued = followed(room_refined, room_refined.following, 15)
-    assert len(continued.keyframes) == 15
-    assert min(continued.survival) > 0.9
-    errors = position_errors([*map_.keyframes, *continued.keyframes], room_refined.source.groundtruth)
-    assert errors.max() < 0.01
-
-
 def test_the_rays_of_a_frame_are_those_of_the_camera_of_the_map(room_fed, room_refined):
     for fed, adjusted in ((room_fed, False), (room_refined, True)):
         map_, seen = fed.result.map, fed.tracker.track(fed.following[0])

@@ -273,11 +273,6 @@ def test_where_a_relief_would_not_show_nothing_is_held_on_a_plane(scene):
     assert not found.planar
 
 
-def test_a_wall_is_held_on_a_plane_where_a_relief_would_show():
-    source, views = window_of("wall", 2, 6, baseline=0.15, noise_px=0.7)
-    assert hypotheses_of(source.camera, views, PRIORS).planar
-
-
 def test_the_gain_over_a_rotation_is_half_of_the_difference_of_the_costs_where_all_views_are_located():
     source, views = window_of("room", 0, 5)
     found = hypotheses_of(source.camera, views, PRIORS)

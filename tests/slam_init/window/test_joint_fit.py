@@ -247,15 +247,6 @@ def test_a_start_at_a_focal_scale_has_the_points_of_the_camera_with_that_focal_l
 # -- rotation only --------------------------------------------------------------------------------
 
 
-def test_a_rotation_only_camera_is_fitted_with_all_points_at_infinity():
-    window = make_window("rotation", 1, 4)
-    t = np.outer(np.arange(4), [1e-9, 0, 0])
-    fit = fit_window(window.tracks, start_at(window.tracks, window.R, t, at_infinity=True), PRIORS, rotation_only=True)
-    assert fit.cost < 1e-6
-    assert window.rotation_error(fit.state) < 1e-6
-    assert not fit.state.inverse_distances.any()
-
-
 def test_a_rotation_only_camera_tells_its_focal_length():
     true = camera_of(make_points("rotation", 2))
     window = make_window("rotation", 2, 6, 150, noise_px=0.3, stated=camera_with_focal_factor(true, 1.05))

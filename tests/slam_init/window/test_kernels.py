@@ -47,55 +47,6 @@ def world(kind, seed=1, views=3, camera=None, drift_px=0.0):
     return tracks, replace(state, t=t, lens=LensOffset(2e-3, 0.02, 0.003), field=field, on_plane=on_plane)
 
 
-def free_of(state, **changes):
-    """The same state without the plane."""
-    return replace(state, plane=None, on_plane=np.zeros(len(state.rays), bool), **changes)
-
-
-@pytest.mark.parametrize("drift_px", [0.0, 3.0])
-@pytest.mark.parametrize("with_field", [False, True])
-def test_the_cost_of_a_track_is_the_robust_sum_over_its_observations(with_field, drift_px):
-    tracks, state = world("free", drift_px=drift_px)
-    found = equations(tracks, state, GATE, with_field=with_field)
-    camera = replace(
-        tracks.camera.bent(state.lens.k1),
-        fx=tracks.camera.fx * np.exp(state.lens.log_scale),
-        fy=tracks.camera.fy * np.exp(state.lens.log_scale),
-    )
-    gate2 = GATE**2
-    for i, a in enumerate(tracks.anchor):
-        expected = 0.0
-        point = state.R[a].T @ (state.rays[i] / state.inverse_distances[i] - state.t[a]) if a >= 0 else None
-        for k in np.flatnonzero(tracks.seen[:, i]) if a >= 0 else ():
-            x = tracks.pixels[k, i]
-            swept = tracks.sweep_px_s[k, i] * (state.lens.readout_s - tracks.readout_s)
-            e = (camera.project((state.R[k] @ point + state.t[k])[None])[0] + swept - x) / tracks.sigma_px[k, i]
-            if with_field:
-                u, v = 2 * x / (camera.width - 1, camera.height - 1) - 1
-                terms = [1, 3**0.5 * u, 3**0.5 * v, 1.25**0.5 * (3 * u * u - 1), 3 * u * v, 1.25**0.5 * (3 * v * v - 1)]
-                terms = np.array(terms) / tracks.sigma_px[k, i]
-                e = e + state.field[k].reshape(2, 6) @ terms
-            e = tracks.whitening[k, i] @ e
-            assert found.squares[k, i] == pytest.approx(e @ e, rel=1e-6, abs=1e-12)
-            expected += gate2 * (1 - max(1 - e @ e / (3 * gate2), 0) ** 3)
-        assert found.costs[i] == pytest.approx(expected, rel=1e-9, abs=1e-12)
-    assert found.cost == pytest.approx(found.costs.sum())
-
-
-def test_the_inverse_distances_of_a_plane_are_those_of_its_points():
-    tracks, state = world("plane")
-    free = equations(tracks, free_of(state), GATE)
-    centre = -np.einsum("tji,tj->ti", state.R[np.maximum(tracks.anchor, 0)], state.t[np.maximum(tracks.anchor, 0)])
-    world_rays = np.einsum("tji,tj->ti", state.R[np.maximum(tracks.anchor, 0)], state.rays)
-    inverse = (world_rays @ state.plane) / (1 - centre @ state.plane)
-    inverse = np.where(state.on_plane, inverse, state.inverse_distances)
-    same = equations(tracks, free_of(state, inverse_distances=inverse), GATE)
-    np.testing.assert_allclose(equations(tracks, state, GATE).costs, same.costs, rtol=1e-9)
-    # The inverse distances of the state are off those of the plane.
-    assert not np.allclose(free.costs[state.on_plane], same.costs[state.on_plane])
-    np.testing.assert_array_equal(free.costs[~state.on_plane], same.costs[~state.on_plane])
-
-
 def test_points_behind_a_plane_cost_the_gate_in_each_view():
     tracks, state = world("plane")
     state = replace(state, on_plane=np.ones_like(state.on_plane))

@@ -124,18 +124,6 @@ def test_a_track_votes_by_three_nats_at_the_most(undecided, sign):
     assert 0 < sign * margin.log_likelihood <= 3 * some.sum()
 
 
-def test_tracks_that_neither_motion_explains_do_not_vote(undecided):
-    best, rival = undecided.motions
-    count = len(best.fit.track_costs)
-    wrong = np.arange(count) % 7 == 0
-    rng = np.random.default_rng(0)
-    motions = tuple(
-        replace(m, fit=replace(m.fit, track_costs=np.where(wrong, rng.uniform(20, 90, count), 1.0)))
-        for m in (best, rival)
-    )
-    assert risk_of(replace(undecided, motions=motions)).margin.log_likelihood == 0
-
-
 def test_a_rival_that_locates_fewer_views_pays_for_the_views_it_leaves_out():
     found = hypotheses("wall", 0, 4, baseline=0.3)
     best, rival = found.motions

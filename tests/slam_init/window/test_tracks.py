@@ -105,14 +105,6 @@ def test_the_least_noise_is_that_of_a_pixel_and_of_the_drift_since_the_anchor_vi
     np.testing.assert_allclose(np.linalg.eigvalsh(tracks.whitening)[..., 1], 1.0)
 
 
-def test_larger_noise_is_larger_in_the_same_proportions():
-    camera, views = views_of(60)
-    step = np.diag([0.5, 0.1])
-    least, larger = (gather_tracks(camera, drifting(views, step), noise_px, 0.1) for noise_px in (0.05, 3.0))
-    assert larger.noise_px == pytest.approx(3.0)
-    np.testing.assert_allclose(covariances(larger), (3.0 / least.noise_px) ** 2 * covariances(least))
-
-
 def test_a_blurred_corner_slides_where_the_turning_changes():
     camera, views = views_of(60)
     turns = [np.array([0.0, 0.5 * k, 0.0]) for k in range(len(views))]

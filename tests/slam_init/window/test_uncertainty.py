@@ -231,17 +231,6 @@ def test_information_by_chance_is_not_counted_where_the_parallax_is_no_larger_th
     assert 0.1 < left_out < 1.4
 
 
-def test_a_long_baseline_has_hardly_any_information_by_chance(window_and_fit):
-    _, fit = window_and_fit
-    found = expanded(fit)
-    without = found.marginal.without_chance(information_by_chance(fit))
-    for view in range(1, 5):
-        all_of_it = direction_in_space(direction_uncertainty(found, view))
-        left = direction_in_space(direction_uncertainty(replace(found, marginal=without), view))
-        assert np.trace(all_of_it) <= 1.0001 * np.trace(left)
-        assert np.trace(left) < 1.25 * np.trace(all_of_it)
-
-
 def test_a_track_with_one_observation_left_makes_no_information_by_chance():
     """The reference sees some tracks far from their projections, so that the other view alone is left of them."""
     window = make_window("room", 0, 2, 300, noise_px=0.1, baseline=0.1)

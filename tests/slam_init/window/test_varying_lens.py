@@ -56,13 +56,6 @@ def test_the_covariance_of_zooms_is_that_of_a_smooth_function_of_time():
     assert zoom_covariance(np.zeros(3)) == pytest.approx(1e-6 * np.eye(2))
 
 
-def test_zooms_before_a_wall_leave_no_small_risk():
-    """A zoom of a view looks like a motion toward the wall."""
-    plain, zoomed = (risk_of(hypotheses("wall", zoom=zoom, baseline=0.05)) for zoom in (0.0, 0.02))
-    assert plain.direction < 0.1
-    assert zoomed.direction > 0.1
-
-
 def test_the_modes_widen_the_directions_and_the_lens_as_stated_does_not():
     lens = lens_of(hypotheses("room", baseline=0.1))
     assert lens.probabilities.sum() == pytest.approx(1)
@@ -112,13 +105,6 @@ def test_a_person_who_zooms_does_not_move_toward_a_plane(scene, seed, ramp):
     assert with_zooms(found).cost < 0.4 * found.rotation_only.cost
     _, risk = after_last_look(found, looks_small(risk_of(found)), max_risk=0.005)
     assert risk.total > 0.005
-
-
-@pytest.mark.parametrize(("scene", "ramp"), [("static", 0.3), ("rotation", -0.3)])
-def test_a_zoom_and_a_rotation_leave_noise_only(scene, ramp):
-    """The rival reaches the cost of the motion toward a plane, although it starts without any zoom."""
-    found = hypotheses(scene, 4, ramp=ramp)
-    assert with_zooms(found).cost < 1.02 * found.motions[0].fit.cost < 0.4 * found.rotation_only.cost
 
 
 def test_what_the_model_of_a_zoom_lacks_is_no_motion():
