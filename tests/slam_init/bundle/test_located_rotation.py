@@ -65,7 +65,7 @@ def test_one_landmark_does_not_determine_it():
 def test_it_holds_what_a_lens_and_each_view_have_in_common():
     """24 worlds whose views are shifted by a twentieth of a pixel, through lenses that are off as their prior says."""
     ratios = []
-    for seed in range(24):
+    for seed in range(16, 40):
         rng = np.random.default_rng(seed)
         true = with_drawn_lens(CAMERA, lens_prior(CAMERA, CONFIG).sigmas, rng)
         seen = problem(true, cloud(rng, 80), POSES, 0.2, rng)

@@ -110,6 +110,10 @@ def no_rotation(views, camera, poses):
     return poses | {3: 2 * np.eye(4)}, views, camera
 
 
+def no_matrix(views, camera, poses):
+    return poses | {3: np.eye(3)}, views, camera
+
+
 def no_common_tracks(views, camera, poses):
     return poses, [replace(view, track_ids=view.track_ids + 10_000 * view.frame) for view in views], camera
 
@@ -128,6 +132,7 @@ def other_rays(views, camera, poses):
         (at_one_place, "no baseline"),
         (one_pose, "two or more"),
         (no_rotation, "frame 3"),
+        (no_matrix, "world_from_cam (4, 4)"),
         (no_common_tracks, "share"),
         (no_tracks, "two or more"),
         (other_rays, "OpenGL"),

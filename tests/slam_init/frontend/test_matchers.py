@@ -144,6 +144,7 @@ def test_the_command_takes_a_matcher_of_the_user_and_tells_what_is_wrong_with_on
         "def none(image1, image2):\n    return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)\n"
         "def wrong(image1, image2):\n    return np.zeros((3, 2)), np.zeros((2, 2)), np.zeros(3)\n"
         "def fails(image1, image2):\n    raise RuntimeError('no weights')\n"
+        "def nothing(image1, image2):\n    pass\n"
         "number = 3\n"
     )
     (tmp_path / "broken.py").write_text("this is no Python\n")
@@ -167,6 +168,7 @@ def test_the_command_takes_a_matcher_of_the_user_and_tells_what_is_wrong_with_on
         ("mine.py:wrong", "returned arrays of shapes ((3, 2), (2, 2), (3,)): give points (N, 2), (N, 2), scores (N,)"),
         ("mine.py:fails", "failed: RuntimeError: no weights"),
         ("mine.py:number", "is of the type int: give a callable of two images"),
+        ("mine.py:nothing", "returned NoneType"),
         ("mine.py:absent", "mine.py has no attribute 'absent'"),
         ("broken.py:match", "cannot be loaded (invalid syntax (broken.py, line 1))"),
         ("surf", "unknown matcher 'surf': use sift, orb, lightglue, hloc"),

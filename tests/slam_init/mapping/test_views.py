@@ -49,3 +49,16 @@ def test_a_view_with_too_few_common_tracks_does_not_vote():
     some = [seen[0], fewer(seen[1], needed - 1), fewer(seen[2], needed), seen[4]]
     assert [view.frame for view in further_views(history_of(some), seen[0], seen[4], CONFIG.map, MOST)] == [2]
     assert further_views(history_of([seen[0], seen[4]]), seen[0], seen[4], CONFIG.map, MOST) == []
+
+
+def test_views_of_the_last_window_stay_and_the_new_frame_joins_them():
+    seen = observe(CAMERA, make_poses(20), np.array([[0.1, 0.0, 2.0]]) + cloud(np.random.default_rng(6)))
+    chosen = [0, 1]
+    for current in range(2, 20):
+        views = further_views(history_of(seen[: current + 1]), seen[0], seen[current], CONFIG.map, MOST, chosen)
+        frames = [view.frame for view in views]
+        assert frames[-1] == current - 1 or current == 1
+        assert len(set(frames) - set(chosen)) <= 1
+        chosen = [0, current, *frames]
+    assert len(frames) == MOST
+    assert np.diff(frames).max() <= 3 * np.diff(frames)[:-1].min()

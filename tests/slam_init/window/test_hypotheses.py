@@ -328,3 +328,9 @@ def test_tracks_off_the_plane_do_not_show_that_the_camera_moves():
     assert theirs > 0
     assert less == pytest.approx(gain - 0.5 * theirs)
     assert same == freedom
+
+
+def test_a_motion_is_not_near_one_that_does_not_know_its_frames():
+    _, (motion, *_) = proposed()
+    renamed = Motion({3: motion.cam_from_world[3], 9: motion.cam_from_world[8]})
+    assert not motion.is_near(renamed)

@@ -326,3 +326,9 @@ def test_no_track_stays_behind_where_the_distortion_moves_by_many_pixels(k1):
     fit = fit_window(tracks, start, priors, rotation_only=True)
     assert fit.state.lens.k1 == pytest.approx(k1, abs=0.01)
     assert fit.explained > 0.99 * (tracks.anchor >= 0).sum()
+
+
+def test_without_a_plane_there_is_no_relief():
+    window = make_window("room", 1, 3, 40, noise_px=0.5, baseline=0.2)
+    fit = fit_window(window.tracks, window.start(0), PRIORS)
+    assert not information_of_relief(fit).any()
