@@ -1,6 +1,6 @@
 """The camera model, which maps pixels to bearings and points to pixels.
 
-The models and their coefficients are those of :mod:`slam_init.types.lenses.models`. Pixels are converted to unit
+The models and their coefficients are those of :mod:`slam_init.types.lenses.lens`. Pixels are converted to unit
 bearings once; all later stages work on bearings. Bearings may point behind the image plane.
 """
 
@@ -17,12 +17,15 @@ from numpy.typing import ArrayLike
 from quest.display import Described
 from slam_init.errors import CalibrationError
 from slam_init.types.arrays import Floats, as_array, as_number
-from slam_init.types.lenses.lens import Lens
-from slam_init.types.lenses.models import COEFFICIENTS, bent_coefficients, check_coefficients, lens_of
-from slam_init.types.lenses.planar import (
+from slam_init.types.lenses.lens import (
+    COEFFICIENTS,
     MAX_PLANAR_ANGLE_RAD,
     FisheyeLens,
+    Lens,
     RadialTangentialLens,
+    bent_coefficients,
+    check_coefficients,
+    lens_of,
     polynomial,
     turning_radius,
 )
@@ -64,7 +67,7 @@ class Camera(Described):
     Attributes
     ----------
     model : str
-        A name of :mod:`slam_init.types.lenses.models`: ``pinhole``, ``radtan``, ``fisheye``, ``double-sphere``, ...
+        A name of :mod:`slam_init.types.lenses.lens`: ``pinhole``, ``radtan``, ``fisheye``, ``double-sphere``, ...
     width, height : int
         Image size in pixels.
     fx, fy, cx, cy : float

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from slam_init.types.lenses.planar import RadialTangentialLens
+from slam_init.types.lenses.lens import RadialTangentialLens
 
 
 def readable_undistort(lens, distorted):
