@@ -393,6 +393,17 @@ class Camera(Described):
         return f"{self.model} camera, {self.width}x{self.height}{known}", facts
 
 
+def orthonormal_polynomials(camera: Camera, pixels: Floats) -> Floats:
+    """Products (..., 6) of Legendre polynomials at pixels (..., 2).
+
+    Each has a mean square of 1 over the image, so that none is preferred.
+    """
+    x, y = np.moveaxis(2 * pixels / (camera.width - 1, camera.height - 1) - 1, -1, 0)
+    linear_x, linear_y = np.sqrt(3) * x, np.sqrt(3) * y
+    quadratic_x, quadratic_y = (np.sqrt(5) / 2 * (3 * u * u - 1) for u in (x, y))
+    return np.stack([np.ones_like(x), linear_x, linear_y, quadratic_x, linear_x * linear_y, quadratic_y], axis=-1)
+
+
 def _as_coefficients(distortion: object) -> tuple[float, ...]:
     """Make the coefficients of what a caller gave, or tell why they are none."""
     give = "a tuple of numbers, () for none"

@@ -177,6 +177,10 @@ class ProvisionalMap:
         return self.map.open_tracks
 
 
+#: Largest number of maps of a run that starts anew after a loss: a map takes some megabytes of memory.
+MAX_SEGMENTS = 99
+
+
 @dataclass(frozen=True, eq=False)
 class Segment:
     """A part of the frames with a map of its own. A new one begins where the map of the one before was lost."""
