@@ -9,7 +9,7 @@ import numpy as np
 
 from quest.display import Described
 from slam_init.errors import SlamInitError, SourceError
-from slam_init.types.arrays import Floats, as_array, as_number
+from slam_init.types.arrays import Floats, as_array, as_number, set_fields
 from slam_init.types.pose import Pose
 
 #: Standard gravity in m/s^2. On the earth it differs by 0.27 % at most at sea level.
@@ -154,8 +154,7 @@ class Gravity(Described):
         sigma_deg = as_number(self.sigma_deg, "the deviation of gravity", "degrees from 0.001 to 45")
         if not 1e-3 <= sigma_deg <= 45:
             raise SlamInitError(f"the deviation of gravity is {sigma_deg!r}: give degrees from 0.001 to 45")
-        object.__setattr__(self, "down", down / length)
-        object.__setattr__(self, "sigma_deg", sigma_deg)
+        set_fields(self, down=down / length, sigma_deg=sigma_deg)
 
     @staticmethod
     def check(thing: object) -> None:
