@@ -9,7 +9,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from slam_init.types.savable import set_writer
+from slam_init.types.savable import Savable
 
 if TYPE_CHECKING:
     from slam_init.calibration.files import load_camera as load_camera
@@ -85,7 +85,7 @@ _HOMES = {name: module for module, names in _NAMES.items() for name in names.spl
 
 __all__ = sorted([*_HOMES, "__version__"])
 
-set_writer(lambda thing, folder: import_module("slam_init.output.results").save(thing, folder))
+Savable.writer = staticmethod(lambda thing, folder: import_module("slam_init.output.results").save(thing, folder))
 
 
 def __getattr__(name: str) -> object:

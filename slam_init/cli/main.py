@@ -24,7 +24,7 @@ from slam_init.cli.run import add_run
 from slam_init.cli.synth import add_synth
 from slam_init.cli.view import add_view
 from slam_init.errors import SlamInitError, plain_line
-from slam_init.system.process_io import InterruptsNoted, NativeStderrSilenced, complain, fill_closed_streams, tell
+from slam_init.system.process_io import complain, fill_closed_streams, interrupts_noted, native_stderr_silenced, tell
 
 
 def entry_point() -> NoReturn:
@@ -43,9 +43,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     * ``argv``: Arguments without the program's name; those of the process by default.
     """
-    interrupts = InterruptsNoted()
+    signals: list[int] = []
     try:
-        with interrupts:
+        with interrupts_noted(signals):
             try:
                 parser = make_parser()
                 if "_ARGCOMPLETE" in os.environ:  # the shell asks what may come next, and gets no other output
@@ -53,11 +53,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
                     argcomplete.autocomplete(parser)
                 arguments = parser.parse_args(argv)
-                with NativeStderrSilenced():
+                with native_stderr_silenced():
                     code: int = arguments.command(arguments)
             except Exception:
                 # An extension module that is interrupted while it is imported raises an ImportError instead.
-                if interrupts.seen is not None:
+                if signals:
                     raise KeyboardInterrupt from None
                 raise
     except SlamInitError as error:
@@ -72,7 +72,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return BAD_INPUT
     except KeyboardInterrupt as interrupt:
         complain(str(interrupt) or "interrupted")
-        return INTERRUPTED + (interrupts.seen or signal.SIGINT)
+        return INTERRUPTED + (signals[0] if signals else signal.SIGINT)
     except SystemExit as done:  # --help and --version
         return int(done.code or 0)
     return code

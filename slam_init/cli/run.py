@@ -223,7 +223,7 @@ def _run_live(arguments: argparse.Namespace, config: Config, out: Path) -> tuple
     from slam_init.datasets.live import open_live
     from slam_init.initializer import load_all
     from slam_init.recording.rerun_recorder import load_rerun
-    from slam_init.system.process_io import FirstInterruptCalls
+    from slam_init.system.process_io import first_interrupt_calls
 
     if arguments.every != 1 or arguments.fps is not None or arguments.mask is not None:
         raise UsageError("--every, --fps and --mask are for sources that are read from files")
@@ -236,7 +236,7 @@ def _run_live(arguments: argparse.Namespace, config: Config, out: Path) -> tuple
     load_rerun()  # before the stream is opened, so that no frame waits for it
     load_all()
     with source:
-        return _run_on(source, arguments, config, out, FirstInterruptCalls(source.stop))
+        return _run_on(source, arguments, config, out, first_interrupt_calls(source.stop))
 
 
 def _run_on(

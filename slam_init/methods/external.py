@@ -43,13 +43,12 @@ from slam_init.methods.external_run import ProgramRun, run_program
 from slam_init.recording.recorder import Recorder
 from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.frame import Frame, Observations
-from slam_init.types.initial_map import InitialMap, Keyframe
+from slam_init.types.initial_map import InitialMap, Keyframe, UnitError
 from slam_init.types.pose import Pose, Trajectory
 from slam_init.types.reasons import REASONS, Verdict
 from slam_init.types.result import Result
 from slam_init.types.status import Status, frame_of
 from slam_init.types.stopwatch import Stopwatch
-from slam_init.types.unit_error import UnitError
 
 if TYPE_CHECKING:
     from slam_init.config import Config

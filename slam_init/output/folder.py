@@ -27,7 +27,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from slam_init.errors import OutputError, check_type
-from slam_init.system.process_io import InterruptsDeferred
+from slam_init.system.process_io import interrupts_deferred
 from slam_init.system.regular_file import user_path
 
 #: The folder of the marker, and the marker in it.
@@ -262,7 +262,7 @@ class OutputFolder:
             for name in names:
                 _sync(self.staging / name)
             # Half of the renames must not stay because of a key that was pressed.
-            with InterruptsDeferred():
+            with interrupts_deferred():
                 if self._in_place:
                     self._move_each(sorted(names, key=lambda name: name == last))
                 else:

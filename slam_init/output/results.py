@@ -44,8 +44,7 @@ from slam_init.output.records import SourceRecord
 from slam_init.output.summary import Summary, summary_of, summary_text
 from slam_init.system.regular_file import read_regular, user_path
 from slam_init.types.initial_map import Descriptors, InitialMap, Keyframe
-from slam_init.types.result import Result
-from slam_init.types.segments import MAX_SEGMENTS
+from slam_init.types.result import MAX_SEGMENTS, Result
 
 #: A map of 100,000 observations takes 20 MB.
 _MAX_ARCHIVE_BYTES = 500_000_000

@@ -46,13 +46,13 @@ from slam_init.recording.recorder import Recorder
 from slam_init.recording.recording_file import RecordingFile, open_stream
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
-from slam_init.types.camera_pose import CameraPose
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Trajectory
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 from slam_init.types.scale import Scale
+from slam_init.types.status import CameraPose
 from slam_init.types.time_stamps import is_date
 
 _NOWHERE = np.zeros((0, 2))

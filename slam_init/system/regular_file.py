@@ -1,13 +1,11 @@
 """Reads files that somebody else made: regular files only, and no more bytes than a bound.
 
 A named pipe without a writer, a terminal or a device would keep a reader for ever, and a file may be larger than the
-memory. The type is looked up before the file is opened. It is looked up again in the open file, which is opened
-without waiting, because the file may have been replaced in between.
+memory. The type is looked up before the file is opened.
 """
 
 from __future__ import annotations
 
-import errno
 import os
 import stat
 from pathlib import Path
@@ -43,18 +41,13 @@ def kind_problem(path: str | os.PathLike[str]) -> str | None:
     path = Path(path)
     try:
         mode = path.stat().st_mode
+    except FileNotFoundError as error:
+        dangling = "a link to a file that does not exist"
+        return f"cannot be read: it is {dangling}" if path.is_symlink() else f"cannot be read ({error.strerror})"
     except OSError as error:
-        if error.errno == errno.ELOOP:
-            return "cannot be read: it is a link that leads back to itself"
-        if error.errno == errno.ENOENT and path.is_symlink():
-            return "cannot be read: it is a link to a file that does not exist"
         return f"cannot be read ({error.strerror})"
     except ValueError as error:  # a null byte in the name
         return f"cannot be read ({error})"
-    return _mode_problem(mode)
-
-
-def _mode_problem(mode: int) -> str | None:
     if stat.S_ISREG(mode):
         return None
     kind = next((name for is_kind, name in _KINDS if is_kind(mode)), "something else")
@@ -66,18 +59,12 @@ def open_regular(path: str | os.PathLike[str], error: type[SlamInitError]) -> Bi
 
     * ``error``: Raised where this is no regular file, or where it cannot be opened.
     """
-    path = Path(path)
     if problem := kind_problem(path):
         raise error(f"{path}: {problem}")
     try:
-        # Opening a pipe that has come since must not wait for its writer.
-        file = os.fdopen(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb")
-    except OSError as problem_:
-        raise error(f"{path}: cannot be read ({problem_.strerror})") from None
-    if problem := _mode_problem(os.fstat(file.fileno()).st_mode):
-        file.close()
-        raise error(f"{path}: {problem}")
-    return file
+        return Path(path).open("rb")
+    except OSError as cause:
+        raise error(f"{path}: cannot be read ({cause.strerror})") from None
 
 
 def read_regular(path: str | os.PathLike[str], limit_bytes: int, what: str, error: type[SlamInitError]) -> bytes:
@@ -88,11 +75,11 @@ def read_regular(path: str | os.PathLike[str], limit_bytes: int, what: str, erro
     """
     with open_regular(path, error) as file:
         try:
-            data = b"" if os.fstat(file.fileno()).st_size > limit_bytes else file.read(limit_bytes + 1)
-            too_large = os.fstat(file.fileno()).st_size > limit_bytes or len(data) > limit_bytes
+            size = os.fstat(file.fileno()).st_size
+            data = b"" if size > limit_bytes else file.read(limit_bytes + 1)
         except OSError as problem:
             raise error(f"{path}: cannot be read ({problem.strerror})") from None
-    if too_large:
+    if max(size, len(data)) > limit_bytes:
         limit = f"{limit_bytes // 10**6} MB" if limit_bytes >= 10**6 else f"{limit_bytes // 1000} kB"
         raise error(f"{path}: has more than {limit}: this is not {what}")
     return data

@@ -10,7 +10,7 @@ from cli_files import IMAGES, WITH
 import slam_init.initializer
 import slam_init.recording.live_viewer
 from slam_init.cli import main
-from slam_init.system.process_io import FirstInterruptCalls
+from slam_init.system.process_io import first_interrupt_calls
 
 
 @pytest.fixture
@@ -72,7 +72,7 @@ def test_the_first_interrupt_is_told_and_the_second_interrupts():
     # A program in the background of a shell ignores interrupts, and so would this test.
     at_first = signal.signal(signal.SIGINT, signal.default_int_handler)
     before = signal.getsignal(signal.SIGINT)
-    with pytest.raises(KeyboardInterrupt), FirstInterruptCalls(lambda: told.append("stop")):
+    with pytest.raises(KeyboardInterrupt), first_interrupt_calls(lambda: told.append("stop")):
         signal.raise_signal(signal.SIGINT)
         assert told == ["stop"]
         signal.raise_signal(signal.SIGINT)

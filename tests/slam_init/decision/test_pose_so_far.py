@@ -11,8 +11,8 @@ from quest.geometry.quaternion import rotation_angle, rotation_from_vector
 from slam_init import Initializer
 from slam_init.decision.pose_so_far import PoseSoFar, WindowMotion
 from slam_init.frontend.tracks import History
-from slam_init.types.camera_pose import PoseKind
 from slam_init.types.pose import Pose
+from slam_init.types.status import PoseKind
 
 
 def poses(source):

@@ -7,8 +7,7 @@ import numpy as np
 
 from slam_init.config import AcceptanceConfig, Config
 from slam_init.initializer import Initializer
-from slam_init.types.camera_pose import PoseKind
-from slam_init.types.status import Status
+from slam_init.types.status import PoseKind, Status
 
 
 def initialized(room, **options):

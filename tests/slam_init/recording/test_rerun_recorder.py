@@ -18,10 +18,10 @@ from slam_init.errors import OutputError, SourceError
 from slam_init.recording import rerun_recorder
 from slam_init.recording.layout import SERIES, End, blueprint
 from slam_init.recording.rerun_recorder import RerunRecorder
-from slam_init.types.camera_pose import CameraPose, PoseKind
 from slam_init.types.gates import GateName, at_least, at_most
 from slam_init.types.reasons import Verdict
 from slam_init.types.scale import Scale, ScaleOrigin
+from slam_init.types.status import CameraPose, PoseKind
 
 
 @pytest.fixture(autouse=True)

@@ -22,13 +22,13 @@ def others(tmp_path):
             "named pipe": tmp_path / "pipe",
             "folder": tmp_path / "folder",
             "does not exist": tmp_path / "dangling",
-            "back to itself": tmp_path / "circle",
+            "symbolic links": tmp_path / "circle",
             "socket": tmp_path / "socket",
             "device": "/dev/zero",
         }
 
 
-@pytest.mark.parametrize("kind", ["named pipe", "folder", "does not exist", "back to itself", "socket", "device"])
+@pytest.mark.parametrize("kind", ["named pipe", "folder", "does not exist", "symbolic links", "socket", "device"])
 def test_what_is_no_regular_file_is_refused_by_its_kind(others, kind):
     assert kind in kind_problem(others[kind])
     with pytest.raises(SourceError, match=kind):
