@@ -38,6 +38,7 @@ from slam_init.types.pose import Trajectory
 if TYPE_CHECKING:
     from av.container import InputContainer
     from av.video.frame import VideoFrame
+    from av.video.reformatter import VideoReformatter
     from av.video.stream import VideoStream
 
 # -- fields ----------------------------------------------------------------------------------------
@@ -165,6 +166,17 @@ def _quarters(frame: VideoFrame) -> int:
     return round(frame.rotation / 90) % 4
 
 
+def upright_pixels(frame: VideoFrame, reformatter: VideoReformatter) -> Image:
+    """Convert a decoded frame to BGR, and turn it upright. The interpolation of the colours is that of OpenCV.
+
+    Shapes: returns ``image`` (H, W, 3).
+
+    * ``reformatter``: One for all frames, since each makes tables.
+    """
+    pixels = reformatter.reformat(frame, format="bgr24", interpolation="BICUBIC").to_ndarray()
+    return np.ascontiguousarray(np.rot90(pixels, _quarters(frame)), np.uint8)
+
+
 def decoded(path: Path, skip: int = 0) -> Iterator[tuple[float, Image | None]]:
     """Decode a video from its beginning, since seeking is inexact.
 
@@ -178,7 +190,6 @@ def decoded(path: Path, skip: int = 0) -> Iterator[tuple[float, Image | None]]:
     import av
     from av.video.reformatter import VideoReformatter
 
-    # One for all frames, since each makes tables. The interpolation is that of OpenCV, for colours of half the size.
     reformatter = VideoReformatter()
     with _opened(path) as (container, stream):
         start_s = _start_s(stream)
@@ -188,8 +199,7 @@ def decoded(path: Path, skip: int = 0) -> Iterator[tuple[float, Image | None]]:
                 if index < skip:
                     yield time_s, None
                     continue
-                pixels = reformatter.reformat(frame, format="bgr24", interpolation="BICUBIC").to_ndarray()
-                yield time_s, np.ascontiguousarray(np.rot90(pixels, _quarters(frame)), np.uint8)
+                yield time_s, upright_pixels(frame, reformatter)
         except av.error.FFmpegError:
             return
 
