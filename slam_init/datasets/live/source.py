@@ -14,9 +14,8 @@ from __future__ import annotations
 import queue
 import threading
 import time
-from collections.abc import Callable, Generator, Iterator
-from contextlib import closing, suppress
-from typing import cast
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 
 from slam_init.datasets.image_files import NOMINAL_RATE_HZ
 from slam_init.datasets.live.streams import StreamImage
@@ -124,11 +123,10 @@ class LiveSource:
 
     def _receive(self) -> None:
         try:
-            with closing(cast(Generator[StreamImage], self._connect())) as images:
-                for received in images:
-                    if self._stopped:
-                        break
-                    self._put(received)
+            for received in self._connect():
+                if self._stopped:
+                    break
+                self._put(received)
         except SourceError as error:
             if self._received:  # what was received is of use without the rest
                 self._end_note = f"the source ended: {error}"
