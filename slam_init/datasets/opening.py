@@ -23,7 +23,7 @@ from slam_init.datasets.layouts import LAYOUTS
 from slam_init.datasets.live import is_live
 from slam_init.datasets.live.address import without_password
 from slam_init.datasets.posed_images import Layout
-from slam_init.datasets.ros import BagName, detect_file, is_bag_folder, open_ros
+from slam_init.datasets.ros import BagName, RosSource, detect_file, is_bag_folder
 from slam_init.datasets.stamps import image_times, truth_on_clock
 from slam_init.datasets.synth import PREFIX, open_synth
 from slam_init.datasets.tracks_file import is_tracks_file, open_tracks_file
@@ -80,7 +80,7 @@ def _with_checked_times(text: str, source: TimedSource) -> TimedSource:
 
 _FOLDERS: tuple[Layout, ...] = (
     *LAYOUTS,
-    Layout("ros2", "metadata.yaml, .mcap or .db3 (ROS 2)", is_bag_folder, lambda path, _: open_ros(path, 2)),
+    Layout("ros2", "metadata.yaml, .mcap or .db3 (ROS 2)", is_bag_folder, lambda path, _: RosSource(path, 2)),
     Layout("images", "images in it or in images/", holds_images, lambda path, _: open_folder(path)),
 )
 
@@ -88,8 +88,8 @@ _FILES: tuple[Layout, ...] = (
     Layout("colmap-database", "a database of COLMAP", is_colmap_database, lambda path, _: open_colmap_database(path)),
     Layout("hloc", "matches of hloc (.h5)", is_hdf5, lambda path, _: open_hloc(path)),
     Layout("tracks", "tracks (.npz)", is_tracks_file, lambda path, _: open_tracks_file(path)),
-    Layout("ros1", "a ROS 1 bag", lambda path: detect_file(path) == "ros1", lambda path, _: open_ros(path, 1)),
-    Layout("ros2", "a ROS 2 bag", lambda path: detect_file(path) == "ros2", lambda path, _: open_ros(path, 2)),
+    Layout("ros1", "a ROS 1 bag", lambda path: detect_file(path) == "ros1", lambda path, _: RosSource(path, 1)),
+    Layout("ros2", "a ROS 2 bag", lambda path: detect_file(path) == "ros2", lambda path, _: RosSource(path, 2)),
     Layout("video", "a video", lambda _: True, lambda path, _: open_video(path)),
 )
 
@@ -127,7 +127,7 @@ def open_source(text: str | os.PathLike[str], seed: int = 0) -> TimedSource:
     path = user_path(bag.path if bag else text)
     try:
         if bag:
-            return open_ros(path, 1 if layout.kind == "ros1" else 2, bag.topic, bag.truth_topic)
+            return RosSource(path, 1 if layout.kind == "ros1" else 2, bag.topic, bag.truth_topic)
         return layout.open(path, found)
     except OSError as error:
         raise SourceError(f"{error.filename or path}: cannot be read ({error.strerror})") from None

@@ -101,26 +101,6 @@ def test_a_name_that_a_database_cannot_have_is_refused(tmp_path):
         open_source(folder)
 
 
-@pytest.mark.parametrize(
-    ("kind", "method"), [("ros1", "BZ2"), ("ros1", "LZ4"), ("mcap", "STORAGE"), ("sqlite3", "MESSAGE")]
-)
-def test_what_is_decompressed_is_bounded(tmp_path, monkeypatch, kind, method):
-    if kind == "ros1":
-        from rosbags.rosbag1 import Writer
-
-        options = [Writer.CompressionFormat[method]]
-    else:
-        from rosbags.rosbag2 import CompressionFormat, CompressionMode
-
-        options = [CompressionMode[method], CompressionFormat.ZSTD]
-    path = small_bag(kind, np.zeros((1, 480, 640), np.uint8), CAMERA).write(
-        path_for(tmp_path, kind), compression=options
-    )
-    monkeypatch.setattr("slam_init.datasets.ros.bag.MAX_CHUNK_BYTES", 100_000)
-    with pytest.raises(SourceError, match="more than 100000 bytes"):
-        read(path)
-
-
 def test_without_the_extra_the_command_says_what_to_install(bag, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "rosbags", None)
     assert main(["info", str(bag)]) == 2
