@@ -286,7 +286,7 @@ def _graph(folder: Path) -> MapFile:
 def _colmap(folder: Path, model: Path) -> MapFile:
     cameras_file, images_file = model_files(model) or (model / "cameras.txt", model / "images.txt")
     cameras = read_cameras(cameras_file, folder)
-    images = sorted(read_images(images_file, folder, observations=True), key=lambda image: natural_key(image.name))
+    images = sorted(read_images(images_file, folder), key=lambda image: natural_key(image.name))
     if not images:
         raise SourceError(f"{images_file}: holds no image: give the folder of a model with images")
     missing = next((image for image in images if image.camera_id not in cameras), None)
@@ -294,7 +294,7 @@ def _colmap(folder: Path, model: Path) -> MapFile:
         raise SourceError(f"{images_file}: {missing.name[:100]} has camera {missing.camera_id}, which is not stated")
     camera, kept, _ = common_camera([cameras[image.camera_id] for image in images], str(folder))
     images = [image for image, keep in zip(images, kept, strict=True) if keep]
-    parts = [_of_image(k, image.pixels, image.point_ids) for k, image in enumerate(images)]
+    parts = [_of_image(k, *image.keypoints()) for k, image in enumerate(images)]
     return MapFile(
         folder,
         tuple(image.cam_from_world.inverse() for image in images),

@@ -85,11 +85,11 @@ _FOLDERS: tuple[Layout, ...] = (
 )
 
 _FILES: tuple[Layout, ...] = (
-    Layout("colmap-database", "a database of COLMAP", is_colmap_database, lambda path, _: open_colmap_database(path)),
     Layout("hloc", "matches of hloc (.h5)", is_hdf5, lambda path, _: open_hloc(path)),
     Layout("tracks", "tracks (.npz)", is_tracks_file, lambda path, _: open_tracks_file(path)),
     Layout("ros1", "a ROS 1 bag", lambda path: detect_file(path) == "ros1", lambda path, _: RosSource(path, 1)),
     Layout("ros2", "a ROS 2 bag", lambda path: detect_file(path) == "ros2", lambda path, _: RosSource(path, 2)),
+    Layout("colmap-database", "a database of COLMAP", is_colmap_database, lambda path, _: open_colmap_database(path)),
     Layout("video", "a video", lambda _: True, lambda path, _: open_video(path)),
 )
 

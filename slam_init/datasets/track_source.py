@@ -28,9 +28,6 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.pose import Trajectory
 
-#: Longest name of an image in characters. File systems allow paths of 4096 bytes.
-MAX_NAME = 1000
-
 _BACKGROUND, _DOT = 30, 220
 
 
@@ -156,10 +153,8 @@ def track_source(
 def by_name(path: Path, names: list[str]) -> list[int]:
     """Order images by their names."""
     for name, count in Counter(names).items():
-        if len(name) > MAX_NAME:
-            raise SourceError(f"{path}: the name of an image has {len(name)} characters: this is no file name")
         if count > 1:
-            raise SourceError(f"{path}: the image {name} is there {count} times")
+            raise SourceError(f"{path}: the image {name[:100]} is there {count} times")
     return sorted(range(len(names)), key=lambda i: natural_key(names[i]))
 
 
