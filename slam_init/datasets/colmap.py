@@ -63,23 +63,31 @@ def model_files(folder: str | os.PathLike[str]) -> tuple[Path, Path] | None:
     return None
 
 
-def read_cameras(path: Path, root: Path) -> dict[int, Camera]:
-    """Read ``cameras.txt`` or ``cameras.bin``.
+def read_model(model: Path, root: Path) -> tuple[list[ColmapImage], dict[int, Camera]]:
+    """Read the images and cameras of a model, whose folder :func:`model_files` has found.
 
     * ``root``: The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
     """
-    if path.suffix == ".bin":
-        return dict(_cameras_of_bytes(_Bytes(path, root)))
-    return {
-        _index((place, text), text.split()[0]): _parsed_camera(place, text) for place, text in read_rows(path, root)
-    }
+    cameras_file, images_file = model_files(model) or (model / "cameras.txt", model / "images.txt")
+    if cameras_file.suffix == ".bin":
+        cameras, images = _cameras_of_bytes(_Bytes(cameras_file, root)), _images_of_bytes(_Bytes(images_file, root))
+    else:
+        cameras, images = _cameras_of_text(cameras_file, root), _images_of_text(images_file, root)
+    known, found = dict(cameras), list(images)
+    if not found:
+        raise SourceError(f"{images_file}: holds no image: give the folder of a model with images")
+    for image in found:
+        if image.camera_id not in known:
+            raise SourceError(f"{images_file}: {image.name[:100]} has camera {image.camera_id}, which is not stated")
+    return found, known
 
 
-def read_images(path: Path, root: Path) -> list[ColmapImage]:
-    """Read ``images.txt`` or ``images.bin``."""
-    if path.suffix == ".bin":
-        return list(_images_of_bytes(_Bytes(path, root)))
-    images = []
+def _cameras_of_text(path: Path, root: Path) -> Iterator[tuple[int, Camera]]:
+    for place, text in read_rows(path, root):
+        yield _index((place, text), text.split()[0]), _parsed_camera(place, text)
+
+
+def _images_of_text(path: Path, root: Path) -> Iterator[ColmapImage]:
     lines = ((place, line) for place, line in read_lines(path, root) if not line.startswith("#"))
     for row in lines:
         if not row[1]:
@@ -88,8 +96,7 @@ def read_images(path: Path, root: Path) -> list[ColmapImage]:
         if len(fields) < 10:
             raise SourceError(f"{row[0]}: expected id, quaternion, translation, camera and name, found {row[1][:60]!r}")
         keypoints = partial(_keypoints_of_line, next(lines, ("", "")))
-        images.append(ColmapImage(fields[9], _index(row, fields[8]), _pose(row, fields[1:8]), keypoints))
-    return images
+        yield ColmapImage(fields[9], _index(row, fields[8]), _pose(row, fields[1:8]), keypoints)
 
 
 def _parsed_camera(place: str, line: str) -> Camera:

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slam_init.datasets.bounded import read_npz
+from slam_init.datasets.bounded import checked_array, read_npz
 from slam_init.datasets.image_files import MAX_FRAMES
 from slam_init.datasets.match_chains import TrackTable
 from slam_init.datasets.stamps import image_times
@@ -39,9 +38,6 @@ def is_tracks_file(path: Path) -> bool:
 def open_tracks_file(path: Path) -> TrackSource:
     """Open a file of tracks."""
     arrays: _Arrays = read_npz(path, _ARRAYS, _MAX_BYTES, "tracks")
-    missing = [name for name in _REQUIRED if name not in arrays]
-    if missing:
-        raise SourceError(f"{path}: has no array {missing[0]}: a file of tracks has {', '.join(_REQUIRED)}")
     frame, track = (_whole(path, arrays, name, (-1,)) for name in ("frame", "track"))
     xy = _real(path, arrays, "xy", (-1, 2))
     width, height = _whole(path, arrays, "size", (2,)).tolist()
@@ -66,27 +62,15 @@ def open_tracks_file(path: Path) -> TrackSource:
     return source if "world_from_cam" not in arrays else _with_truth(path, source, arrays)
 
 
-def _checked(path: Path, arrays: _Arrays, name: str, shape: tuple[int, ...], kinds: str, what: str) -> NDArray[Any]:
-    array = arrays[name]
-    fits = array.ndim == len(shape) and all(n in (-1, m) for n, m in zip(shape, array.shape, strict=True))
-    if not fits or array.dtype.kind not in kinds:
-        expected = ", ".join("M" if n < 0 else str(n) for n in shape)
-        raise SourceError(f"{path}: {name} is {array.dtype} of shape {array.shape}: expected {what} ({expected})")
-    return array
-
-
 def _whole(path: Path, arrays: _Arrays, name: str, shape: tuple[int, ...]) -> Ints:
-    array = _checked(path, arrays, name, shape, "iu", "whole numbers")
+    array = checked_array(path, arrays, name, shape, "iu", "whole numbers")
     if (array > np.iinfo(np.int64).max).any():
         raise SourceError(f"{path}: {name} holds a number above 2^63")
     return np.asarray(array, np.int64)
 
 
-def _real(path: Path, arrays: _Arrays, name: str, shape: tuple[int, ...], *, finite: bool = True) -> Floats:
-    values = np.asarray(_checked(path, arrays, name, shape, "iuf", "numbers"), float)
-    if finite and not np.isfinite(values).all():
-        raise SourceError(f"{path}: {name} holds a number that is not finite")
-    return values
+def _real(path: Path, arrays: _Arrays, name: str, shape: tuple[int, ...]) -> Floats:
+    return np.asarray(checked_array(path, arrays, name, shape, "iuf", "numbers"), float)
 
 
 def _names(path: Path, arrays: _Arrays, count: int) -> tuple[str, ...]:
@@ -94,7 +78,7 @@ def _names(path: Path, arrays: _Arrays, count: int) -> tuple[str, ...]:
         if count > MAX_FRAMES:
             raise SourceError(f"{path}: frame has the value {count - 1}: expected less than {MAX_FRAMES}")
         return tuple(f"frame-{i:06d}" for i in range(count))
-    names = [str(name) for name in _checked(path, arrays, "names", (-1,), "U", "text")]
+    names = [str(name) for name in checked_array(path, arrays, "names", (-1,), "U", "text")]
     by_name(path, names)  # checks them; the order is that of the file
     return tuple(names)
 
@@ -112,8 +96,9 @@ def _camera(path: Path, arrays: _Arrays, size: tuple[int, int]) -> Camera | None
 
 
 def _with_truth(path: Path, source: TrackSource, arrays: _Arrays) -> TrackSource:
-    stamped = []
-    for i, matrix in enumerate(_real(path, arrays, "world_from_cam", (len(source), 4, 4), finite=False)):
+    shape, stamped = (len(source), 4, 4), []
+    matrices = checked_array(path, arrays, "world_from_cam", shape, "f", "numbers", finite=False)
+    for i, matrix in enumerate(matrices.astype(float)):
         if np.isfinite(matrix).all():  # NaN: unknown
             pose = pose_from_matrix(f"{path}: world_from_cam[{i}]", matrix)
             stamped.append((float(source.timestamps_s[i]), pose))
