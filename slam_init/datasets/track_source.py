@@ -12,7 +12,6 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from slam_init.datasets.image_files import (
-    MAX_FRAMES,
     MAX_PIXELS,
     PHOTO_RATE_HZ,
     ImageFileSource,
@@ -134,8 +133,6 @@ def track_source(
 
     Shapes: ``timestamps_s`` (F,).
     """
-    if not image_names or len(image_names) > MAX_FRAMES:
-        raise SourceError(f"{path}: holds {len(image_names)} images: expected 1 to {MAX_FRAMES}")
     width, height = size
     if width < 1 or height < 1 or width * height > MAX_PIXELS:
         raise SourceError(f"{path}: images of {width}x{height} pixels: expected 1 to {MAX_PIXELS / 1e6:.0f} million")

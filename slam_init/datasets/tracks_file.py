@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam_init.datasets.bounded import checked_array, read_npz
-from slam_init.datasets.image_files import MAX_FRAMES
 from slam_init.datasets.match_chains import TrackTable
 from slam_init.datasets.stamps import image_times
 from slam_init.datasets.text import pose_from_matrix, trajectory
@@ -26,6 +25,8 @@ _REQUIRED = ("frame", "track", "xy", "size")
 _ARRAYS = (*_REQUIRED, "names", "timestamps_s", "K", "distortion", "model", "world_from_cam")
 # Twenty million observations have 32 bytes each.
 _MAX_BYTES = 640_000_000
+# Most frames without names: nine hours at 30 Hz.
+_MAX_UNNAMED = 1_000_000
 
 _Arrays = dict[str, NDArray[np.generic]]
 
@@ -75,8 +76,8 @@ def _real(path: Path, arrays: _Arrays, name: str, shape: tuple[int, ...]) -> Flo
 
 def _names(path: Path, arrays: _Arrays, count: int) -> tuple[str, ...]:
     if "names" not in arrays:
-        if count > MAX_FRAMES:
-            raise SourceError(f"{path}: frame has the value {count - 1}: expected less than {MAX_FRAMES}")
+        if count > _MAX_UNNAMED:
+            raise SourceError(f"{path}: frame has the value {count - 1}: expected less than {_MAX_UNNAMED}")
         return tuple(f"frame-{i:06d}" for i in range(count))
     names = [str(name) for name in checked_array(path, arrays, "names", (-1,), "U", "text")]
     by_name(path, names)  # checks them; the order is that of the file

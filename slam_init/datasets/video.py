@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.datasets.image_files import MAX_FRAMES, MAX_PIXELS, check_size, frame_range
+from slam_init.datasets.image_files import MAX_PIXELS, check_size, frame_range
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import open_regular
 from slam_init.types.arrays import Floats, Image
@@ -104,6 +104,8 @@ class Deinterlacer:
 # -- decoding --------------------------------------------------------------------------------------
 
 
+#: Most frames of a video: nine hours at 30 Hz.
+_MAX_FRAMES = 1_000_000
 _CONVERT = "convert it: ffmpeg -i IN -c:v libx264 OUT.mp4"
 
 
@@ -220,7 +222,7 @@ def packet_times_s(path: Path) -> list[float]:
                 stamp = packet.dts if packet.pts is None else packet.pts  # AVI has no presentation times
                 if stamp is not None and packet.size:
                     times_s.append(_nanoseconds(stamp * unit_s - start_s))
-                if len(times_s) >= MAX_FRAMES:
+                if len(times_s) >= _MAX_FRAMES:
                     break
         except av.error.FFmpegError:  # the times up to the damage
             pass
@@ -229,8 +231,8 @@ def packet_times_s(path: Path) -> list[float]:
 
 def count_frames(path: Path) -> int:
     """Count the frames of a video by decoding it."""
-    frames = decoded(path, skip=MAX_FRAMES)
-    return sum(1 for _, _ in zip(range(MAX_FRAMES), frames, strict=False))
+    frames = decoded(path, skip=_MAX_FRAMES)
+    return sum(1 for _, _ in zip(range(_MAX_FRAMES), frames, strict=False))
 
 
 def is_gif(path: Path) -> bool:
@@ -343,7 +345,7 @@ def open_video(path: str | os.PathLike[str]) -> VideoSource:
         rate_hz = _NOMINAL_RATE_HZ
         notes.append(f"the video states no possible frame rate: {rate_hz:g} frames a second are assumed")
     # A frame takes at least a byte of the file.
-    if 1 <= header.frames <= min(path.stat().st_size, MAX_FRAMES):
+    if 1 <= header.frames <= min(path.stat().st_size, _MAX_FRAMES):
         length = int(header.frames)
     else:
         length = max(count_frames(path), 1)

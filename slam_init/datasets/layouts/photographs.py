@@ -39,8 +39,9 @@ from slam_init.datasets.image_files import (
     IMAGE_SUFFIXES,
     NOMINAL_RATE_HZ,
     ImageFileSource,
-    find_images,
+    image_folder,
     image_size,
+    list_images,
     stored_camera,
 )
 from slam_init.datasets.posed_images import Layout, PosedImage, file_of, image_sequence, photographs, with_axes
@@ -166,9 +167,7 @@ def _named(folder: Path, word: str) -> Path | None:
 
 def open_trakmark(folder: Path, extrinsics: Path) -> ImageFileSource:
     """Open a sequence in the manner of TrakMark."""
-    paths = find_images(folder)
-    if not paths:
-        raise SourceError(f"{folder}: holds no image")
+    paths = list_images(image_folder(folder) or folder)
     poses = []
     for row in read_rows(extrinsics, folder):
         fields = fields_of(row)
