@@ -124,9 +124,6 @@ def add_run(commands: Commands) -> None:
     )
     live = run.add_argument_group("live sources, and a viewer")
     live.add_argument("--no-drop", action="store_true", help="of a live source: let the sender wait, drop no frame")
-    live.add_argument(
-        "--reconnect", type=number(0), metavar="N", help="of a live source: attempts to connect again (default: 3)"
-    )
     run.bare_values["--live"] = "spawn"
     live.add_argument(
         "--live",
@@ -186,8 +183,8 @@ def _run(arguments: argparse.Namespace) -> int:
         raise UsageError("--matcher gives tracks, which an external program does not take: leave --matcher out")
     if arguments.gravity is not None and not has_window:
         raise UsageError(f"--gravity is a measurement of the window, which {method} has not: leave it out")
-    if not live and (arguments.no_drop or arguments.reconnect is not None):
-        raise UsageError("--no-drop and --reconnect are for live sources: leave them out")
+    if not live and arguments.no_drop:
+        raise UsageError("--no-drop is for live sources: leave it out")
     arguments.sensor = None
     if arguments.imu:
         from slam_init.datasets.inertial_file import read_inertial_file
@@ -231,8 +228,7 @@ def _run_live(arguments: argparse.Namespace, config: Config, out: Path) -> tuple
         raise UsageError("--gravity is for sources that are read from files: leave it out")
     if arguments.images is not None:
         raise UsageError("--images is for a source of matches, and a live source has images: leave it out")
-    reconnects = {} if arguments.reconnect is None else {"reconnects": arguments.reconnect}
-    source = open_live(arguments.source, keep_all=arguments.no_drop, **reconnects)
+    source = open_live(arguments.source, keep_all=arguments.no_drop)
     load_rerun()  # before the stream is opened, so that no frame waits for it
     load_all()
     with source:

@@ -66,7 +66,7 @@ def add_topics(parser: argparse._ActionsContainer) -> None:
     parser.add_argument(
         "--truth-topic",
         metavar="NAME",
-        help="true poses of a ROS bag, or 'none' (default: the only topic with poses, else tf)",
+        help="true poses of a ROS bag, or 'none' (default: the only topic with poses)",
     )
 
 

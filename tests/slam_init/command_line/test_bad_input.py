@@ -81,7 +81,6 @@ BAD = {
     "matcher for a program": (["run", "--matcher", "sift", "--method", "command:true {images} {out}"], "--matcher"),
     "refine for a program": (["run", "--refine", "5", "--method", "command:true {images} {out}"], "--refine"),
     "drops of files": (["run", IMAGES, *WITH, "--no-drop"], "live sources"),
-    "connections of files": (["run", IMAGES, *WITH, "--reconnect", "3"], "live sources"),
     # config
     "missing config": (["run", "--config", "nowhere.toml"], "nowhere.toml"),
     "empty config": (["run", "--config", ""], "--config is empty"),
