@@ -42,9 +42,7 @@ _EXCHANGE, _AT_FDCWD = 2, -100
 
 def output_error(out: Path, error: OSError) -> OutputError:
     """Return the error of a folder that cannot be written."""
-    return OutputError(
-        f"cannot write to --out {out}: {error.strerror or error}: {remedy(error)}, or give another --out"
-    )
+    return OutputError(f"cannot write to {out}: {error.strerror or error}: {remedy(error)}, or give another folder")
 
 
 def remedy(error: BaseException) -> str:
@@ -85,7 +83,7 @@ def read_marker(out: Path) -> Marker | None:
         if not isinstance(command, str) or not all(isinstance(name, str) for name in files):
             raise TypeError
     except (ValueError, KeyError, TypeError, RecursionError):
-        raise OutputError(f"{path} is damaged: remove {out}, or give another --out") from None
+        raise OutputError(f"{path} is damaged: remove {out}, or give another folder") from None
     return Marker(command, frozenset(files))
 
 
@@ -136,24 +134,24 @@ def check_folder(out: Path, command: str) -> None:
         if not os.path.lexists(out):
             return
         if not out.is_dir():
-            raise OutputError(f"--out {out} is a file: give a folder")
+            raise OutputError(f"{out} is a file: give a folder")
         home = out / HOME
         if home.is_symlink() or (home.exists() and not home.is_dir()):
-            raise OutputError(f"{home} is not a folder of slam-init: remove it, or give another --out")
+            raise OutputError(f"{home} is not a folder of slam-init: remove it, or give another folder")
         marker = read_marker(out)
         if marker is None:
             found = next((entry.name for entry in os.scandir(out) if entry.name not in _NO_CONTENT), None)
             if found is not None:
                 raise OutputError(
-                    f"--out {out} is not empty, and slam-init did not write it (it holds {found!r}): "
+                    f"{out} is not empty, and slam-init did not write it (it holds {found!r}): "
                     "give a new or an empty folder"
                 )
             return
         if marker.command != command:
-            raise OutputError(f"--out {out} holds results of slam-init {marker.command}: give another --out")
+            raise OutputError(f"{out} holds results of slam-init {marker.command}: give another folder")
         foreign = next((name for name in names_in(out) if name not in marker.files), None)
         if foreign is not None:
-            raise OutputError(f"--out {out} holds {foreign!r}, which slam-init did not write: move it first")
+            raise OutputError(f"{out} holds {foreign!r}, which slam-init did not write: move it first")
     except OSError as error:
         raise output_error(out, error) from error
 
