@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from slam_init.config import RANGES, AcceptanceConfig, Config, config_toml, load_config
+from slam_init.config import AcceptanceConfig, Config, config_toml, load_config
 from slam_init.errors import ConfigError
 
 
@@ -31,6 +31,17 @@ def as_toml(path, value):
     return (f"[{'.'.join(table)}]\n" if table else "") + f"{key} = {value}\n"
 
 
+def ranges(config, prefix=""):
+    """(key, range) of every number."""
+    for field in dataclasses.fields(config):
+        value = getattr(config, field.name)
+        if dataclasses.is_dataclass(value):
+            yield from ranges(value, f"{field.name}.")
+        elif "range" in field.metadata:
+            yield prefix + field.name, field.metadata["range"]
+
+
+RANGES = dict(ranges(Config()))
 OPTIONS = dict(leaves(Config()))
 NUMBERS = {path: value for path, value in OPTIONS.items() if type(value) in (int, float)}
 SWITCHES = {path: value for path, value in OPTIONS.items() if type(value) is bool}

@@ -47,13 +47,12 @@ def test_other_commands_refuse_live_sources_in_one_line(command, capsys):
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["--live", IMAGES], "spawn"),
         ([IMAGES, "--live"], "spawn"),
         (["--live=rerun+http://host:1/proxy", IMAGES], "rerun+http://host:1/proxy"),
         ([IMAGES], None),
     ],
 )
-def test_the_viewer_stands_before_and_behind_the_source(world, pipeline, monkeypatch, words, text):
+def test_the_viewer_is_started_or_named(world, pipeline, monkeypatch, words, text):
     monkeypatch.setattr(slam_init.recording.live_viewer, "viewer_url", lambda asked: f"url of {asked}")
     assert main(["run", *words, *WITH]) == 0
     ((source, _, _, options),) = pipeline.calls

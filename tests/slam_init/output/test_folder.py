@@ -76,9 +76,8 @@ def test_results_of_another_command_and_a_damaged_marker_are_refused(tmp_path):
 def test_an_input_is_no_target(tmp_path):
     fill(tmp_path / "out")
     (tmp_path / "link").symlink_to(tmp_path / "out" / "a.txt")
-    for given, words in (("out/a.txt", "would replace"), ("link", "would replace"), ("out", "folder of the data"),
-                         ("out/sub", "folder of the data")):  # fmt: skip
-        with pytest.raises(OutputError, match=words):
+    for given, words in (("out/a.txt", "a.txt"), ("link", "link"), ("out", "out"), ("out/sub", "sub")):  # fmt: skip
+        with pytest.raises(OutputError, match=f"would replace .*{words}"):
             chosen_folder(str(tmp_path / "out"), "run", FILES, [tmp_path / given])
     chosen_folder(str(tmp_path / "out"), "run", FILES, [tmp_path, "synth:room", "a\0b"])
 
@@ -159,7 +158,7 @@ def test_a_folder_that_cannot_change_its_place_gets_the_files(tmp_path, monkeypa
         monkeypatch.setattr(output_folder, "_EXCHANGE", 1 << 10)
     fill(out, "2", FILES[1:])
     assert contents(out) == dict.fromkeys(FILES[1:], b"2")
-    assert (out.stat().st_ino == inode) == (why != "no exchange")
+    assert out.stat().st_ino == inode
     fill(out, "3", FILES[:1])
     assert contents(out) == {"a.txt": b"3"} and not (out / "sub").exists()
 
