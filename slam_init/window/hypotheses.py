@@ -15,13 +15,14 @@ A camera that only rotates is the hypothesis that each motion has to beat.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from quest.estimate import Hypothesis, RelativePose
+from quest.estimate import Hypothesis, NoPose, RelativePose, estimate_relative_pose
+from quest.noise import GATE_SIGMAS
 from slam_init.types.arrays import Floats, Ints, evenly_spaced
 from slam_init.types.lens_in_use import UNKNOWN_K1_SIGMA, UNKNOWN_PRINCIPAL_SIGMA
 from slam_init.types.pose import Pose
@@ -159,15 +160,16 @@ class WindowHypotheses:
 
 def motions_of_pair(
     pose: RelativePose,
-    frames: tuple[int, int],
+    frames: tuple[int, ...],
     rays1: Floats,
     rays2: Floats,
     readout_s: float = 0.0,
 ) -> list[Motion]:
     """The motions that explain the matches of a pair.
 
-    Shapes: ``frames`` (int, int), ``rays1, rays2`` (N, 3).
+    Shapes: ``rays1, rays2`` (N, 3).
 
+    * ``frames``: The pair first.
     * ``pose``: ``cam2_from_cam1`` with its alternatives. If its kind is "rotation", only the alternatives have a
       translation. They are worth trying where a rotation-only camera would show as much parallax once in twenty pairs.
       So little parallax shows no relief either: the points start on a plane then.
@@ -186,6 +188,27 @@ def motions_of_pair(
         poses = {frames[0]: Pose.identity(), frames[1]: Pose(one.R, one.t)}
         motions.append(Motion(poses, plane, LensOffset(readout_s=readout_s)))
     return motions
+
+
+def motions_at_focal(hypotheses: WindowHypotheses, log_scale: float) -> Iterator[Motion]:
+    """The motions of the pair as quest proposes them at another focal length, in all views that they locate.
+
+    * ``log_scale``: Logarithm of this focal length over that of the lens in use.
+    """
+    tracks = hypotheses.tracks
+    lens = LensOffset(log_scale, readout_s=tracks.readout_s)
+    bearings = tracks.bearings(lens)
+    bearings[~tracks.seen] = np.nan
+    both = np.isfinite(bearings[:2]).all(axis=(0, 2))
+    m, n = bearings[0, both], bearings[1, both]
+    noise_rad = tracks.noise_px / (tracks.camera.focal_px * math.exp(log_scale))
+    pose = estimate_relative_pose(m, n, threshold_rad=min(GATE_SIGMAS * noise_rad, 1.0))
+    if isinstance(pose, NoPose):
+        return
+    for motion in motions_of_pair(pose, tracks.frames[:2], m, n):
+        located = locate_views(tracks, replace(motion, lens=lens), bearings, hypotheses.rotation_only.state.R)
+        if located is not None:
+            yield located
 
 
 def fit_hypotheses(
