@@ -218,7 +218,7 @@ def _started(*options: str, output: BinaryIO | int | None) -> subprocess.Popen[b
         [sys.executable, "-m", "rerun", *options, "--bind", _HOST],
         stdin=subprocess.DEVNULL,
         stdout=output,
-        stderr=output,
+        stderr=subprocess.STDOUT,  # the command line drops what libraries write to stderr
         env={"RERUN_ANALYTICS": "false", "NO_COLOR": "1"} | dict(os.environ),
         start_new_session=True,
     )
