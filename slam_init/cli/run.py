@@ -177,7 +177,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
         arguments.sensor = read_inertial_file(arguments.imu)
     if arguments.live is not None:
-        from slam_init.recording.live_viewer import viewer_url
+        from slam_init.recording.viewer import viewer_url
 
         arguments.live = viewer_url(arguments.live)
     if live:

@@ -8,7 +8,7 @@ import pytest
 from cli_files import IMAGES, WITH
 
 import slam_init.initializer
-import slam_init.recording.live_viewer
+import slam_init.recording.viewer
 from slam_init.cli import main
 from slam_init.system.process_io import first_interrupt_calls
 
@@ -53,7 +53,7 @@ def test_other_commands_refuse_live_sources_in_one_line(command, capsys):
     ],
 )
 def test_the_viewer_is_started_or_named(world, pipeline, monkeypatch, words, text):
-    monkeypatch.setattr(slam_init.recording.live_viewer, "viewer_url", lambda asked: f"url of {asked}")
+    monkeypatch.setattr(slam_init.recording.viewer, "viewer_url", lambda asked: f"url of {asked}")
     assert main(["run", *words, *WITH]) == 0
     ((source, _, _, options),) = pipeline.calls
     assert source.kind == "images"

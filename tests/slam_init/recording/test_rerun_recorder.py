@@ -57,8 +57,8 @@ def test_a_recording_holds_the_whole_run_and_passes_verification(path):
         keyframes = {f"/world/keyframes/{k.frame}" for k in map_.keyframes}
         expected = """/world/camera /world/camera/image /world/camera/image/keypoints /world/points
         /world/trajectory/est /world/trajectory/gt /pairs/image /pairs/image/inliers /pairs/image/moving /pairs/verdict
-        /stats/counts/tracks /stats/parallax/median /pairs/evidence /legend /stats/risk_log10/bound
-        /stats/risk_log10/direction /stats/risk_log10/total /stats/bundle/error /log /summary"""
+        /stats/counts/tracks /stats/parallax/median /pairs/evidence /advice /stats/risk_log10/bound
+        /stats/risk_log10/direction /stats/risk_log10/total /stats/bundle/error /log"""
         assert keyframes | set(expected.split()) <= entities(path)
         assert column(path, "/log", "TextLog:level") == [["WARN"], ["WARN"], ["INFO"], ["INFO"]]
 
