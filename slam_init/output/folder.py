@@ -7,8 +7,7 @@ Every other folder is refused in one line, and nothing in it is changed.
 **How results are replaced.** A command writes into a new folder beside the target. Once its results are whole, the two
 folders change places in one step, and the earlier one is removed. A command that ends before, whatever ends it, leaves
 the earlier results as they are; the next one removes the folder that it has left. A folder that cannot change its place
-(a mount point, the current folder, one whose parent cannot be written, one of a file system that exchanges no folders)
-gets the files one by one, the last one last.
+(a mount point, the current folder, one whose parent cannot be written) gets the files one by one, the last one last.
 """
 
 from __future__ import annotations
@@ -246,10 +245,11 @@ class OutputFolder:
                 _sync(self.staging / name)
             # Half of the renames must not stay because of a key that was pressed.
             with interrupts_deferred():
-                if not self._in_place:
-                    Marker(self._command, frozenset(names)).write(self.staging)
-                if self._in_place or not _took_place(self.staging, self._place):
+                if self._in_place:
                     self._move_each(sorted(names, key=lambda name: name == last))
+                else:
+                    Marker(self._command, frozenset(names)).write(self.staging)
+                    _exchange(self.staging, self._place)
         except OSError as error:
             raise output_error(self.path, error) from error
 
@@ -287,24 +287,30 @@ class OutputFolder:
         Marker(self._command, now).write(self._place)
 
 
-def _took_place(new: Path, place: Path) -> bool:
-    """Let a folder take the place of another one in one step; the other one, if there is one, is then at ``new``.
-
-    * Returns: False where the file system cannot exchange folders.
-    """
+def _exchange(new: Path, place: Path) -> None:
+    """Let a folder take the place of another one in one step; the other one, if there is one, is then at ``new``."""
     if not place.exists():
         new.rename(place)
-        return True
+        return
     libc = ctypes.CDLL(None, use_errno=True)
     paths = os.fsencode(new), os.fsencode(place)
     if sys.platform == "darwin":
         failed = libc.renamex_np(*paths, _EXCHANGE)
     else:
         failed = libc.renameat2(_AT_FDCWD, paths[0], _AT_FDCWD, paths[1], _EXCHANGE)
-    number = ctypes.get_errno()
-    if failed and number not in (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP):
-        raise OSError(number, os.strerror(number), str(place))
-    return not failed
+    if not failed:
+        return
+    if ctypes.get_errno() not in (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP):
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()), str(place))
+    # A file system without exchange: two steps, between which the earlier results stand beside their place.
+    earlier = new.with_name(f"{new.name}-earlier")
+    place.rename(earlier)
+    try:
+        new.rename(place)
+    except OSError:
+        earlier.rename(place)
+        raise
+    earlier.rename(new)
 
 
 def _remove_abandoned(home: Path, prefix: str) -> None:

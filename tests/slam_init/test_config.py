@@ -31,18 +31,13 @@ def as_toml(path, value):
     return (f"[{'.'.join(table)}]\n" if table else "") + f"{key} = {value}\n"
 
 
-def ranges(config, prefix=""):
-    """(key, range) of every number."""
-    for field in dataclasses.fields(config):
-        value = getattr(config, field.name)
-        if dataclasses.is_dataclass(value):
-            yield from ranges(value, f"{field.name}.")
-        elif "range" in field.metadata:
-            yield prefix + field.name, field.metadata["range"]
-
-
-RANGES = dict(ranges(Config()))
 OPTIONS = dict(leaves(Config()))
+SECTIONS = {"": Config()} | {f"{f.name}.": getattr(Config(), f.name) for f in dataclasses.fields(Config)}
+RANGES = {
+    section + field.name: field.metadata["range"]
+    for section, options in SECTIONS.items() if dataclasses.is_dataclass(options)
+    for field in dataclasses.fields(options) if "range" in field.metadata
+}  # fmt: skip
 NUMBERS = {path: value for path, value in OPTIONS.items() if type(value) in (int, float)}
 SWITCHES = {path: value for path, value in OPTIONS.items() if type(value) is bool}
 

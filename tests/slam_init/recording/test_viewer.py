@@ -22,6 +22,7 @@ def viewer(tmp_path, monkeypatch):
     def put(code):
         (tmp_path / "rerun.py").write_text(code)
         monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+        monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")  # two programs of one size in one second are one to python
         monkeypatch.chdir(tmp_path)
 
     return put
