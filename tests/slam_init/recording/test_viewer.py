@@ -135,7 +135,10 @@ def test_a_viewer_that_does_not_start_is_an_error_and_one_that_runs_is_used(view
 
 
 def test_a_recording_goes_to_a_viewer_and_to_its_file(tmp_path, port):
-    url = viewer_url(rr.serve_grpc(grpc_port=port, recording=rr.RecordingStream("viewer")))
+    server = rr.RecordingStream("viewer")  # the server ends with it
+    address = rr.serve_grpc(grpc_port=port, recording=server)
+    assert viewer_module._answers("127.0.0.1", port, 30.0)  # its thread may listen later than its address is known
+    url = viewer_url(address)
     stream = rr.RecordingStream("test", recording_id="1", send_properties=False)
     file = RecordingFile(tmp_path / "a.rrd", stream, blueprint(), viewer=url)
     stream.log("figure", rr.Scalars(3.0))
