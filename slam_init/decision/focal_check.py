@@ -40,14 +40,17 @@ _LEAST_VIEWS = 3
 #: was off by 1.9 deviations at the most (67 drawn worlds), and by 1.6 on a checkerboard at 120 frames a second.
 #: Class: measured.
 _CONTRADICTS_SIGMAS = 2.0
-#: The map of an accepted window is checked where its fit has left the stated focal length by so many deviations of the
-#: prior. Tracks that know the focal length half as well as the prior does move the fit by less where it is right.
+#: The map of an accepted window is checked at once where its fit has left the stated focal length by so many
+#: deviations of the prior. Tracks that know the focal length half as well as the prior does move it by less if right.
 #: Class: assumption.
 _LEFT_SIGMAS = 1.0
 
 
 class FocalCheck:
-    """Checks the stated focal length: in the first, second, fourth, eighth refused window and so on, and at the end."""
+    """Checks the stated focal length: in the first, second, fourth, eighth refused window and so on, and at the end.
+
+    A map whose fit has left the stated focal length is checked at once.
+    """
 
     def __init__(self) -> None:
         self._refused = 0
@@ -58,20 +61,16 @@ class FocalCheck:
 
         * ``accepted``: Whether a map of the window was accepted.
         """
-        self._unchecked = None
         if window.lens.stated.source in ("prior", "estimated") or len(window.best.rows) < _LEAST_VIEWS:
             return None
-        if accepted:
-            pull, _ = window.hypotheses.priors.lens_pulls(window.best.fit.state)
-            return free_focal(window) if abs(pull) > _LEFT_SIGMAS else None
-        self._refused += 1
-        if self._refused.bit_count() == 1:
-            return free_focal(window)
-        self._unchecked = window
-        return None
+        pull, _ = window.hypotheses.priors.lens_pulls(window.best.fit.state)
+        self._refused += not accepted
+        is_due = abs(pull) > _LEFT_SIGMAS if accepted else self._refused.bit_count() == 1
+        self._unchecked = None if is_due else window
+        return free_focal(window) if is_due else None
 
     def at_end(self) -> FreeFocal | None:
-        """The free fit of the last window, if it was refused and not checked."""
+        """The free fit of the last window, if it was not checked."""
         window, self._unchecked = self._unchecked, None
         return None if window is None else free_focal(window)
 

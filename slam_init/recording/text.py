@@ -31,8 +31,6 @@ def attempt_markdown(attempt: Attempt) -> str:
     lines = [f"**{verdict}**, frames {_frames(attempt)}", ""]
     if attempt.advice:
         lines += [attempt.advice, ""]
-    if attempt.free_focal is not None and attempt.free_focal.contradicts:
-        lines += [f"**{attempt.free_focal.note}**", ""]
     if attempt.gates:
         lines += ["| gate | value | needs | |", "|---|---:|---:|---|", *map(_gate_row, attempt.gates), ""]
     if attempt.window is not None and not accepted:

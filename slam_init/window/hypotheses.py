@@ -15,7 +15,7 @@ A camera that only rotates is the hypothesis that each motion has to beat.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -190,25 +190,20 @@ def motions_of_pair(
     return motions
 
 
-def motions_at_focal(hypotheses: WindowHypotheses, log_scale: float) -> Iterator[Motion]:
+def motions_at_focal(hypotheses: WindowHypotheses, log_scale: float) -> list[Motion]:
     """The motions of the pair as quest proposes them at another focal length, in all views that they locate.
 
     * ``log_scale``: Logarithm of this focal length over that of the lens in use.
     """
-    tracks = hypotheses.tracks
+    tracks, R = hypotheses.tracks, hypotheses.rotation_only.state.R
     lens = LensOffset(log_scale, readout_s=tracks.readout_s)
     bearings = tracks.bearings(lens)
-    bearings[~tracks.seen] = np.nan
-    both = np.isfinite(bearings[:2]).all(axis=(0, 2))
-    m, n = bearings[0, both], bearings[1, both]
+    m, n = bearings[:2, np.isfinite(bearings[:2]).all(axis=(0, 2))]
     noise_rad = tracks.noise_px / (tracks.camera.focal_px * math.exp(log_scale))
     pose = estimate_relative_pose(m, n, threshold_rad=min(GATE_SIGMAS * noise_rad, 1.0))
-    if isinstance(pose, NoPose):
-        return
-    for motion in motions_of_pair(pose, tracks.frames[:2], m, n):
-        located = locate_views(tracks, replace(motion, lens=lens), bearings, hypotheses.rotation_only.state.R)
-        if located is not None:
-            yield located
+    motions = [] if isinstance(pose, NoPose) else motions_of_pair(pose, tracks.frames[:2], m, n)
+    located = (locate_views(tracks, replace(one, lens=lens), bearings, R) for one in motions)
+    return [one for one in located if one is not None]
 
 
 def fit_hypotheses(
@@ -225,7 +220,6 @@ def fit_hypotheses(
     """
     first = motions[0] if motions else Motion({}, lens=LensOffset(readout_s=tracks.readout_s))
     bearings = tracks.bearings(_with_stated_focal(first.lens))
-    bearings[~tracks.seen] = np.nan
     rotations = align_views(bearings, motions, tracks.frames[:2])
     poses: list[Motion] = []
     for motion in motions:
@@ -256,7 +250,6 @@ def with_rotation_anew(hypotheses: WindowHypotheses) -> WindowHypotheses:
     """The same hypotheses with the camera that only rotates fitted from afar, where that costs less."""
     tracks, best = hypotheses.tracks, hypotheses.motions[0]
     bearings = tracks.bearings(_with_stated_focal(best.fit.state.lens))
-    bearings[~tracks.seen] = np.nan
     rotations = align_views(bearings, [best.motion], tracks.frames[:2])
     anew = _fit_rotation(tracks, rotations, hypotheses.priors, best)
     if anew.fit.cost >= hypotheses.rotation_only.cost:

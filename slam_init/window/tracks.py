@@ -178,9 +178,11 @@ class WindowTracks:
         Shapes: returns (V, T, 3).
 
         * ``lens``: Beside ``camera``.
-        * Returns: Unit rays in the cameras; any rays where a view does not see a track.
+        * Returns: Unit rays in the cameras; NaN where a view does not see a track.
         """
-        return self._rays_of(self.pixels, self.sweep_px_s, self.seen, lens)
+        rays = self._rays_of(self.pixels, self.sweep_px_s, self.seen, lens)
+        rays[~self.seen] = np.nan
+        return rays
 
     def anchor_rays(self, lens: LensOffset) -> Floats:
         """The measured rays in the anchor views, see :meth:`bearings`.

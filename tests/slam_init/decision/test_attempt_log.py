@@ -81,24 +81,24 @@ def test_attempts_with_two_views_are_logged_at_info_and_others_at_debug(caplog):
 # -- notes on the focal length --------------------------------------------------------------------
 
 
-def test_the_most_certain_free_fit_decides_whether_the_stated_focal_length_is_wrong():
+def test_the_newest_free_fit_decides_whether_the_stated_focal_length_is_wrong():
     cases = (
         ((), None),
         (((600.0, 20.0, False),), None),
-        (((600.0, 20.0, True), (1200.0, 90.0, False)), 600.0),
-        (((600.0, 90.0, True), (1200.0, 20.0, False)), None),
-        (((600.0, 20.0, True), (610.0, 10.0, True), (580.0, 30.0, True)), 610.0),
+        (((1200.0, 90.0, False), (600.0, 20.0, True)), 600.0),
+        (((600.0, 20.0, True), (1200.0, 90.0, False)), None),
+        (((600.0, 20.0, True), (610.0, 10.0, True), (580.0, 30.0, True)), 580.0),
     )
     for fits, estimated_px in cases:
         log = AttemptLog(limit=1)
         for k, (found_px, sigma_px, contradicts) in enumerate(fits):
             log.add(refusal(k, free_focal=FreeFocal(1230.0, found_px, sigma_px, contradicts)))
-        log.add(refusal(99))
-        wrong = log.wrong_focal
+        wrong, last = log.wrong_focal, log.add(refusal(99))
+        assert last.advice == (wrong.note if wrong is not None else "advice 99")
         assert (None if wrong is None else wrong.estimated_px) == estimated_px
         told = () if wrong is None else (wrong.note,)
         assert log.notes()[: len(told)] == told
-        assert log.advice(Verdict.LOW_PARALLAX) == (wrong.note if wrong is not None else "advice 99")
+        assert log.advice(Verdict.LOW_PARALLAX) == last.advice
 
 
 def test_an_adjusted_focal_length_gets_a_note_only_if_the_views_hardly_determine_it():
