@@ -229,8 +229,9 @@ def _keep_recording(folder: OutputFolder) -> bool:
 _FEW_IMAGE_BYTES, _IMAGE_BYTES = 1 << 25, 1 << 28
 #: Number of last frames of which given tracks are kept: a map is lost after five frames at the latest.
 _GIVEN_FRAMES = 10
-#: Metadata contradict a camera beyond this number of their standard deviations.
-_CONTRADICTION = 2.0
+#: Metadata contradict a camera beyond this number of their standard deviations: a right camera is beyond two of them
+#: once in twenty, and beyond one in a third of the cases.
+_METADATA_SIGMAS = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -556,7 +557,7 @@ def reduction_of(source: Source, camera: Camera) -> Reduction:
 def _metadata_notes(source: Source, camera: Camera) -> tuple[str, ...]:
     """A note where the files of a source state another focal length than the given camera."""
     stated = camera_of_metadata(source, (camera.width, camera.height)) if camera.source in ("stated", "file") else None
-    if stated is None or abs(stated.focal_px - camera.focal_px) <= _CONTRADICTION * (stated.focal_sigma_px or 0.0):
+    if stated is None or abs(stated.focal_px - camera.focal_px) <= _METADATA_SIGMAS * (stated.focal_sigma_px or 0.0):
         return ()
     known = f"{stated.focal_px:.0f} +- {stated.focal_sigma_px:.0f} px"
     return (f"the metadata of the images state a focal length of {known}, the camera {camera.focal_px:.0f} px",)

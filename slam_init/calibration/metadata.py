@@ -27,6 +27,7 @@ which: the difference becomes the standard deviation.
 
 from __future__ import annotations
 
+import io
 import math
 import os
 import re
@@ -43,6 +44,9 @@ from slam_init.system.regular_file import check_inside, open_regular, user_path
 #: The statement that a focal length comes from.
 Origin: TypeAlias = Literal["35mm-equivalent", "plane-resolution", "sensor-table"]
 
+_JPEG = b"\xff\xd8"
+#: The size, the tags, depth maps and profiles of colours are before the pixels of a JPEG, in so many bytes.
+_JPEG_HEADER = 4_000_000
 #: Width and diagonal of 35-mm film.
 _FILM_WIDTH_MM, _FILM_DIAGONAL_MM = 36.0, math.hypot(36.0, 24.0)
 #: Standard deviation of a uniform distribution over an interval of length 1.
@@ -157,6 +161,17 @@ def _best(found: Iterable[_Statement], size: tuple[int, int]) -> MetadataFocal |
 # -- photographs -----------------------------------------------------------------------------------
 
 
+def jpeg_head(data: bytes) -> bytes | None:
+    """The part of a JPEG that is before its pixels; None for other images.
+
+    A JPEG may have fill bytes before each marker, which Pillow reads one by one: 30 MB of them take more than a minute.
+    """
+    if not data.startswith(_JPEG):
+        return None
+    # One fill byte is left before the first marker, which stands for the marker's own.
+    return _JPEG + b"\xff" + data[len(_JPEG) : _JPEG_HEADER].lstrip(b"\xff")
+
+
 def _exif(path: Path) -> dict[int, Any] | None:
     """The EXIF tags of a photograph; None if the file is no photograph."""
     from PIL import Image, UnidentifiedImageError
@@ -164,7 +179,9 @@ def _exif(path: Path) -> dict[int, Any] | None:
     with open_regular(path, SourceError) as file, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Pillow warns about broken tags and large images; no pixel is decoded here
         try:
-            with Image.open(file, formats=_IMAGE_FORMATS) as image:
+            head = jpeg_head(file.read(_JPEG_HEADER))
+            file.seek(0)
+            with Image.open(file if head is None else io.BytesIO(head), formats=_IMAGE_FORMATS) as image:
                 exif = image.getexif()
                 return {**exif, **exif.get_ifd(_EXIF_IFD)}
         except UnidentifiedImageError:

@@ -1,7 +1,8 @@
 """Reads files that somebody else made: regular files only, and no more bytes than a bound.
 
 A named pipe without a writer, a terminal or a device would keep a reader for ever, and a file may be larger than the
-memory. The type is looked up before the file is opened.
+memory. The type is looked up before the file is opened. It is looked up again in the open file, which is opened
+without waiting, because the file may have been replaced in between.
 """
 
 from __future__ import annotations
@@ -48,6 +49,10 @@ def kind_problem(path: str | os.PathLike[str]) -> str | None:
         return f"cannot be read ({error.strerror})"
     except ValueError as error:  # a null byte in the name
         return f"cannot be read ({error})"
+    return _mode_problem(mode)
+
+
+def _mode_problem(mode: int) -> str | None:
     if stat.S_ISREG(mode):
         return None
     kind = next((name for is_kind, name in _KINDS if is_kind(mode)), "something else")
@@ -62,9 +67,15 @@ def open_regular(path: str | os.PathLike[str], error: type[SlamInitError]) -> Bi
     if problem := kind_problem(path):
         raise error(f"{path}: {problem}")
     try:
-        return Path(path).open("rb")
+        # Opening a pipe that has come since must not wait for its writer.
+        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     except OSError as cause:
         raise error(f"{path}: cannot be read ({cause.strerror})") from None
+    file = os.fdopen(descriptor, "rb")
+    if problem := _mode_problem(os.fstat(descriptor).st_mode):
+        file.close()
+        raise error(f"{path}: {problem}")
+    return file
 
 
 def read_regular(path: str | os.PathLike[str], limit_bytes: int, what: str, error: type[SlamInitError]) -> bytes:

@@ -98,6 +98,7 @@ def unreadable_images():
         "garbage.png": b"no image at all",
         "cut.jpg": jpeg[: len(jpeg) // 2],
         "cut.png": png[:100],
+        "chunk of 4 GB.png": png[:33] + b"\xff" * 4 + png[37:],
         "float.tiff": cv2.imencode(".tiff", np.ones((8, 8), np.float32))[1].tobytes(),
     }
 
