@@ -1,4 +1,4 @@
-"""The cameras of the synthetic worlds: a pinhole with one coefficient of radial distortion, and two lenses.
+"""The cameras of the synthetic worlds: a pinhole, and two lenses.
 
 The lenses are written from the papers of the models. Each has usual parameters, and a field of view beyond which its
 image is black. The formulas project; a ray of a pixel is found by Newton's method. Coefficients are in the order of
@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import ClassVar, NamedTuple, TypeVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -150,14 +150,6 @@ def _fisheye(X: Floats, Y: Floats, Z: Floats, k: tuple[float, ...]) -> tuple[Flo
 _FORMULAS = {"radtan": _radtan, "fisheye": _fisheye}
 
 
-# -- pinhole ---------------------------------------------------------------------------------------
-
-
-# Newton's method for the radius of an undistorted pixel. For coefficients within the range of the options, 8 steps
-# reach a residual below 1e-12; the others are a margin.
-_RADIUS_STEPS = 20
-
-
 @dataclass(frozen=True)
 class PinholeCamera:
     """A pinhole camera; all values in pixels, pixel centres at integer coordinates."""
@@ -170,9 +162,6 @@ class PinholeCamera:
     fy: float
     cx: float
     cy: float
-    #: Radial distortion: a ray (x, y, 1) is seen where an ideal camera would see (x d, y d, 1), with ``d = 1 + k1
-    #: (x^2 + y^2)``. The stated cameras have none.
-    k1: float = 0.0
 
     #: Rays farther from the optical axis lie outside of every image.
     half_field_rad: ClassVar[float] = math.radians(89.0)
@@ -182,77 +171,54 @@ class PinholeCamera:
         """(3, 3) calibration matrix."""
         return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]])
 
-    @property
-    def largest_radius(self) -> float:
-        """Tangent of the angle to the optical axis up to which the distortion is invertible; infinite for most lenses.
-
-        With a negative ``k1`` the distorted radius has a maximum. Rays beyond it are not seen.
-        """
-        return math.sqrt(-1 / (3 * self.k1)) if self.k1 < 0 else math.inf
-
     def project(self, points: Floats) -> Floats:
         """Project points before the camera.
 
         Shapes: ``points`` (..., 3), returns (..., 2).
         """
         focal, centre = np.array([self.fx, self.fy]), np.array([self.cx, self.cy])
-        z = points[..., 2:]
-        if self.k1 == 0.0:
-            return np.asarray(focal * points[..., :2] / z + centre)
-        ideal = points[..., :2] / z
-        return np.asarray(focal * ideal * (1 + self.k1 * np.sum(ideal**2, axis=-1, keepdims=True)) + centre)
+        return np.asarray(focal * points[..., :2] / points[..., 2:] + centre)
 
     def rays(self, pixels: Floats) -> Floats:
         """Compute the rays of pixels.
 
         Shapes: ``pixels`` (..., 2), returns (..., 3).
 
-        * Returns: In the frame of the camera, with z = 1. A pixel beyond the largest distorted radius has the ray of
-          this radius.
+        * Returns: In the frame of the camera, with z = 1.
         """
         seen = (pixels - np.array([self.cx, self.cy])) / np.array([self.fx, self.fy])
-        if self.k1 != 0.0:
-            seen = seen * self._undistortion(np.linalg.norm(seen, axis=-1, keepdims=True))
         return np.concatenate([seen, np.ones((*seen.shape[:-1], 1))], axis=-1)
 
-    def _undistortion(self, distorted: Floats) -> Floats:
-        """Radius without distortion over that with it."""
-        limit = self.largest_radius
-        if math.isfinite(limit):
-            distorted = np.minimum(distorted, limit * (1 + self.k1 * limit**2))
-        # The distorted radius is concave up to the limit for k1 < 0, and convex for k1 > 0. From these starts Newton's
-        # steps do not overshoot into the other branch.
-        radius = distorted.copy()
-        for _ in range(_RADIUS_STEPS):
-            slope = 1 + 3 * self.k1 * radius**2
-            step = (radius * (1 + self.k1 * radius**2) - distorted) / np.where(np.abs(slope) > 1e-9, slope, 1.0)
-            radius = np.clip(radius - step, 0.0, limit)
-        return np.asarray(np.where(distorted > 0, radius / np.where(distorted > 0, distorted, 1.0), 1.0))
+    def bent(self, k1: float) -> PinholeCamera | LensCamera:
+        """Return the camera with a radial distortion, seen up to where a negative one has its largest radius."""
+        if k1 == 0.0:
+            return self
+        half_field_rad = math.atan(math.sqrt(-1 / (3 * k1))) if k1 < 0 else self.half_field_rad
+        return LensCamera(**vars(self), model="radtan", coefficients=(k1, 0.0, 0.0, 0.0), half_field_rad=half_field_rad)
 
 
 #: Either camera.
 AnyCamera = PinholeCamera | LensCamera
-_Same = TypeVar("_Same", bound=AnyCamera)
 
 
-def stated_camera(true: _Same, focal_error: float, principal_error: float, rng: np.random.Generator) -> _Same:
-    """Make the camera that the data state, which lacks the distortion of a pinhole and may have wrong values.
+def stated_camera(ideal: AnyCamera, focal_error: float, principal_error: float, rng: np.random.Generator) -> AnyCamera:
+    """Make the camera that the data state, which may have wrong values.
 
+    * ``ideal``: The true camera, without the distortion that the data do not state.
     * ``focal_error``: The stated focal length is the true one times ``1 + focal_error``.
     * ``principal_error``: Horizontal error of the principal point over the width, and vertical error over the height.
     """
     right, down = rng.choice([-1.0, 1.0], 2).tolist()
-    stated: _Same = replace(true, k1=0.0) if isinstance(true, PinholeCamera) else true
     return replace(
-        stated,
-        fx=true.fx * (1 + focal_error),
-        fy=true.fy * (1 + focal_error),
-        cx=true.cx + right * principal_error * true.width,
-        cy=true.cy + down * principal_error * true.height,
+        ideal,
+        fx=ideal.fx * (1 + focal_error),
+        fy=ideal.fy * (1 + focal_error),
+        cx=ideal.cx + right * principal_error * ideal.width,
+        cy=ideal.cy + down * principal_error * ideal.height,
     )
 
 
-#: What a pixel sees, three coordinates: of a lens its ray, else (u, v, 1) where a pinhole without distortion sees it.
+#: What a pixel sees, three coordinates: of a lens its ray, of a pinhole (x, y, 1).
 Sights = tuple[Floats, Floats, Floats]
 
 
@@ -261,12 +227,10 @@ def sights_of(camera: AnyCamera, x: Floats, y: Floats) -> Sights:
 
     Shapes: ``x, y`` (...), returns (...) three times.
     """
-    if isinstance(camera, PinholeCamera) and camera.k1 == 0.0:
+    if isinstance(camera, PinholeCamera):
         return x, y, np.ones_like(x)
     rays = camera.rays(np.stack([x, y], axis=-1))
-    if isinstance(camera, LensCamera):
-        return rays[..., 0], rays[..., 1], rays[..., 2]
-    return camera.fx * rays[..., 0] + camera.cx, camera.fy * rays[..., 1] + camera.cy, np.ones_like(x)
+    return rays[..., 0], rays[..., 1], rays[..., 2]
 
 
 @lru_cache(maxsize=4)

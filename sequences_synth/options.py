@@ -21,11 +21,10 @@ _EFFECT_LIMITS: dict[str, tuple[float, float]] = {
 _POINT_LIMITS = _EFFECT_LIMITS | {
     "views": (2, 10_000), "points": (1, 100_000), "noise_px": (0, 100), "outliers": (0, 1), "baseline": (0, 10),
     "moving": (0, 1), "bodies": (1, 100), "body_turn_deg_s": (0, 1000), "field_px": (0, 100), "drift_px": (0, 100),
-    "cut": (0, 10_000),
 }  # fmt: skip
 _RENDERED_LIMITS = _EFFECT_LIMITS | {
     "frames": (1, 100_000), "width": (64, 4096), "height": (64, 4096), "noise": (0, 100), "motion_blur": (0, 1),
-    "exposure_change": (0, 0.9), "slow_start": (0, 100_000), "cut": (0, 100_000), "tag_m": (0, 100),
+    "exposure_change": (0, 0.9), "slow_start": (0, 100_000), "cut": (0, 100_000),
 }  # fmt: skip
 
 
@@ -56,9 +55,6 @@ class EffectOptions:
     speed : float
         Speed of the translation in the scenes ``handheld`` and ``handheld-wall``, median depths per second. The median
         depth of the rendered room is taken as 3 m. The other scenes ignore it.
-    cut : int
-        Position of the frame at which another scene of the same kind begins; 0 for none. All tracks are then new. The
-        poses of the second scene have the world frame of the second scene: they have no relation to those before.
     """
 
     fps: float = 30.0
@@ -69,7 +65,6 @@ class EffectOptions:
     readout_direction: str = "down"
     turning_deg_s: float = 60.0
     speed: float = 0.0
-    cut: int = 0
 
     def _check(self, limits: Mapping[str, tuple[float, float]]) -> None:
         for name in (field.name for field in fields(self) if field.name in limits):
@@ -136,8 +131,6 @@ class PointOptions(EffectOptions):
         self._check(_POINT_LIMITS)
         if self.outliers + self.moving > 1:
             raise ValueError(f"outliers and moving are {self.outliers} and {self.moving}: together at most 1")
-        if self.cut and not 2 <= self.cut <= self.views - 2:
-            raise ValueError(f"cut is {self.cut}: each scene needs 2 of the {self.views} views")
 
 
 @dataclass(frozen=True)
@@ -162,9 +155,9 @@ class SynthOptions(EffectOptions):
     lens : str
         ``pinhole``, or one of :data:`sequences_synth.camera.LENSES`, with usual parameters that the stated camera
         has as well. It has no ``k1``.
-    tag_m : float
-        Side of the black square of an AprilTag (family 36h11, number 7) on a board in front of the scene, metres; 0 for
-        none.
+    cut : int
+        Position of the frame at which another scene of the same kind begins; 0 for none. The poses of the second scene
+        have the world frame of the second scene: they have no relation to those before.
     imu : bool
         Whether an inertial sensor of a phone is fixed to the camera (:mod:`sequences_synth.inertial`), at 200 Hz.
 
@@ -182,11 +175,15 @@ class SynthOptions(EffectOptions):
     exposure_change: float = 0.06
     slow_start: int = 12
     lens: str = "pinhole"
-    tag_m: float = 0.0
+    cut: int = 0
     imu: bool = False
 
     def __post_init__(self) -> None:
         self._check(_RENDERED_LIMITS)
+        if self.readout_direction not in ("down", "up"):
+            raise ValueError(
+                f"readout_direction is {self.readout_direction!r}: images are read by rows: use down or up"
+            )
         if self.cut >= self.frames:
             raise ValueError(f"cut is {self.cut}: it must be less than the number of frames, {self.frames}")
         if self.imu and self.cut:
@@ -210,8 +207,3 @@ def check_scene(name: str, seed: int, scenes: Sequence[str]) -> None:
 def stream(seed: int, purpose: bytes, name: str) -> np.random.Generator:
     """Make a generator for one effect. The options of the effect then change neither the scene nor the noise."""
     return np.random.default_rng((seed, *purpose, *name.encode()))
-
-
-def scenes_of(frames: int, cut: int) -> tuple[range, ...]:
-    """The frames before and after a cut; all frames if there is none, 0."""
-    return (range(cut), range(cut, frames)) if cut else (range(frames),)

@@ -2,11 +2,11 @@
 
 The scenes have the names of the rendered ones, and depth, planes and motion of the same kind, drawn from a seed. Tracks
 have Gaussian noise. Some tracks are outliers, and on request some lie on bodies that move on their own. On request the
-tracks of a view also have a smooth error in common (:mod:`sequences_synth.tracking_error`), the camera has a rolling
-shutter (:mod:`sequences_synth.shutter`) or a wrong calibration, and a cut leads to another scene. Poses are
-``world_from_cam`` of the middle row. The world frame is the pose at which the camera would start without the tremor of
-the hand; in the scenes ``handheld`` and ``handheld-wall`` it is the pose about which the hand turns the camera. The
-length of the path is given relative to the median depth of the scene ::
+tracks of a view also have a smooth error in common (:mod:`sequences_synth.tracking_error`), and the camera has a
+rolling shutter (:mod:`sequences_synth.shutter`) or a wrong calibration. Poses are ``world_from_cam`` of the middle row.
+The world frame is the pose at which the camera would start without the tremor of the hand; in the scenes ``handheld``
+and ``handheld-wall`` it is the pose about which the hand turns the camera. The length of the path is given relative to
+the median depth of the scene ::
 
     sequence = make_points("wall", seed=3, options=PointOptions(noise_px=1.0))
     track_ids, pixels = sequence.observe(5)
@@ -15,14 +15,12 @@ length of the path is given relative to the median depth of the scene ::
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sequences_synth.arrays import Bools, Floats, Ints
-from sequences_synth.camera import PinholeCamera, stated_camera
-from sequences_synth.options import PointOptions, check_scene, scenes_of, stream
+from sequences_synth.camera import AnyCamera, PinholeCamera, stated_camera
+from sequences_synth.options import PointOptions, check_scene, stream
 from sequences_synth.point_scenes import LAYOUTS
 from sequences_synth.point_world import MOVING, OUTLIER, Shot, film, inside
 from sequences_synth.tracking_error import TrackingError
@@ -45,14 +43,14 @@ class PointSequence:
     seed: int
     options: PointOptions
     #: The stated camera, which has the errors of the options and no distortion.
-    camera: PinholeCamera
+    camera: AnyCamera
     #: The camera by which the points were projected.
-    true_camera: PinholeCamera
-    #: (V, 4, 4) World_from_cam of the middle row. After a cut the world is another one.
+    true_camera: AnyCamera
+    #: (V, 4, 4) World_from_cam of the middle row.
     poses: Floats
     #: (V,) Time of the middle row.
     timestamps_s: Floats
-    #: (M, 3) In the world frame of their scene, at its first view. Those on moving objects change their place later.
+    #: (M, 3) In the world frame, at the first view. Those on moving objects change their place later.
     points: Floats
     #: (M,) Tracks that are outliers.
     is_outlier: Bools
@@ -66,10 +64,8 @@ class PointSequence:
     tracking_error: TrackingError
     #: (M,) Number of the body of a moving track, -1 for other tracks.
     body_of_track: Ints
-    #: (M,) 0 for tracks before the cut, 1 for tracks after it.
-    scene_of_track: Ints
-    #: The true camera, path, shutter and bodies of each scene.
-    shots: tuple[Shot, ...]
+    #: The true camera, path, shutter and bodies.
+    shot: Shot
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -87,29 +83,11 @@ class PointSequence:
 
         Shapes: returns (M,).
 
-        * Returns: Depth along the optical axis; NaN for outliers, for tracks on moving objects and for those of another
-          scene.
+        * Returns: Depth along the optical axis; NaN for outliers and for tracks on moving objects.
         """
         cam_from_world = np.linalg.inv(self.poses[index])
         z = self.points @ cam_from_world[2, :3] + cam_from_world[2, 3]
-        elsewhere = self.scene_of_track != self._shown(index)[0]
-        return np.asarray(np.where(self.is_outlier | self.is_moving | elsewhere, np.nan, z))
-
-    def pixel_poses(self, index: int, pixels: Floats) -> Floats:
-        """Compute the poses that the camera had when it exposed pixels of one view.
-
-        Shapes: ``pixels`` (N, 2), returns (N, 4, 4).
-
-        * Returns: Poses world_from_cam. With a global shutter all are the pose of the view.
-        """
-        scene, tick = self._shown(index)
-        return self.shots[scene].pixel_poses(tick, pixels)
-
-    def _shown(self, index: int) -> tuple[int, int]:
-        """The number of the scene that a view shows, and the position of the view in it."""
-        view = range(len(self))[index]
-        scene = int(0 < self.options.cut <= view)
-        return scene, view - scene * self.options.cut
+        return np.asarray(np.where(self.is_outlier | self.is_moving, np.nan, z))
 
 
 def make_points(name: str, seed: int = 0, options: PointOptions | None = None) -> PointSequence:
@@ -135,68 +113,42 @@ def make_points(name: str, seed: int = 0, options: PointOptions | None = None) -
     check_scene(name, seed, POINT_SCENES)
     options = options or PointOptions()
     centre = (_WIDTH - 1) / 2, (_HEIGHT - 1) / 2
-    true_camera = PinholeCamera(_WIDTH, _HEIGHT, _FOCAL_PX, _FOCAL_PX, *centre, k1=options.k1)
+    pinhole = PinholeCamera(_WIDTH, _HEIGHT, _FOCAL_PX, _FOCAL_PX, *centre)
     error_rng = stream(seed, b"tracking error ", name)
     error = TrackingError.draw(error_rng, options.views, _WIDTH, _HEIGHT, options.field_px, options.drift_px)
-    scenes = []
-    for number, views in enumerate(scenes_of(options.views, options.cut)):
-        rng, body_rng = (stream(seed, number * b"after the cut " + purpose, name) for purpose in (b"", b"bodies "))
-        shot, kinds = film(name, true_camera, len(views), options, rng, body_rng)
-        pixels, visible = _measure(shot, kinds, views, error, options, rng)
-        scenes.append(_Scene(shot, kinds, pixels, visible))
-    counts = [len(scene.kinds) for scene in scenes]
-    kinds = np.concatenate([scene.kinds for scene in scenes])
-    shots, camera_rng = tuple(scene.shot for scene in scenes), stream(seed, b"principal point ", name)
+    rng, body_rng, camera_rng = (stream(seed, purpose, name) for purpose in (b"", b"bodies ", b"principal point "))
+    shot, kinds = film(name, pinhole.bent(options.k1), options.views, options, rng, body_rng)
+    pixels, visible = _measure(shot, kinds, error, options, rng)
     return PointSequence(
         name=name,
         seed=seed,
         options=options,
-        camera=stated_camera(true_camera, options.focal_error, options.principal_error, camera_rng),
-        true_camera=true_camera,
-        poses=np.stack([one.shot.path.at_frame(view) for one in scenes for view in range(len(one.pixels))]),
+        camera=stated_camera(pinhole, options.focal_error, options.principal_error, camera_rng),
+        true_camera=shot.camera,
+        poses=np.stack([shot.path.at_frame(view) for view in range(options.views)]),
         timestamps_s=np.asarray(1 / options.fps * np.arange(options.views), float),
-        points=np.concatenate([shot.points for shot in shots]),
+        points=shot.points,
         is_outlier=kinds == OUTLIER,
         is_moving=kinds == MOVING,
-        pixels=_block_diagonal([scene.pixels for scene in scenes], np.nan),
-        visible=_block_diagonal([scene.visible for scene in scenes], False),
+        pixels=pixels,
+        visible=visible,
         tracking_error=error,
-        body_of_track=np.concatenate([shot.bodies.body_of_track for shot in shots]),
-        scene_of_track=np.repeat(np.arange(len(counts)), counts),
-        shots=shots,
+        body_of_track=shot.bodies.body_of_track,
+        shot=shot,
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Scene:
-    """The tracks of one scene: kinds (M,), measured pixels (V, M, 2), visible (V, M)."""
-
-    shot: Shot
-    kinds: Ints
-    pixels: Floats
-    visible: Bools
-
-
-def _block_diagonal(blocks: list[NDArray[Any]], fill: float | bool) -> NDArray[Any]:
-    """Blocks (V_k, M_k, ...) as one array (sum of V_k, sum of M_k, ...)."""
-    rows, columns = (np.cumsum([0, *(block.shape[axis] for block in blocks)]) for axis in (0, 1))
-    whole = np.full((rows[-1], columns[-1], *blocks[0].shape[2:]), fill, blocks[0].dtype)
-    for k, block in enumerate(blocks):
-        whole[rows[k] : rows[k + 1], columns[k] : columns[k + 1]] = block
-    return whole
-
-
 def _measure(
-    shot: Shot, kinds: Ints, views: range, error: TrackingError, options: PointOptions, rng: np.random.Generator
+    shot: Shot, kinds: Ints, error: TrackingError, options: PointOptions, rng: np.random.Generator
 ) -> tuple[Floats, Bools]:
     """Measured pixels (V, M, 2), and which tracks each view sees (V, M)."""
     size = np.array([shot.camera.width, shot.camera.height], float)
-    pixels = np.empty((len(views), len(kinds), 2))
+    pixels = np.empty((options.views, len(kinds), 2))
     visible = np.empty(pixels.shape[:2], bool)
-    for tick, view in enumerate(views):
-        true, seen = shot.see(tick)
+    for view in range(options.views):
+        true, seen = shot.see(view)
         measured = true + options.noise_px * rng.normal(size=true.shape) + error.at(view, true)
         anywhere = rng.uniform(0, size - 1, measured.shape)
-        pixels[tick] = np.where((kinds == OUTLIER)[:, None], anywhere, measured)
-        visible[tick] = seen & inside(shot.camera, pixels[tick])
+        pixels[view] = np.where((kinds == OUTLIER)[:, None], anywhere, measured)
+        visible[view] = seen & inside(shot.camera, pixels[view])
     return pixels, visible

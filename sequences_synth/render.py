@@ -6,14 +6,13 @@ affine in the pixel, which makes the depth buffer cheap and exact. Visibility is
 Colour is computed once per pixel and quad. A pixel on a silhouette is the mean of the quads, weighted by their visible
 samples, as in a real lens.
 
-With a rolling shutter or a lens each line of samples has its own pose (:func:`render_lines`). A line is a row, or a
-column where columns are read. Its matrix G maps what a sample sees to the texel of a quad: ``(s, t, 1) / depth``.
-Within half a row the camera does not move. With a readout of 30 ms and a motion of the image by 1500 px/s this is an
-error of 0.02 px at most for the silhouettes. For colours the mean of both matrices of a row of pixels is used; its
-error is of second order.
+With a rolling shutter or a lens each row of samples has its own pose (:func:`render_lines`). Its matrix G maps what a
+sample sees to the texel of a quad: ``(s, t, 1) / depth``. Within half a row the camera does not move. With a readout of
+30 ms and a motion of the image by 1500 px/s this is an error of 0.02 px at most for the silhouettes. For colours the
+mean of both matrices of a row of pixels is used; its error is of second order.
 
-* A pinhole camera: what a sample sees is the place at which an ideal camera would see its ray, which takes care of
-  radial distortion. The matrix is the inverse of ``K cam_from_world(t_row) world_from_texel``.
+* A pinhole camera: what a sample sees is its place. The matrix is the inverse of
+  ``K cam_from_world(t_row) world_from_texel``.
 * A lens of any field of view: what a sample sees is its ray d, which meets the plane of a quad at
   ``G d = (s, t, 1) / distance`` with ``G = (cam_from_world world_from_texel)^-1``. So the depth buffer holds the
   inverse distance along the ray, which is positive behind the image plane too.
@@ -25,7 +24,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol, cast
+from typing import cast
 
 import numpy as np
 
@@ -53,25 +52,6 @@ class View:
     inverse_depth: Floats32
     #: (H, W) Position of the visible quad in the list, -1 where there is none.
     ids: Ids
-
-
-class SeenQuad(Protocol):
-    """A quad in front of a camera, as :func:`_shade` needs it."""
-
-    def inverse_depth_at(self, x: Ints, y: Ints) -> Floats:
-        """Compute the inverse depth of the plane of the quad.
-
-        Shapes: ``x, y`` (N,), returns (N,).
-        """
-
-    def window(self, width: int, height: int) -> tuple[slice, slice]:
-        """Find the part of the image that may show the quad."""
-
-    def sample(self, left: int, top: int, mask: Image) -> Image:
-        """Colour a window of the image.
-
-        Shapes: ``mask`` (H, W), returns (H, W, 3).
-        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +191,9 @@ def _spans(outline: list[tuple[float, float]], top: int, bottom: int) -> tuple[F
     return left, right
 
 
-def _shade(count: int, seen: Mapping[int, SeenQuad], depth_samples: Floats32, id_samples: Ids) -> View:
+def _shade(
+    count: int, seen: Mapping[int, _Seen] | Mapping[int, _LineQuad], depth_samples: Floats32, id_samples: Ids
+) -> View:
     """Colour the visible parts of the quads.
 
     * ``seen``: The quads that may be visible, by their position in the list.
@@ -309,7 +291,7 @@ def _detail_nodes(left: int, top: int, width: int, height: int) -> tuple[Floats,
     return x, y
 
 
-# -- one pose per line -----------------------------------------------------------------------------
+# -- one pose per row ------------------------------------------------------------------------------
 
 
 # The window of a quad is found by the sights of every sixteenth sample, and by as many points of the quad as this on
@@ -320,47 +302,39 @@ _NODE_STEP, _POINTS, _POINTS_OF_PINHOLE, _INSTANTS = 16, 9, 17, (0, 0.5, 1)
 
 @dataclass(frozen=True, eq=False)
 class _LineQuad:
-    """A quad in view, with one matrix per line of samples."""
+    """A quad in view, with one matrix per row of samples."""
 
     quad: Quad
     camera: AnyCamera
-    #: Whether columns are exposed one after the other, and not rows.
-    by_columns: bool
-    #: (L, 3, 3) The matrix of each line of samples.
+    #: (L, 3, 3) The matrix of each row of samples.
     texel_from_sight: Floats
     #: rows, columns: Samples that may see the quad.
     rows: slice
     columns: slice
 
     def _points(self, lines: Ints, sights: Sights) -> Floats:
-        """The texels (..., 3) of sights (...), by the matrices of their lines of pixels."""
+        """The texels (..., 3) of sights (...), by the matrices of their rows of pixels."""
         G = (0.5 * (self.texel_from_sight[0::2] + self.texel_from_sight[1::2]))[lines]
         u, v, w = (one[..., None] for one in sights)
         return np.asarray(G[..., 0] * u + G[..., 1] * v + G[..., 2] * w)
 
     def inverse_depth_at(self, x: Ints, y: Ints) -> Floats:
-        """Compute the inverse depth of the plane of the quad; see :class:`sequences_synth.render.SeenQuad`.
-
-        Shapes: ``x, y`` (N,), returns (N,).
-        """
+        """Compute the inverse depth of the plane of the quad at pixels (N,)."""
         u, v, w = (one[y, x] for one in all_sights(self.camera, 1))
-        return np.asarray(self._points(x if self.by_columns else y, (u, v, w))[..., 2])
+        return np.asarray(self._points(y, (u, v, w))[..., 2])
 
     def window(self, width: int, height: int) -> tuple[slice, slice]:
-        """Find the part of the image that may show the quad; see :class:`sequences_synth.render.SeenQuad`."""
+        """Find the part of the image that may show the quad."""
         rows, columns = (
             slice(s.start // 2, min((s.stop + 1) // 2, n)) for s, n in ((self.rows, height), (self.columns, width))
         )
         return rows, columns
 
     def sample(self, left: int, top: int, mask: Image) -> Image:
-        """Sample the texture of the quad in a window; see :class:`sequences_synth.render.SeenQuad`.
-
-        Shapes: ``mask`` (H, W), returns (H, W, 3).
-        """
+        """Colour a window of the image: ``mask`` (H, W), returns (H, W, 3)."""
         height, width = mask.shape
         part = slice(top, top + height), slice(left, left + width)
-        lines = np.arange(left, left + width)[None] if self.by_columns else np.arange(top, top + height)[:, None]
+        lines = np.arange(top, top + height)[:, None]
         u, v, w = (one[part] for one in all_sights(self.camera, 1))
         texels = _texels(self._points(lines, (u, v, w)))
         return _blend_levels(self.quad, self._detail(left, top, width, height), mask, partial(self._warp, *texels))
@@ -379,7 +353,7 @@ class _LineQuad:
         last = len(self.texel_from_sight) // 2 - 1
 
         def texels(a: int, b: int) -> Floats:
-            lines = np.clip(np.round(x + a if self.by_columns else y + b).astype(int), 0, last)
+            lines = np.clip(np.round(y + b).astype(int), 0, last)
             return np.stack(_texels(self._points(lines, sights_of(self.camera, x + a, y + b))))
 
         here = texels(0, 0)
@@ -388,14 +362,13 @@ class _LineQuad:
 
     def enter(self, facing: Bools, identity: int, depth_samples: Floats32, id_samples: Ids) -> None:
         """Enter the quad into the depth buffer."""
-        part, along = (self.rows, self.columns), 0 if self.by_columns else 1
-        lines = part[1 - along]
-        G, drawn = np.expand_dims(self.texel_from_sight[lines], along), np.expand_dims(facing[lines], along)
+        part = self.rows, self.columns
+        G, drawn = self.texel_from_sight[self.rows][:, None], facing[self.rows][:, None]
         u, v, w = (one[part] for one in all_sights(self.camera, 2))
 
         def texels(row: int) -> Floats32:
             a, b, c = G[..., row, 0], G[..., row, 1], G[..., row, 2]
-            if isinstance(self.camera, PinholeCamera) and self.camera.k1 == 0.0:
+            if isinstance(self.camera, PinholeCamera):
                 return np.asarray(a * u[:1] + (b * v[:, :1] + c), np.float32)
             return np.asarray(a * u + b * v + c * w, np.float32)
 
@@ -417,18 +390,15 @@ def _texels(points: Floats) -> tuple[Floats, Floats]:
 def render_lines(
     quads: Sequence[Quad],
     camera: AnyCamera,
-    by_columns: bool,
     frame_of: Callable[[Floats], Floats],
     world_from_cam: Callable[[float], Floats],
 ) -> View:
-    """Render the quads with one pose per line.
+    """Render the quads with one pose per row.
 
-    * ``by_columns``: Whether columns are exposed one after the other, and not rows.
-    * ``frame_of``: Row (or column) of pixels, (N,) float -> frame number at which it is exposed, (N,) float.
+    * ``frame_of``: Row of pixels, (N,) float -> frame number at which it is exposed, (N,) float.
     * Returns: Of a lens camera, its inverse depth is the inverse distance along the ray of a pixel.
     """
-    samples = 2 * (camera.width if by_columns else camera.height)
-    frames = frame_of(0.5 * np.arange(samples, dtype=np.float64) - 0.25)
+    frames = frame_of(0.5 * np.arange(2 * camera.height, dtype=np.float64) - 0.25)
     different, which = np.unique(frames, return_inverse=True)
     poses: Floats = np.stack([world_from_cam(float(frame)) for frame in different])
     cam_from_world = np.asarray(np.linalg.inv(poses)[which], np.float64)
@@ -441,14 +411,14 @@ def render_lines(
         distance = np.linalg.det(cam_from_texel) / quad.texel_area
         # Elsewhere the visible side of the quad does not face the camera, and the matrix may have no inverse.
         facing = (distance if quad.one_sided else np.abs(distance)) > _EDGE_ON_M
-        found = _see(camera, by_columns, quad, cam_from_texel, facing)
+        found = _see(camera, quad, cam_from_texel, facing)
         if found is not None:
             seen[i] = found
             found.enter(facing, i, depth_samples, id_samples)
     return _shade(len(quads), seen, depth_samples, id_samples)
 
 
-def _see(camera: AnyCamera, by_columns: bool, quad: Quad, cam_from_texel: Floats, facing: Bools) -> _LineQuad | None:
+def _see(camera: AnyCamera, quad: Quad, cam_from_texel: Floats, facing: Bools) -> _LineQuad | None:
     """Find the window of a quad; None if it is not in view."""
     K = camera.K if isinstance(camera, PinholeCamera) else np.eye(3)
     # A line in which the quad is edge-on has no inverse; it is not drawn there.
@@ -466,7 +436,7 @@ def _see(camera: AnyCamera, by_columns: bool, quad: Quad, cam_from_texel: Floats
     )
     if rows.start >= rows.stop or columns.start >= columns.stop:
         return None
-    return _LineQuad(quad, camera, by_columns, texel_from_sight, rows, columns)
+    return _LineQuad(quad, camera, texel_from_sight, rows, columns)
 
 
 def _box(camera: AnyCamera, size: Floats, cam_from_texel: Floats, texel_from_sight: Floats) -> Floats:

@@ -9,16 +9,14 @@ Scenes indoors are ``room``, ``static``, ``rotation`` and ``rotate-then-move`` i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
-from sequences_synth.arrays import Floats, Image
+from sequences_synth.arrays import Floats
 from sequences_synth.options import SynthOptions
 from sequences_synth.quads import HAND_DEG, Painter, Quad, Setup, box, curved_path, hand_jitter, linear_angles
-from sequences_synth.texture import Texture, halved
 from sequences_synth.trajectory import (
     PROGRESS_RANGE,
     Arc,
@@ -459,73 +457,6 @@ def handheld_wall(setup: Setup) -> tuple[list[Quad], HandPath]:
     return [_part_of_plane(painter, origin, right, down, 1.35 * low, 1.35 * high, "wall")], path
 
 
-# -- tag -------------------------------------------------------------------------------------------
-
-
-# An AprilTag of the family 36h11 and its number, on a board that faces the camera at first.
-_TAG_NUMBER = 7
-# Cells of the tag with its black border, and of the white margin on each side.
-_CELLS, _MARGIN = 8, 1
-_CELL_TEXELS = 32
-# Depth of the board over the least depth of the scene: the board intersects nothing.
-_TAG_NEARER = 0.7
-# Grey levels of the black and of the white print.
-_BLACK, _WHITE = 30, 225
-# The board is turned about its vertical axis, so that its size and its distance are distinguished.
-_TAG_TURN_RAD = np.radians(20.0)
-
-
-@dataclass(frozen=True, eq=False)
-class _TagTexture(Texture):
-    """The texture of the board."""
-
-    @cached_property
-    def levels(self) -> list[Image]:
-        """Images of the texture, each half as large as the one before.
-
-        Shapes: returns (H, W, 3).
-        """
-        import cv2
-
-        dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-        tag = cv2.aruco.generateImageMarker(dictionary, _TAG_NUMBER, _CELLS * _CELL_TEXELS)
-        margin = _MARGIN * _CELL_TEXELS
-        printed = np.pad(np.where(tag > 0, _WHITE, _BLACK).astype(np.uint8), margin, constant_values=_WHITE)
-        return halved(np.repeat(cv2.GaussianBlur(printed, (0, 0), 0.7)[:, :, None], 3, axis=2))
-
-
-def _tag_board(setup: Setup, pose: Floats, quads: Sequence[Quad], side_m: float) -> Quad:
-    """Make the board in front of a pose (4, 4) of the camera."""
-    depth = _TAG_NEARER * _nearest_ahead(setup, quads, pose)
-    side = side_m * (_CELLS + 2 * _MARGIN) / _CELLS
-    texels = (_CELLS + 2 * _MARGIN) * _CELL_TEXELS
-    # The black square goes from the outer edge of its first texel to that of its last one; texel centres are half a
-    # texel inside.
-    half = 0.5 * side * (texels - 1) / texels
-    c, s = np.cos(_TAG_TURN_RAD), np.sin(_TAG_TURN_RAD)
-    u, v = 2 * half * np.array([c, 0.0, s]), 2 * half * np.array([0.0, 1.0, 0.0])
-    corner = np.array([0.0, 0.0, depth]) - 0.5 * (u + v)
-    R = pose[:3, :3]
-    return Quad(R @ corner + pose[:3, 3], R @ u, R @ v, _TagTexture((*setup.seed, 0), texels, texels, "wall"))
-
-
-def _nearest_ahead(setup: Setup, quads: Sequence[Quad], pose: Floats) -> float:
-    """Compute the least depth of the scene along 7x7 rays spread over the view; infinite where none meets the scene.
-
-    Shapes: ``pose`` (4, 4).
-    """
-    x, y = np.meshgrid(np.linspace(0, setup.width - 1, 7), np.linspace(0, setup.height - 1, 7))
-    rays = pose[:3, :3] @ np.linalg.inv(setup.K) @ np.stack([x.ravel(), y.ravel(), np.ones(x.size)])
-    depths = []
-    for quad in quads:
-        edges = np.column_stack([quad.edge_u, quad.edge_v])
-        normal = np.cross(*edges.T)
-        depth = (normal @ (quad.corner - pose[:3, 3])) / (normal @ rays)
-        a, b = np.linalg.pinv(edges) @ (pose[:3, 3:] + depth * rays - quad.corner[:, None])
-        depths.append(depth[(depth > 0) & (a >= 0) & (a <= 1) & (b >= 0) & (b <= 1)])
-    return float(np.concatenate(depths).min(initial=np.inf))
-
-
 # -- all -------------------------------------------------------------------------------------------
 
 
@@ -555,8 +486,6 @@ def build_world(name: str, entropy: tuple[int, ...], K: Floats, options: SynthOp
     setup = Setup(rng, entropy, K, options.width, options.height, options.slow_start, options.fps, handling)
     quads, path = _BUILDERS[name](setup)
     phase = (float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(0.03, 0.09)))
-    if options.tag_m > 0:
-        quads = [*quads, _tag_board(setup, path.world_from_cam(0.0), quads, options.tag_m)]
     return World(tuple(quads), path, phase)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -13,7 +12,7 @@ from sequences_synth.arrays import Floats, Floats32, Image
 from sequences_synth.camera import AnyCamera, LensCamera, PinholeCamera, all_sights, lens_camera, stated_camera
 from sequences_synth.inertial import InertialSamples, measure
 from sequences_synth.noise import blur_along, expose
-from sequences_synth.options import SynthOptions, check_scene, scenes_of, stream
+from sequences_synth.options import SynthOptions, check_scene, stream
 from sequences_synth.render import View, render, render_lines
 from sequences_synth.scenes import SCENES, World, build_world
 from sequences_synth.shutter import Shutter
@@ -54,12 +53,12 @@ class Sensor:
         * Returns: With a lens camera its inverse depth is the inverse distance along the ray.
         """
         camera = self.camera
-        # One homography for each surface is enough with a global shutter and without distortion.
-        if isinstance(camera, PinholeCamera) and self.shutter.readout_s == 0.0 and camera.k1 == 0.0:
+        # One homography for each surface is enough with a global shutter and without a lens.
+        if isinstance(camera, PinholeCamera) and self.shutter.readout_s == 0.0:
             cam_from_world = np.asarray(np.linalg.inv(self.pose(frame)), float)
             return render(self.world.quads, camera.K, cam_from_world, camera.width, camera.height)
         frames_of = partial(self._frames_of, frame)
-        return render_lines(self.world.quads, camera, self.shutter.by_columns, frames_of, self.pose)
+        return render_lines(self.world.quads, camera, frames_of, self.pose)
 
     def expose(self, frame: int) -> View:
         """Render a frame with its motion blur; depth and ids are those of the middle of the exposure."""
@@ -89,24 +88,21 @@ class Sensor:
             depth = np.asarray(depth * np.maximum(all_sights(self.camera, 1)[2], 0.0), np.float32)
         return depth
 
-    def _frames_of(self, frame: float, lines: Floats) -> Floats:
-        """Frame numbers at which rows (or columns) are exposed."""
-        return frame + self.fps * self.shutter.line_delay_s(lines)
+    def _frames_of(self, frame: float, rows: Floats) -> Floats:
+        """Frame numbers at which rows are exposed."""
+        return frame + self.fps * self.shutter.row_delay_s(rows)
 
     def _half_flow(self, frame: int, view: View) -> Floats32:
-        """(H, W, 2): motion of each pixel from the middle of the exposure to its end, with the pose of its line."""
+        """(H, W, 2): motion of each pixel from the middle of the exposure to its end, with the pose of its row."""
         import cv2
 
-        half, along = 0.5 * self.motion_blur, 0 if self.shutter.by_columns else 1
+        half = 0.5 * self.motion_blur
         nodes = slice(_FLOW_STEP // 2, None, _FLOW_STEP)
         height, width = view.inverse_depth.shape
         x, y = np.meshgrid(np.arange(width, dtype=float)[nodes], np.arange(height, dtype=float)[nodes])
         inverse_depth = view.inverse_depth[nodes, nodes].astype(float)[..., None]
-        frames, lines = np.unique(self._frames_of(frame, x[0] if along == 0 else y[:, 0]), return_inverse=True)
-        now, later = (
-            np.expand_dims(np.stack([self.pose(float(f + shift)) for f in frames])[lines], along)
-            for shift in (0.0, half)
-        )
+        frames, rows = np.unique(self._frames_of(frame, y[:, 0]), return_inverse=True)
+        now, later = (np.stack([self.pose(float(f + shift)) for f in frames])[rows][:, None] for shift in (0.0, half))
         pixels = np.stack([x, y], axis=-1)
         rays = self.camera.rays(pixels)
         # Homogeneous world points (ray + centre / z, 1 / z), so that a pixel without surface is infinitely far away.
@@ -187,51 +183,6 @@ class SynthSequence:
         image = expose(view.image, gain, self.options.noise, np.random.default_rng([self.seed, index, 1]))
         return image, sensor.depth(view)
 
-    def frames(self, start: int = 0, stop: int | None = None) -> Iterator[tuple[int, float, Image, Floats32, Floats]]:
-        """Render frames in order.
-
-        Parameters
-        ----------
-        start : int
-            Position of the first frame.
-        stop : int, optional
-            Position after the last frame; by default the end of the sequence.
-
-        Yields
-        ------
-        index : int
-        timestamp_s : float
-        image : (H, W, 3) uint8
-        depth : (H, W) float32
-            As of :meth:`render`.
-        world_from_cam : (4, 4) float
-        """
-        for index in range(len(self))[start:stop]:
-            image, depth = self.render(index)
-            yield index, float(self.timestamps_s[index]), image, depth, self.poses[index]
-
-    def pixel_poses(self, index: int, pixels: Floats) -> Floats:
-        """Compute the poses that the camera had when it exposed pixels of one frame.
-
-        Parameters
-        ----------
-        index : int
-            Position of the frame, from 0.
-        pixels : (N, 2) float
-
-        Returns
-        -------
-        (N, 4, 4) float
-            Poses world_from_cam. With a global shutter all are the pose of the frame.
-
-        Raises
-        ------
-        IndexError
-            If the sequence has no such frame.
-        """
-        sensor, frame = self._sensor(index)
-        return sensor.pixel_poses(frame, pixels)
-
     def inertial(self) -> InertialSamples | None:
         """Measure with the inertial sensor, from 0.1 s before the first frame to 0.1 s after the last one.
 
@@ -280,21 +231,23 @@ def make_sequence(name: str, seed: int = 0, options: SynthOptions | None = None)
     options = options or SynthOptions()
     width, height = options.width, options.height
     focal = _FOCAL_BY_WIDTH * width
-    pinhole = PinholeCamera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2, options.k1)
-    true_camera = pinhole if options.lens == "pinhole" else lens_camera(options.lens, width, height)
+    pinhole = PinholeCamera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+    ideal = pinhole if options.lens == "pinhole" else lens_camera(options.lens, width, height)
+    true_camera = pinhole.bent(options.k1) if options.lens == "pinhole" else ideal
     shutter = Shutter(options.readout_ms / 1000, options.readout_direction, width, height)
     sensors, poses = [], []
-    for number, frames in enumerate(scenes_of(options.frames, options.cut)):
+    lengths = (options.cut, options.frames - options.cut) if options.cut else (options.frames,)
+    for number, frames in enumerate(lengths):
         entropy = (seed, *number * b"after the cut ", *name.encode())
         world = build_world(name, entropy, pinhole.K, options)
         sensors.append(Sensor(true_camera, shutter, options.fps, options.motion_blur, world))
-        poses += [sensors[-1].pose(frame) for frame in range(len(frames))]
+        poses += [sensors[-1].pose(frame) for frame in range(frames)]
     rng = stream(seed, b"principal point ", name)
     return SynthSequence(
         name=name,
         seed=seed,
         options=options,
-        camera=stated_camera(true_camera, options.focal_error, options.principal_error, rng),
+        camera=stated_camera(ideal, options.focal_error, options.principal_error, rng),
         true_camera=true_camera,
         poses=np.stack(poses),
         timestamps_s=np.arange(options.frames) / options.fps,

@@ -20,6 +20,8 @@ from sequences_synth.arrays import Floats
 
 #: The directions in which the rows or columns are read.
 READOUT_DIRECTIONS: tuple[str, ...] = ("down", "up", "right", "left")
+# Those in which columns are read one after the other, and not rows.
+_BY_COLUMNS = ("right", "left")
 
 
 @dataclass(frozen=True)
@@ -34,24 +36,15 @@ class Shutter:
     width: int
     height: int
 
-    @property
-    def by_columns(self) -> bool:
-        """Whether columns are read one after the other, and not rows."""
-        return self.direction in ("right", "left")
-
-    @property
-    def lines(self) -> int:
-        """Number of rows, or of columns where these are read."""
-        return self.width if self.by_columns else self.height
-
-    def line_delay_s(self, line: Floats) -> Floats:
-        """Compute the exposure times of rows or columns."""
+    def row_delay_s(self, row: Floats) -> Floats:
+        """Compute the exposure times of rows, or of columns where these are read."""
         sign = -1.0 if self.direction in ("up", "left") else 1.0
-        return np.asarray(sign * self.readout_s * (line / self.lines - 0.5))
+        lines = self.width if self.direction in _BY_COLUMNS else self.height
+        return np.asarray(sign * self.readout_s * (row / lines - 0.5))
 
     def delay_s(self, pixels: Floats) -> Floats:
         """Compute the exposure times of pixels.
 
         Shapes: ``pixels`` (..., 2).
         """
-        return self.line_delay_s(pixels[..., 0 if self.by_columns else 1])
+        return self.row_delay_s(pixels[..., 0 if self.direction in _BY_COLUMNS else 1])

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -36,9 +34,6 @@ def write_tum(
     The factor is 5000, as in TUM RGB-D. Where 16 bits do not reach the deepest point, it is divided by 10 until they
     do. A comment in ``camera.yaml`` states the factor.
 
-    All files are written to a temporary folder beside the target, which is renamed at the end. If writing fails, the
-    target does not exist.
-
     Parameters
     ----------
     sequence : SynthSequence
@@ -57,23 +52,11 @@ def write_tum(
     folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise FileExistsError(f"{folder} exists already: name a new or an empty folder")
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    # The temporary folder is beside the target, so that both are on one file system and the rename works.
-    unfinished = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-    try:
-        _write(sequence, unfinished, progress)
-        unfinished.chmod(0o755)  # mkdtemp makes private folders
-        unfinished.replace(folder)
-    except BaseException:
-        shutil.rmtree(unfinished, ignore_errors=True)
-        raise
-
-
-def _write(sequence: SynthSequence, folder: Path, progress: Callable[[int], None] | None) -> None:
     for name in ("images", "depth"):
-        (folder / name).mkdir()
+        (folder / name).mkdir(parents=True)
     factor = _depth_factor(sequence)
-    for index, _, image, depth, _ in sequence.frames():
+    for index in range(len(sequence)):
+        image, depth = sequence.render(index)
         _write_png(folder / "images" / f"{index:06d}.png", image)
         levels = np.round(depth * factor)
         levels[levels > _MAX_DEPTH_LEVEL] = 0  # out of the range of the format: no measurement

@@ -22,42 +22,10 @@ _Options = TypeVar("_Options")
 # All options take 4 kB.
 _MAX_BYTES = 200_000
 
-#: The range of each number, with the reason: outside of it a library fails, a run never ends, or nothing is left to do.
-RANGES: dict[str, tuple[float, float, str]] = {
-    "seed": (0, 2**63 - 1, "it is stored in 64 bits"),
-    "refine_frames": (0, 1_000_000, "frames"),
-    "tracking.max_tracks": (10, 100_000, "a motion needs some tracks, and time grows with their number"),
-    "tracking.min_distance": (0.0001, 0.2, "a share of the image width; at a fifth 25 corners are left"),
-    "tracking.refill_share": (0.001, 1, "a share"),
-    "tracking.window_px": (3, 201, "the patches have to lie in the image"),
-    "tracking.pyramid_levels": (1, 10, "2^10 px are more than an image"),
-    "tracking.forward_backward_px": (0.001, 1000, "pixels"),
-    "tracking.flow_survival": (0.001, 1, "a share"),
-    "tracking.sift_features": (10, 100_000, "time grows with the square of their number"),
-    "tracking.sift_ratio": (0.01, 1, "a ratio of distances, the smaller one first"),
-    "tracking.sift_frames": (1, 100, "each is matched with a new frame"),
-    "keyframes.window": (1, 1000, "each is previewed with a new frame"),
-    "keyframes.new_overlap": (0.001, 1, "a share"),
-    "keyframes.new_after_frames": (1, 1_000_000, "frames"),
-    "keyframes.min_matches": (6, 100_000, "five matches fix a motion, and one more tests it"),
-    "keyframes.retry_gain": (1, 1000, "a factor that grows"),
-    "two_view.threshold_px": (0.01, 1000, "pixels, below a quarter of an image"),
-    "map.min_resected": (4, 100_000, "three points fix a pose, and one more tests it"),
-    "map.max_depth_sigma": (0.001, 10, "a share of the depth"),
-    "map.outlier_sigmas": (1, 100, "standard deviations: a third of Gaussian errors is beyond one"),
-    "map.noise_px": (0.001, 100, "pixels"),
-    "map.min_noise_px": (0.001, 100, "pixels"),
-    "map.lens_uncertainty": (0, 100, "0 for an exact lens"),
-    "map.focal_sigma": (0.0001, 1, "a share of the focal length"),
-    "acceptance.max_risk": (0.0011, 1, "a probability; 0.001 of it is for what is not modelled"),
-    "acceptance.lens_changes": (0, 5, "0 for a lens that is fixed; with 5 every second lens changes"),
-    "acceptance.min_landmarks": (4, 100_000, "three points fix a pose, and one more tests it"),
-    "acceptance.max_depth_sigma": (0.002, 0.2, "a tracker needs 0.2, and the scale of a map is held to 0.001"),
-    "acceptance.min_parallax_deg": (0, 90, "rays that meet at a right angle give the best depth"),
-    "external.time_limit_s": (0.1, 1e6, "eleven days"),
-    "external.memory_limit_mb": (10, 1e9, "a program needs some memory"),
-    "external.max_frames": (2, 100_000, "a pair, and what a disk holds"),
-}
+
+def _within(default: Any, least: float, most: float, reason: str) -> Any:
+    """An option with its range, and the reason: outside of it a library fails, a run never ends, or nothing is left."""
+    return field(default=default, metadata={"range": (least, most, reason)})
 
 
 class _Section:
@@ -78,24 +46,24 @@ class TrackingConfig(_Section, name="tracking"):
 
     #: Number of corners that are followed at a time. The standard deviation of the baseline's direction falls with the
     #: square root of the number.
-    max_tracks: int = 800
+    max_tracks: int = _within(800, 10, 100_000, "a motion needs some tracks, and time grows with their number")
     #: Least distance between corners, as a share of the image width: 8 px of 640, so that the corners spread.
-    min_distance: float = 0.0125
+    min_distance: float = _within(0.0125, 0.0001, 0.2, "a share of the image width; at a fifth 25 corners are left")
     #: New corners are detected when this share of ``max_tracks`` is lost.
-    refill_share: float = 0.25
+    refill_share: float = _within(0.25, 0.001, 1, "a share")
     #: Window and pyramid of the Lucas-Kanade tracker: a window of 21 px over 4 octaves follows 80 px of motion.
-    window_px: int = 21
-    pyramid_levels: int = 3
+    window_px: int = _within(21, 3, 201, "the patches have to lie in the image")
+    pyramid_levels: int = _within(3, 1, 10, "2^10 px are more than an image")
     #: Largest distance between a corner and its track followed forward and backward: a track that misses by more does
     #: not have the accuracy of 1 px.
-    forward_backward_px: float = 0.7
+    forward_backward_px: float = _within(0.7, 0.001, 1000, "pixels")
     #: If fewer tracks than this share survive, SIFT descriptors are matched as well and the better link is used. Video
     #: does not lose half of its tracks from one frame to the next; a photo set, a cut or a blurred frame does.
-    flow_survival: float = 0.5
+    flow_survival: float = _within(0.5, 0.001, 1, "a share")
     #: SIFT keypoints per image, Lowe's ratio, and the number of last frames that a new frame is matched with.
-    sift_features: int = 2500
-    sift_ratio: float = 0.8
-    sift_frames: int = 4
+    sift_features: int = _within(2500, 10, 100_000, "time grows with the square of their number")
+    sift_ratio: float = _within(0.8, 0.01, 1, "a ratio of distances, the smaller one first")
+    sift_frames: int = _within(4, 1, 100, "each is matched with a new frame")
     #: What links the frames in the place of the flow: ``sift``, ``orb``, ``lightglue``, ``hloc:FEATURES,MATCHER`` or
     #: ``module:attribute`` (:mod:`slam_init.frontend.matchers`). Empty for the flow.
     matcher: str = ""
@@ -107,16 +75,16 @@ class KeyframeConfig(_Section, name="keyframes"):
 
     #: Number of candidate reference frames: each costs up to a quarter of a millisecond a frame, and eight of them
     #: reach back over 70 frames of slow video.
-    window: int = 8
+    window: int = _within(8, 1, 1000, "each is previewed with a new frame")
     #: A frame becomes a candidate when it shares fewer tracks than this share with the last candidate ...
-    new_overlap: float = 0.8
+    new_overlap: float = _within(0.8, 0.001, 1, "a share")
     #: ... or, in a slow video, after this number of frames.
-    new_after_frames: int = 10
+    new_after_frames: int = _within(10, 1, 1_000_000, "frames")
     #: Least number of common tracks of a pair: as many as the landmarks that a map needs.
-    min_matches: int = 30
+    min_matches: int = _within(30, 6, 100_000, "five matches fix a motion, and one more tests it")
     #: A pair is tried again when its direction score is higher by this factor than at its last failure, or after a
     #: wait: a try at every frame costs time and gives the same result.
-    retry_gain: float = 1.15
+    retry_gain: float = _within(1.15, 1, 1000, "a factor that grows")
 
 
 @dataclass(frozen=True)
@@ -125,7 +93,7 @@ class TwoViewConfig(_Section, name="two_view"):
 
     #: Outlier threshold in pixels: three standard deviations of a feature with 0.7 px of noise. The estimator lowers
     #: the threshold where the tracks are better.
-    threshold_px: float = 2.0
+    threshold_px: float = _within(2.0, 0.01, 1000, "pixels, below a quarter of an image")
 
 
 @dataclass(frozen=True)
@@ -134,29 +102,29 @@ class MapConfig(_Section, name="map"):
 
     #: Least number of tracks that a further view must see: 40 coordinates for six unknowns can contradict a wrong
     #: motion.
-    min_resected: int = 20
+    min_resected: int = _within(20, 4, 100_000, "three points fix a pose, and one more tests it")
     #: Landmarks with a larger relative standard deviation of the depth are dropped: beyond this value one in 160 would
     #: lie behind the camera by noise alone (2.5 standard deviations).
-    max_depth_sigma: float = 0.4
+    max_depth_sigma: float = _within(0.4, 0.001, 10, "a share of the depth")
     #: Residuals beyond this number of standard deviations are outliers: one in 3000 of a 2-D Gaussian. With three
     #: standard deviations one in 90 correct observations is lost, and more where the noise is underestimated: the poses
     #: were a fifth less accurate.
-    outlier_sigmas: float = 4.0
+    outlier_sigmas: float = _within(4.0, 1, 100, "standard deviations: a third of Gaussian errors is beyond one")
     #: Noise of a track before it is measured: two to five times the noise of optical flow on sharp video, so that blur
     #: and drift do not count as motion.
-    noise_px: float = 0.5
+    noise_px: float = _within(0.5, 0.001, 100, "pixels")
     #: Lower limit of the measured noise: correlated tracking errors (drift, lens) do not show in the residuals.
-    min_noise_px: float = 0.1
+    min_noise_px: float = _within(0.1, 0.001, 100, "pixels")
     #: Whether bundle adjustment adjusts the focal length. A few views with little rotation cannot determine it, and a
     #: calibration is mostly better; the option helps where the stated focal length is from a data sheet or a guess.
     refine_focal: bool = False
     #: Relative standard deviation of the prior of the focal length: data sheets and zoom scales are off by 5 %; for a
     #: guess from the image size use 0.3.
-    focal_sigma: float = 0.05
+    focal_sigma: float = _within(0.05, 0.0001, 1, "a share of the focal length")
     #: Factor on what a calibration leaves open in the covariances of the map: 2 % of the focal length, 0.025 of the
     #: width for the principal point, and 0.01 for a stated k1 (0.05 for one that is not stated). With 0 the lens is
     #: exact, and the graph holds it.
-    lens_uncertainty: float = 1.0
+    lens_uncertainty: float = _within(1.0, 0, 100, "0 for an exact lens")
 
 
 @dataclass(frozen=True)
@@ -164,19 +132,19 @@ class AcceptanceConfig(_Section, name="acceptance"):
     """What a map has to reach (:mod:`slam_init.decision.window_rule`)."""
 
     #: Largest probability that a map is wrong, stated by the joint estimate of all views: one map in 200.
-    max_risk: float = 0.005
+    max_risk: float = _within(0.005, 0.0011, 1, "a probability; 0.001 of it is for what is not modelled")
     #: Factor on the probability that focus or a stabilizer changes the lens from view to view, which short baselines
     #: before a plane do not tell from a motion. 0: the focus is fixed and nothing stabilizes the images.
-    lens_changes: float = 1.0
+    lens_changes: float = _within(1.0, 0, 5, "0 for a lens that is fixed; with 5 every second lens changes")
     #: Least number of landmarks: COLMAP registers an image by 30 of them. Whether they tell a pose is another gate
     #: (:mod:`slam_init.decision.depths`).
-    min_landmarks: int = 30
+    min_landmarks: int = _within(30, 4, 100_000, "three points fix a pose, and one more tests it")
     #: A depth is known up to this relative standard deviation, and three quarters of the landmarks need known depths
     #: (:mod:`slam_init.decision.depths`). A prediction is off by 10 pixels then where the parallax is 50. A smaller
     #: value makes the initializer wait for more parallax.
-    max_depth_sigma: float = 0.2
+    max_depth_sigma: float = _within(0.2, 0.002, 0.2, "a tracker needs 0.2, and the scale of a map is held to 0.001")
     #: Least median parallax of the landmarks in degrees; no bound by default: ``max_depth_sigma`` knows the noise too.
-    min_parallax_deg: float = 0.0
+    min_parallax_deg: float = _within(0.0, 0, 90, "rays that meet at a right angle give the best depth")
 
 
 @dataclass(frozen=True)
@@ -184,11 +152,11 @@ class ExternalConfig(_Section, name="external"):
     """Limits of an external method (:mod:`slam_init.methods.external`)."""
 
     #: The program is killed after this number of seconds: the time of a trial of ``slam-init compare``.
-    time_limit_s: float = 300.0
+    time_limit_s: float = _within(300.0, 0.1, 1e6, "eleven days")
     #: Limit of the address space of each of its processes, in MB. A program that uses a GPU reserves more.
-    memory_limit_mb: int = 6000
+    memory_limit_mb: int = _within(6000, 10, 1e9, "a program needs some memory")
     #: Largest number of frames that the program gets: ten seconds of video.
-    max_frames: int = 300
+    max_frames: int = _within(300, 2, 100_000, "a pair, and what a disk holds")
 
 
 @dataclass(frozen=True, repr=False)
@@ -220,8 +188,8 @@ class Config(Described):
     """
 
     method: str = "quest"
-    seed: int = 0
-    refine_frames: int | None = None
+    seed: int = _within(0, 0, 2**63 - 1, "it is stored in 64 bits")
+    refine_frames: int | None = _within(None, 0, 1_000_000, "frames")
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
     keyframes: KeyframeConfig = field(default_factory=KeyframeConfig)
     two_view: TwoViewConfig = field(default_factory=TwoViewConfig)
@@ -245,7 +213,8 @@ class Config(Described):
         dict of str to object
             ``section.option`` -> value.
         """
-        return {name: value for name, value in _flat(self).items() if value != _flat(Config())[name]}
+        defaults = _flat(Config())
+        return {name: value for name, value in _flat(self).items() if value != defaults[name]}
 
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
         changed = {k: v for k, v in self.changed().items() if k not in ("method", "seed")}
@@ -300,9 +269,9 @@ def _check_ranges(options: Any, prefix: str) -> None:
     """Raise ConfigError where a number of a section is out of its range, or is none."""
     for item in dataclasses.fields(options):
         name, value = prefix + item.name, getattr(options, item.name)
-        if name not in RANGES or value is None:
+        if "range" not in item.metadata or value is None:
             continue
-        least, most, reason = RANGES[name]
+        least, most, reason = item.metadata["range"]
         if type(value) is bool or not isinstance(value, int | float):
             raise ConfigError(f"{name} is {value!r:.40}: give a number from {least:g} to {most:g}")
         number = float(min(max(value, -1e300), 1e300))  # an integer may be too long for a float, and for a line
@@ -313,12 +282,8 @@ def _check_ranges(options: Any, prefix: str) -> None:
 def _flat(config: Config) -> dict[str, object]:
     """``section.option`` -> value."""
     flat: dict[str, object] = {}
-    for item in dataclasses.fields(config):
-        value = getattr(config, item.name)
-        if dataclasses.is_dataclass(value):
-            flat |= {f"{item.name}.{option.name}": getattr(value, option.name) for option in dataclasses.fields(value)}
-        else:
-            flat[item.name] = value
+    for name, value in dataclasses.asdict(config).items():
+        flat |= {f"{name}.{key}": option for key, option in value.items()} if isinstance(value, dict) else {name: value}
     return flat
 
 

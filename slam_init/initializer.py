@@ -261,6 +261,7 @@ class Initializer:
         with self.stopwatch("judge"):
             outcome = self._screen_and_judge(pairs, current)
         if outcome is not None:
+            outcome = replace(outcome, attempt=self._attempts.add(outcome.attempt))
             self._keep(outcome, current.frame)
         self.keyframes.update(current, pairs)
         self.history.forget(keep=self.keyframes.candidates)
@@ -280,9 +281,8 @@ class Initializer:
         return outcome
 
     def _keep(self, outcome: Outcome, frame: int) -> None:
-        """Log an attempt, keep its maps, and go on with its lens."""
+        """Record an attempt, keep its maps, and go on with its lens."""
         self.recorder.attempt(outcome.attempt)
-        self._attempts.add(outcome.attempt)
         if outcome.lens is not None:
             self.intake.change_lens(outcome.lens)
         if self.intake.shutter.readout_s:

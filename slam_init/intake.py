@@ -22,10 +22,9 @@ from slam_init.frontend.picture_check import PictureCheck
 from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.frontend.static_overlay import StaticOverlay
 from slam_init.types.arrays import Floats, Image, as_array
-from slam_init.types.attitude import checked_rotation
 from slam_init.types.camera import Camera
 from slam_init.types.frame import MOST_NUMBERS, Frame, Observations
-from slam_init.types.inertial import Gravity
+from slam_init.types.inertial import Gravity, checked_rotation
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.lens_in_use import LensInUse
 from slam_init.types.status import frame_of

@@ -11,7 +11,7 @@ from typing import get_args
 
 import numpy as np
 
-from slam_init.calibration.choosing import GivenCamera, camera_of_source
+from slam_init.calibration.choosing import GivenCamera, camera_of_metadata, camera_of_source
 from slam_init.config import Config, config_toml
 from slam_init.datasets.gyroscope import Gyroscope, StepRotations, gyroscope_of
 from slam_init.datasets.inertial import InertialSensor, inertial_of
@@ -53,9 +53,8 @@ from slam_init.types.initial_map import Descriptors, InitialMap, Keyframe
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 from slam_init.types.pose import Trajectory
 from slam_init.types.reasons import Verdict, in_words
-from slam_init.types.result import GroundTruthErrors, Result, Segment
+from slam_init.types.result import MAX_SEGMENTS, GroundTruthErrors, Result, Segment
 from slam_init.types.scale import ScaleOrigin
-from slam_init.types.segments import MAX_SEGMENTS
 from slam_init.types.status import Status
 
 
@@ -149,7 +148,7 @@ def run(
     method_info(config.method)  # an unknown method is an error before anything is written
     if is_external(config.method):
         if restart or scale is not None or export:
-            raise SlamInitError("--restart, --scale and --export need our own map: leave them out for other programs")
+            raise SlamInitError("restart, scale and export need our own map: leave them out for other programs")
         # Further frames would be read for nothing.
         most = config.external.max_frames
         if max_frames is None or max_frames > most:
@@ -230,6 +229,9 @@ def _keep_recording(folder: OutputFolder) -> bool:
 _FEW_IMAGE_BYTES, _IMAGE_BYTES = 1 << 25, 1 << 28
 #: Number of last frames of which given tracks are kept: a map is lost after five frames at the latest.
 _GIVEN_FRAMES = 10
+#: Metadata contradict a camera beyond this number of their standard deviations: a right camera is beyond two of them
+#: once in twenty, and beyond one in a third of the cases.
+_METADATA_SIGMAS = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,7 +308,8 @@ class Job:
         result = _whole(parts, self.restart)
         # What a source has to tell may change with each frame.
         notes = (*self.notes, *notes_of(self.source), *self.camera.notes, *reduction.notes)
-        notes = (*notes, *_focal_notes(result, self.camera), *front.turns.notes, *result.notes)
+        focal_notes = (*_metadata_notes(self.source, self.camera), *_focal_notes(result, self.camera))
+        notes = (*notes, *focal_notes, *front.turns.notes, *result.notes)
         if result.map is not None and (note := colmap_note(result.map.camera)):
             notes = (*notes, note)
         result = replace(result, notes=notes)
@@ -549,6 +552,15 @@ class _Counted:
 def reduction_of(source: Source, camera: Camera) -> Reduction:
     """Choose how the frames are reduced; the tracks of a source that has its own are in original pixels."""
     return Reduction(camera, 1, camera) if isinstance(source, KnowsTracks) else Reduction.for_camera(camera)
+
+
+def _metadata_notes(source: Source, camera: Camera) -> tuple[str, ...]:
+    """A note where the files of a source state another focal length than the given camera."""
+    stated = camera_of_metadata(source, (camera.width, camera.height)) if camera.source in ("stated", "file") else None
+    if stated is None or abs(stated.focal_px - camera.focal_px) <= _METADATA_SIGMAS * (stated.focal_sigma_px or 0.0):
+        return ()
+    known = f"{stated.focal_px:.0f} +- {stated.focal_sigma_px:.0f} px"
+    return (f"the metadata of the images state a focal length of {known}, the camera {camera.focal_px:.0f} px",)
 
 
 def _focal_notes(result: Result, stated: Camera) -> tuple[str, ...]:

@@ -24,12 +24,3 @@ def test_a_notebook_runs_and_has_the_cells_of_its_script(script, tmp_path):
     for cell, (_, _, outputs) in zip(stored["cells"], executed, strict=True):
         kinds = [output["output_type"] for output in cell.get("outputs", [])]
         assert kinds == [output["output_type"] for output in outputs]
-
-
-def test_there_are_five_notebooks_and_each_is_on_the_page_and_small():
-    page = (notebooks.NOTEBOOKS / "index.md").read_text(encoding="utf-8")
-    assert len(SCRIPTS) == 5
-    for script in SCRIPTS:
-        notebook = script.with_suffix(".ipynb")
-        assert f"({notebook.name})" in page
-        assert notebook.stat().st_size < 100_000

@@ -44,7 +44,7 @@ def test_a_wheel_holds_the_packages_and_no_other_file(shipped):
     }
     assert {file for file in own if file.suffix == ".py"} == source
     others = {file.suffix for file in own} - {".py"}
-    assert others <= {".typed", "", ".html", ".json"}
+    assert others <= {".typed", ".pyi", "", ".html", ".json"}
 
 
 def test_a_wheel_is_small(shipped):

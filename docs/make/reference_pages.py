@@ -106,7 +106,7 @@ def options() -> str:
         for item in dataclasses.fields(cls):
             reason = comments.get((cls.__name__, item.name), "")
             key = f"{section.name}.{item.name}"
-            low, high, why = config.RANGES.get(key, ("", "", ""))
+            low, high, why = item.metadata.get("range", ("", "", ""))
             span = f"{low:g} to {high:g}: {why}" if why else ""
             lines.append(f"| `{key}` | `{_toml(getattr(value, item.name))}` | {_cell(span)} | {_cell(reason)} |")
     return "\n".join(lines) + "\n"

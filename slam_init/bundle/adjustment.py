@@ -40,7 +40,7 @@ from slam_init.bundle.virtual_cameras import needs_virtual_cameras
 from slam_init.config import MapConfig
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
-from slam_init.types.unit_error import UnitError
+from slam_init.types.initial_map import UnitError
 
 #: If the estimated noise is this many times the expected one, the tracks are not those of one rigid scene.
 _WORST_NOISE = 10.0

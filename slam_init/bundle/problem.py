@@ -14,8 +14,8 @@ import numpy as np
 
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.camera import Camera
+from slam_init.types.initial_map import UnitError
 from slam_init.types.pose import Pose
-from slam_init.types.unit_error import UnitError
 
 
 @dataclass(frozen=True)

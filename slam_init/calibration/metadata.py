@@ -28,7 +28,6 @@ which: the difference becomes the standard deviation.
 from __future__ import annotations
 
 import io
-import itertools
 import math
 import os
 import re
@@ -39,7 +38,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
-from slam_init.errors import CalibrationError, SourceError, plain_line
+from slam_init.errors import CalibrationError, SourceError
 from slam_init.system.regular_file import check_inside, open_regular, user_path
 
 #: The statement that a focal length comes from.
@@ -68,9 +67,7 @@ _ASPECT_TOLERANCE = 0.02
 _SAME_ZOOM = 0.01
 
 _IMAGE_FORMATS = ("JPEG", "TIFF", "PNG", "WEBP")
-_IMAGE_SUFFIXES = frozenset({".jpg", ".jpeg", ".tif", ".tiff", ".png", ".webp"})
-_MAX_FILES = 1_000_000
-_MAX_NAME = 60
+_IMAGE_SUFFIXES = (".jpg", ".jpeg", ".tif", ".tiff", ".png", ".webp")
 
 # Numbers of EXIF tags.
 _MAKE, _MODEL, _ORIENTATION, _EXIF_IFD = 0x010F, 0x0110, 0x0112, 0x8769
@@ -81,8 +78,6 @@ _ZOOM, _FOCAL_35MM = 0xA404, 0xA405
 _UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 
 _VIDEO_FOCAL = "com.apple.quicktime.camera.focal_length.35mm_equivalent"
-_VIDEO_MAKERS = ("com.apple.quicktime.make", "com.android.manufacturer", "make")
-_VIDEO_MODELS = ("com.apple.quicktime.model", "com.android.model", "model")
 
 
 @dataclass(frozen=True)
@@ -95,9 +90,6 @@ class MetadataFocal:
     sigma_px: float
     #: ``35mm-equivalent``, ``plane-resolution`` or ``sensor-table``.
     origin: Origin
-    #: maker, model: Of the camera as stated; empty where they are not.
-    maker: str = ""
-    model: str = ""
 
 
 @dataclass(frozen=True)
@@ -121,48 +113,36 @@ def focal_from_metadata(path: str | os.PathLike[str], size: tuple[int, int]) -> 
     path = user_path(path)
     if min(size) < 1:
         raise CalibrationError(f"images of {size[0]}x{size[1]} pixels: give their width and height")
-    if not path.is_dir():
-        return _of_file(path, size)
-    photographs = _photographs(path)
-    found = [_of_file(one, size) for one in dict.fromkeys([*photographs[:1], *photographs[-1:]])]
-    if not found or any(one is None for one in found):
+    files = _first_and_last(path) if path.is_dir() else [path]
+    found = [one for one in (_of_file(file, size) for file in files) if one is not None]
+    if not found or len(found) < len(files):
         return None
-    first, last = (one for one in (found[0], found[-1]) if one is not None)
-    return first if abs(first.focal_px - last.focal_px) <= _SAME_ZOOM * first.focal_px else None
+    return found[0] if abs(found[0].focal_px - found[-1].focal_px) <= _SAME_ZOOM * found[0].focal_px else None
 
 
-def _photographs(folder: Path) -> list[Path]:
-    """Photographs of a folder in the order of their names; those of its subfolder ``images`` if it has none."""
+def _first_and_last(folder: Path) -> list[Path]:
+    """The first and the last photograph of a folder by name; those of its subfolder ``images`` if it has none."""
     for place in (folder, folder / "images"):
-        try:
-            with os.scandir(place) as entries:
-                names = [e.name for e in itertools.islice(entries, _MAX_FILES) if not e.name.startswith(".")]
-        except OSError as error:
-            if place == folder:
-                raise SourceError(f"{folder}: cannot be read ({error.strerror})") from None
-            continue
-        photographs = [place / name for name in sorted(names) if Path(name).suffix.lower() in _IMAGE_SUFFIXES]
-        if photographs:
-            check_inside(photographs[0], folder)
-            check_inside(photographs[-1], folder)
-            return photographs
+        names = sorted(os.listdir(place)) if place.is_dir() else []  # noqa: PTH208 (no Path for each of a million)
+        names = [name for name in names if name.lower().endswith(_IMAGE_SUFFIXES) and not name.startswith(".")]
+        if names:
+            ends = [place / name for name in dict.fromkeys((names[0], names[-1]))]
+            for path in ends:
+                check_inside(path, folder)
+            return ends
     return []
 
 
 def _of_file(path: Path, size: tuple[int, int]) -> MetadataFocal | None:
     tags = _exif(path)
     if tags is not None:
-        maker, model = _text(tags.get(_MAKE)), _text(tags.get(_MODEL))
-        return _best(_statements(tags, maker, model, size), size, maker, model)
-    stated = _video_tags(path)
-    maker, model = (
-        _text(next((stated[k] for k in keys if k in stated), "")) for keys in (_VIDEO_MAKERS, _VIDEO_MODELS)
-    )
-    film_mm = _number((re.match(r"\s*([0-9.]+)", stated.get(_VIDEO_FOCAL, "")) or [None, None])[1])
-    return None if film_mm is None else _best([_video_statement(film_mm, size)], size, maker, model)
+        return _best(_statements(tags, size), size)
+    stated = re.match(r"\s*([0-9.]+)", _video_tags(path).get(_VIDEO_FOCAL, ""))
+    film_mm = _number(stated[1] if stated else None)
+    return None if film_mm is None else _best([_video_statement(film_mm, size)], size)
 
 
-def _best(found: Iterable[_Statement], size: tuple[int, int], maker: str, model: str) -> MetadataFocal | None:
+def _best(found: Iterable[_Statement], size: tuple[int, int]) -> MetadataFocal | None:
     """The surest of several statements; less sure where they contradict each other."""
     least, most = (limit * max(size) for limit in _RANGE)
     possible = [one for one in found if least <= one.focal_px <= most]
@@ -175,7 +155,7 @@ def _best(found: Iterable[_Statement], size: tuple[int, int], maker: str, model:
         # Both have the same nominal focal length, so its error is no part of their difference.
         if difference_px > _CONTRADICTION * math.hypot(best.sigma, other.sigma) * best.focal_px:
             sigma_px = max(sigma_px, difference_px)
-    return MetadataFocal(best.focal_px, sigma_px, best.origin, maker, model)
+    return MetadataFocal(best.focal_px, sigma_px, best.origin)
 
 
 # -- photographs -----------------------------------------------------------------------------------
@@ -235,7 +215,7 @@ def photograph_facts(path: Path, root: Path | None = None) -> PhotographFacts:
     return PhotographFacts()
 
 
-def _statements(tags: Mapping[int, Any], maker: str, model: str, size: tuple[int, int]) -> Iterator[_Statement]:
+def _statements(tags: Mapping[int, Any], size: tuple[int, int]) -> Iterator[_Statement]:
     taken = _number(tags.get(_WIDTH)), _number(tags.get(_HEIGHT))
     scale = 1.0
     if taken[0] is not None and taken[1] is not None:
@@ -252,7 +232,7 @@ def _statements(tags: Mapping[int, Any], maker: str, model: str, size: tuple[int
     plane, unit_mm = _number(tags.get(_PLANE_X)), _UNIT_MM.get(int(_number(tags.get(_PLANE_UNIT)) or 2))
     if plane is not None and unit_mm is not None and taken[0] is not None:
         yield _Statement(zoomed_mm * plane / unit_mm * scale, 0.01, "plane-resolution")
-    crop = _crop_factor(maker, model)
+    crop = _crop_factor(_text(tags.get(_MAKE)), _text(tags.get(_MODEL)))
     if crop is not None:
         yield _film_statement(zoomed_mm * crop, 0.0, size, "sensor-table")
 
@@ -323,5 +303,5 @@ def _number(value: Any) -> float | None:
 
 
 def _text(value: Any) -> str:
-    """A short name in one line."""
-    return plain_line(value.strip("\0 \t\r\n")[:_MAX_NAME]) if isinstance(value, str) else ""
+    """A name; empty where it is none."""
+    return value.strip("\0 \t\r\n") if isinstance(value, str) else ""

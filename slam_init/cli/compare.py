@@ -7,8 +7,15 @@ import os
 import shlex
 import sys
 
-from slam_init.cli.parser import DONE, OUT_HELP, Commands, ListMethods, UsageError, number
-from slam_init.cli.source_options import add_camera, add_mask, add_topics, calibrated_view_of, with_topics
+from slam_init.cli.parser import DONE, OUT_HELP, Commands, UsageError, add_list_methods, number
+from slam_init.cli.source_options import (
+    add_camera,
+    add_mask,
+    add_topics,
+    calibrated_view_of,
+    sequence_name,
+    with_topics,
+)
 from slam_init.system.process_io import tell
 
 _DEFAULT_COMPARISON = "slam-init-compare"
@@ -33,6 +40,7 @@ def add_compare(commands: Commands) -> None:
         "sources",
         metavar="SOURCE",
         nargs="*",
+        type=sequence_name,
         help="a sequence, a video, a folder of sequences, synth:NAME[?seed=N&...] or points:NAME[?seed=N&...]",
     )
     compare.add_argument(
@@ -49,7 +57,7 @@ def add_compare(commands: Commands) -> None:
         help="a further method; may be repeated. NAME=command:'PROGRAM {images} {times} {camera} {out}' is an external "
         "program (docs/tutorials/add-a-method.md)",
     )
-    compare.add_argument("--list-methods", action=ListMethods, nargs=0, help="list the methods, one a line, and exit")
+    add_list_methods(compare)
     compare.add_argument(
         "--every", type=number(1), default=10, metavar="K", help="start at every K-th frame (default: 10)"
     )

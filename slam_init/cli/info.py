@@ -20,27 +20,23 @@ def add_info(commands: Commands) -> None:
         "the version and the command."
     )
     info.set_defaults(command=_info)
-    add_source(info, default=None)
+    add_source(info, default=None, results=True)
     info.add_argument("--json", action="store_true", help="print it as JSON")
 
 
 def _info(arguments: argparse.Namespace) -> int:
     """``slam-init info``."""
-    from slam_init.output.result_folder import ResultFolder, is_result_folder
+    from slam_init.output.result_folder import is_result_folder, read_result, result_text
 
     folder = user_path(arguments.source)
     if is_result_folder(folder):
-        result = ResultFolder.read(folder)
-        tell(_json(result.facts()) if arguments.json else result.text())
-        return DONE
+        facts = read_result(folder)
+        text = result_text(facts)
+    else:
+        from slam_init.datasets.describe import describe, describe_text
 
-    from slam_init.datasets.describe import describe, describe_text
-
-    source = opened_source(arguments, 0)
-    info = describe(source, chosen_camera(arguments, source, 0))
-    tell(_json(asdict(info)) if arguments.json else describe_text(info))
+        source = opened_source(arguments, 0)
+        info = describe(source, chosen_camera(arguments, source, 0))
+        facts, text = asdict(info), describe_text(info)
+    tell(json.dumps(facts, indent=2, allow_nan=False) + "\n" if arguments.json else text)
     return DONE
-
-
-def _json(facts: dict[str, object]) -> str:
-    return json.dumps(facts, indent=2, allow_nan=False) + "\n"

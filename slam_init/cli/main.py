@@ -8,7 +8,6 @@ Whatever is wrong is reported in one line on stderr.
 
 from __future__ import annotations
 
-import argparse
 import os
 import signal
 import sys
@@ -19,12 +18,12 @@ from slam_init.cli.audit import add_audit
 from slam_init.cli.calibrate import add_calibrate
 from slam_init.cli.compare import add_compare
 from slam_init.cli.info import add_info
-from slam_init.cli.parser import BAD_INPUT, INTERRUPTED, Parser, UsageError
+from slam_init.cli.parser import BAD_INPUT, INTERRUPTED, Parser, Tells, UsageError
 from slam_init.cli.run import add_run
 from slam_init.cli.synth import add_synth
 from slam_init.cli.view import add_view
 from slam_init.errors import SlamInitError, plain_line
-from slam_init.system.process_io import InterruptsNoted, NativeStderrSilenced, complain, fill_closed_streams, tell
+from slam_init.system.process_io import complain, fill_closed_streams, interrupts_noted, native_stderr_silenced
 
 
 def entry_point() -> NoReturn:
@@ -43,9 +42,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     * ``argv``: Arguments without the program's name; those of the process by default.
     """
-    interrupts = InterruptsNoted()
+    signals: list[int] = []
     try:
-        with interrupts:
+        with interrupts_noted(signals):
             try:
                 parser = make_parser()
                 if "_ARGCOMPLETE" in os.environ:  # the shell asks what may come next, and gets no other output
@@ -53,11 +52,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 
                     argcomplete.autocomplete(parser)
                 arguments = parser.parse_args(argv)
-                with NativeStderrSilenced():
+                if "command" not in arguments:
+                    parser.error("no COMMAND: give one")
+                with native_stderr_silenced():
                     code: int = arguments.command(arguments)
             except Exception:
                 # An extension module that is interrupted while it is imported raises an ImportError instead.
-                if interrupts.seen is not None:
+                if signals:
                     raise KeyboardInterrupt from None
                 raise
     except SlamInitError as error:
@@ -72,7 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return BAD_INPUT
     except KeyboardInterrupt as interrupt:
         complain(str(interrupt) or "interrupted")
-        return INTERRUPTED + (interrupts.seen or signal.SIGINT)
+        return INTERRUPTED + (signals[0] if signals else signal.SIGINT)
     except SystemExit as done:  # --help and --version
         return int(done.code or 0)
     return code
@@ -87,31 +88,18 @@ def make_parser() -> Parser:
         "130 interrupted (128 + signal).",
         allow_abbrev=False,
     )
-    parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
-    commands = parser.add_subparsers(
-        metavar="COMMAND",
-        required=True,
-        dest="run, view, info, synth, compare, calibrate or audit",
-    )
-
-    add_run(commands)
-    add_view(commands)
-    add_info(commands)
-    add_synth(commands)
-    add_compare(commands)
-    add_calibrate(commands)
-    add_audit(commands)
+    parser.add_argument("--version", action=Tells, nargs=0, const=_version_text, help="print the version and exit")
+    commands = parser.add_subparsers(metavar="COMMAND")
+    for add in (add_run, add_view, add_info, add_synth, add_compare, add_calibrate, add_audit):
+        add(commands)
     return parser
 
 
-class _Version(argparse.Action):
-    """Print the version; looked up only then, as the look-up costs more than the parser."""
+def _version_text() -> str:
+    # Looked up only when it is asked for, as the look-up costs more than the parser.
+    from importlib.metadata import PackageNotFoundError, version
 
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
-        from importlib.metadata import PackageNotFoundError, version
-
-        try:
-            tell(f"slam-init {version('slam-init')}\n")
-        except PackageNotFoundError:
-            raise UsageError("the version is known once the package is installed: pip install .") from None
-        parser.exit()
+    try:
+        return f"slam-init {version('slam-init')}\n"
+    except PackageNotFoundError:
+        raise UsageError("the version is known once the package is installed: pip install .") from None

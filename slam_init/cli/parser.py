@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import argparse
 import re
-import sys
 from collections.abc import Callable, Sequence
-from functools import cached_property
 from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
@@ -38,52 +36,19 @@ class UsageError(SlamInitError):
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line, reported by :func:`main` like all others.
-
-    An option in :attr:`bare_values` may stand without a value. A value stands behind ``=``: the next word is never one,
-    so that the option may stand before SOURCE.
-    """
-
-    @cached_property
-    def bare_values(self) -> dict[str, str]:
-        """Values of options that stand bare."""
-        return {}
+    """A parser whose errors are one line, reported by :func:`main` like all others."""
 
     # The signature of argparse has overloads that say nothing more.
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse words, after the values of options that stand bare were added."""
-        words = sys.argv[1:] if args is None else list(args)
-        end = words.index("--") if "--" in words else len(words)
-        bare = self.bare_values
-        given = [f"{word}={bare[word]}" if word in bare else word for word in words[:end]]
-        return super().parse_known_args([*given, *words[end:]], namespace)
-
-    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Parse words; an option that does not exist is reported with the command that it was given to."""
-        try:
-            namespace, unknown = self.parse_known_args(args, namespace)
-        except UsageError as error:
-            words = sys.argv[1:] if args is None else list(args)
-            if "required: COMMAND" in str(error) and words:  # an option that does not exist hides the rest
-                self.error(f"unrecognized arguments: {' '.join(words)}{_hint(words[0], self)}")
-            raise
+        """Parse words. An option that does not exist is reported by the command that it was given to."""
+        arguments, unknown = super().parse_known_args(args, namespace)
         if unknown:
-            known = next((part.choices for part in self._actions if isinstance(part.choices, dict)), {})
-            words = sys.argv[1:] if args is None else list(args)
-            command = next((word for word in words if word in known), None)
-            parser: Parser = self if command is None else known[command]
-            before = words[words.index(unknown[0]) - 1]
-            joined = f": did you mean {before}={unknown[0]}?" if before in parser.bare_values else ""
-            parser.error(f"unrecognized arguments: {' '.join(unknown)}{joined or _hint(unknown[0], parser)}")
-        return namespace
-
-    # Called for each value. All words of a command are a value as well, that of the action of the commands.
-    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
-        bare = any(self.bare_values.get(option) == "" for option in action.option_strings)
-        if not arg_string and not bare and action.nargs != argparse.PARSER:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{_hint(unknown[0], self)}")
+        for name, value in vars(arguments).items():
             # As a path, the value of a variable that the shell does not know would be the current folder.
-            raise UsageError(f"{'/'.join(action.option_strings) or action.metavar} is empty: give a value")
-        return super()._get_value(action, arg_string)
+            if value == "" or (isinstance(value, list) and "" in value):
+                self.error(f"{name} is empty: give a value")
+        return arguments, unknown
 
     def print_help(self, file: SupportsWrite[str] | None = None) -> None:
         """Print the help; a closed pipe is no error."""
@@ -94,33 +59,48 @@ class Parser(argparse.ArgumentParser):
         if wrong := re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message):
             meant = _meant(wrong[1], re.findall(r"[\w-]+", wrong[2]))
             if "COMMAND" in message and wrong[1] and (Path(wrong[1]).exists() or ":" in wrong[1]):
-                meant = [f"{self.prog} run {wrong[1]}"]
-            message += f": did you mean {meant[0]}?" if meant else ""
+                meant = f"{self.prog} run {wrong[1]}"
+            message += f": did you mean {meant}?" if meant else ""
         if len(message) > _LONGEST:  # a number of 5,000 digits
             message = f"{message[: _LONGEST // 2]}...{message[-_LONGEST // 4 :]}"
         raise UsageError(f"{message} (see {self.prog} --help)")
 
 
-class ListMethods(argparse.Action):
-    """An option that takes the place of a command: it prints the names of the methods."""
+class Tells(argparse.Action):
+    """An option that takes the place of a command: it prints the text that the function ``const`` returns."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
-        """List the methods and exit."""
-        from slam_init.methods.registry import methods_text
-
-        tell(methods_text())
+        """Print the text and exit."""
+        assert callable(self.const)
+        tell(self.const())
         parser.exit()
 
 
-#: What people call an option elsewhere. None: SOURCE stands without an option.
-_OTHER_NAMES: dict[str, str | None] = {
-    **dict.fromkeys(("--calib", "--calibration", "--intrinsics"), "--camera"),
-    **dict.fromkeys(("--output", "--outdir", "--save"), "--out"),
-    **dict.fromkeys(("--frames", "--num-frames", "--limit"), "--max-frames"),
-    **dict.fromkeys(("--skip", "--step", "--stride"), "--every"),
-    **dict.fromkeys(("--show", "--viewer", "--visualize"), "--live"),
-    **dict.fromkeys(("--video", "--input", "--source", "--folder"), None),
+def add_list_methods(parser: argparse._ActionsContainer) -> None:
+    """Add the option that lists the methods."""
+
+    def methods() -> str:
+        from slam_init.methods.registry import methods_text
+
+        return methods_text()
+
+    text = "list the methods, one a line, and exit"
+    parser.add_argument("--list-methods", action=Tells, nargs=0, const=methods, help=text)
+
+
+#: What people call an option elsewhere: the options that are meant, of which a command has one at most.
+_OTHER_NAMES = {
+    **dict.fromkeys(("--calib", "--calibration", "--intrinsics"), ("--camera",)),
+    **dict.fromkeys(("-o", "--output", "--outdir", "--save"), ("--out",)),
+    **dict.fromkeys(("--max-frames", "--frames", "--num-frames", "--limit"), ("--max-frames", "--limit-frames")),
+    **dict.fromkeys(("--skip", "--step", "--stride"), ("--use-every", "--every")),
+    **dict.fromkeys(("--show", "--viewer", "--visualize"), ("--live",)),
+    **dict.fromkeys(("-j", "--threads", "--workers", "--processes"), ("--jobs",)),
+    "--timeout": ("--time-limit",),
+    "--memory": ("--memory-limit",),
 }
+#: SOURCE stands without an option.
+_SOURCE_NAMES = ("--video", "--input", "--source", "--folder", "--dataset", "--sequence")
 #: The option that takes a file, by the end of its name.
 _OPTION_OF_FILE = {".yaml": "--camera", ".yml": "--camera", ".xml": "--camera", ".toml": "--config", ".csv": "--imu"}
 
@@ -128,25 +108,19 @@ _OPTION_OF_FILE = {".yaml": "--camera", ".yml": "--camera", ".xml": "--camera", 
 def _hint(word: str, parser: argparse.ArgumentParser) -> str:
     """The option that was meant, as the end of a message."""
     options = [option for part in parser._actions for option in part.option_strings]
-    name, suffix = word.partition("=")[0], Path(word).suffix.lower()
-    if not word.startswith("-") and _OPTION_OF_FILE.get(suffix) in options:
-        option = _OPTION_OF_FILE[suffix]
-        return f": did you mean {option}{'=' if option in getattr(parser, 'bare_values', {}) else ' '}{word}?"
-    if name in _OTHER_NAMES and name not in options:
-        other = _OTHER_NAMES[name]
-        if other is None:
-            return f": leave {name} out: SOURCE stands without an option"
-        return f": did you mean {other}?" if other in options else ""
-    meant = _meant(name, options)
-    return f": did you mean {meant[0]}?" if meant else ""
+    name, option = word.partition("=")[0], _OPTION_OF_FILE.get(Path(word).suffix.lower())
+    if not word.startswith("-") and option in options:
+        return f": did you mean {option} {word}?"
+    if name in _SOURCE_NAMES:
+        return f": leave {name} out: SOURCE stands without an option"
+    others = (option for option in _OTHER_NAMES.get(name, ()) if option in options)
+    meant = next(others, None) or _meant(name, options)
+    return f": did you mean {meant}?" if meant else ""
 
 
-def _meant(word: str, known: Sequence[str]) -> list[str]:
-    """The name that was meant, if any: one with a slip of the fingers, or the only long option of a letter."""
-    if re.fullmatch(r"-\w", word):
-        long = [option for option in known if option.startswith(f"-{word}")]
-        return long if len(long) == 1 else []
-    return [name for name in known if _is_slip(word, name)]
+def _meant(word: str, known: Sequence[str]) -> str | None:
+    """The name that was meant, if any: one with a slip of the fingers."""
+    return next((name for name in known if _is_slip(word, name)), None)
 
 
 def _is_slip(word: str, name: str) -> bool:

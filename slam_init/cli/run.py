@@ -8,8 +8,9 @@ from contextlib import nullcontext
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from slam_init.cli.parser import DONE, NOT_INITIALIZED, Commands, ListMethods, UsageError, number
+from slam_init.cli.parser import DONE, NOT_INITIALIZED, Commands, UsageError, add_list_methods, number
 from slam_init.cli.source_options import (
+    BY_IMU,
     SENSORS,
     add_source,
     chosen_camera,
@@ -51,7 +52,7 @@ def add_run(commands: Commands) -> None:
         help="way to initialize: quest (default), orb-slam3, ... (--list-methods); or an external program, as "
         "'command:PROGRAM {images} {times} {camera} {out}'",
     )
-    decision.add_argument("--list-methods", action=ListMethods, nargs=0, help="list the methods, one a line, and exit")
+    add_list_methods(decision)
     decision.add_argument(
         "--seed", type=number(0), metavar="N", help="of random draws and synthetic worlds (default: 0)"
     )
@@ -63,12 +64,13 @@ def add_run(commands: Commands) -> None:
         "your own as module:attribute or file.py:attribute",
     )
     decision.add_argument("--refine-focal", action="store_true", help="adjust the focal length with the map")
-    run.bare_values["--imu"] = ""
     decision.add_argument(
         "--imu",
         metavar="FILE",
-        help="use the gyroscope of the source (EuRoC, ROS bags): --imu; or that of a file with t,gx,gy,gz,ax,ay,az and "
-        "its T_cam_imu in a YAML file of the same name: --imu=FILE.csv",
+        nargs="?",
+        const=True,
+        help="use the gyroscope of the source (EuRoC, ROS bags): --imu behind SOURCE; or that of a file with "
+        "t,gx,gy,gz,ax,ay,az and its T_cam_imu in a YAML file of the same name: --imu=FILE.csv",
     )
     decision.add_argument(
         "--gravity",
@@ -125,14 +127,12 @@ def add_run(commands: Commands) -> None:
     live = run.add_argument_group("live sources, and a viewer")
     live.add_argument("--no-drop", action="store_true", help="of a live source: let the sender wait, drop no frame")
     live.add_argument(
-        "--reconnect", type=number(0), metavar="N", help="of a live source: attempts to connect again (default: 3)"
-    )
-    run.bare_values["--live"] = "spawn"
-    live.add_argument(
         "--live",
         metavar="URL",
-        help="show the run in a Rerun viewer while it goes on: --live starts one, --live=rerun+http://HOST:9876/proxy "
-        "uses one that runs",
+        nargs="?",
+        const="spawn",
+        help="show the run in a Rerun viewer while it goes on: --live behind SOURCE starts one, "
+        "--live=rerun+http://HOST:9876/proxy uses one that runs",
     )
     results = run.add_argument_group("results")
     results.add_argument(
@@ -148,7 +148,6 @@ def add_run(commands: Commands) -> None:
 
 def _run(arguments: argparse.Namespace) -> int:
     """``slam-init run``."""
-    config_path = user_path(arguments.config) if arguments.config is not None else None
     from slam_init.output.folder import chosen_folder
     from slam_init.output.names import RUN_FILES
     from slam_init.scale.requests import parse_scale
@@ -156,27 +155,68 @@ def _run(arguments: argparse.Namespace) -> int:
     arguments.export = arguments.export.split(",") if arguments.export is not None else ()
     if arguments.scale is not None:
         arguments.scale = parse_scale(arguments.scale)
-
-    named = (arguments.images, arguments.camera, arguments.mask, arguments.imu or None, config_path)
-    table = None if arguments.gravity == "imu" else arguments.gravity
-    inputs = [arguments.source, *(file for file in (*named, table) if file is not None)]
+    if arguments.config is not None:
+        arguments.config = user_path(arguments.config)
+    read = (arguments.images, arguments.camera, arguments.mask, arguments.imu, arguments.config, arguments.gravity)
+    inputs = [arguments.source, *(file for file in read if file not in (None, True, BY_IMU))]
     out = chosen_folder(arguments.out, "run", RUN_FILES, inputs)
 
-    from slam_init.config import load_config
     from slam_init.datasets.live import is_live
+    from slam_init.output.report import report_text
+    from slam_init.output.result_folder import earlier_result
+    from slam_init.output.summary import summary_text
+
+    config, live = _config(arguments), is_live(arguments.source)
+    _check_method(arguments, config.method)
+    if not live and arguments.no_drop:
+        raise UsageError("--no-drop is for live sources: leave it out")
+    replaced = earlier_result(out)
+    arguments.sensor = None
+    if isinstance(arguments.imu, str):
+        from slam_init.datasets.inertial_file import read_inertial_file
+
+        arguments.sensor = read_inertial_file(arguments.imu)
+    if arguments.live is not None:
+        from slam_init.recording.viewer import viewer_url
+
+        arguments.live = viewer_url(arguments.live)
+    if live:
+        result, summary = _run_live(arguments, config, out)
+    else:
+        source = with_gravity(arguments, opened_source(arguments, config.seed))
+        result, summary = _run_on(source, arguments, config, out)
+    if arguments.json:
+        tell(summary_text(summary))
+    elif not arguments.quiet:
+        tell(report_text(result, summary, out, replaced))
+    return DONE if summary.reason is None else NOT_INITIALIZED
+
+
+def _config(arguments: argparse.Namespace) -> Config:
+    """The configuration of the file, with the values that the command line gives."""
+    from slam_init.config import load_config
+
+    def changed(section: _Section, **values: Any) -> _Section:
+        return replace(section, **{name: value for name, value in values.items() if value is not None})
+
+    overrides = {"method": arguments.method, "seed": arguments.seed, "refine_frames": arguments.refine_frames}
+    config = load_config(arguments.config, overrides)
+    return replace(
+        config,
+        acceptance=changed(
+            config.acceptance, max_depth_sigma=arguments.max_depth_sigma, min_parallax_deg=arguments.min_parallax
+        ),
+        map=changed(config.map, refine_focal=arguments.refine_focal or None),
+        tracking=changed(config.tracking, matcher=arguments.matcher),
+    )
+
+
+def _check_method(arguments: argparse.Namespace, method: str) -> None:
+    """Refuse an unknown method, and options that would have no effect with it."""
     from slam_init.methods.external_command import is_external
     from slam_init.methods.registry import method_info
 
-    overrides = {"method": arguments.method, "seed": arguments.seed, "refine_frames": arguments.refine_frames}
-    config = load_config(config_path, overrides)
-    acceptance = {"max_depth_sigma": arguments.max_depth_sigma, "min_parallax_deg": arguments.min_parallax}
-    config = replace(
-        config,
-        acceptance=_changed(config.acceptance, acceptance),
-        map=_changed(config.map, {"refine_focal": arguments.refine_focal or None}),
-        tracking=_changed(config.tracking, {"matcher": arguments.matcher}),
-    )
-    method, external, live = config.method, is_external(config.method), is_live(arguments.source)
+    external = is_external(method)
     has_window = not method_info(method).home and not external
     if arguments.refine_frames and not has_window:
         raise UsageError(f"--refine goes on with the window, which {method} has not: use --continue")
@@ -186,36 +226,6 @@ def _run(arguments: argparse.Namespace) -> int:
         raise UsageError("--matcher gives tracks, which an external program does not take: leave --matcher out")
     if arguments.gravity is not None and not has_window:
         raise UsageError(f"--gravity is a measurement of the window, which {method} has not: leave it out")
-    if not live and (arguments.no_drop or arguments.reconnect is not None):
-        raise UsageError("--no-drop and --reconnect are for live sources: leave them out")
-    arguments.sensor = None
-    if arguments.imu:
-        from slam_init.datasets.inertial_file import read_inertial_file
-
-        arguments.sensor = read_inertial_file(arguments.imu)
-    if arguments.live is not None:
-        from slam_init.recording.live_viewer import viewer_url
-
-        arguments.live = viewer_url(arguments.live)
-    if live:
-        result, summary = _run_live(arguments, config, out)
-    else:
-        source = with_gravity(arguments, opened_source(arguments, config.seed))
-        result, summary = _run_on(source, arguments, config, out)
-    if arguments.json:
-        from slam_init.output.summary import summary_text
-
-        tell(summary_text(summary))
-    elif not arguments.quiet:
-        from slam_init.output.report import report_text
-
-        tell(report_text(result, summary, out))
-    return DONE if summary.reason is None else NOT_INITIALIZED
-
-
-def _changed(section: _Section, values: dict[str, Any]) -> _Section:
-    """A section of the configuration with the values that the command line gives."""
-    return replace(section, **{name: value for name, value in values.items() if value is not None})
 
 
 def _run_live(arguments: argparse.Namespace, config: Config, out: Path) -> tuple[Result, Summary]:
@@ -223,7 +233,7 @@ def _run_live(arguments: argparse.Namespace, config: Config, out: Path) -> tuple
     from slam_init.datasets.live import open_live
     from slam_init.initializer import load_all
     from slam_init.recording.rerun_recorder import load_rerun
-    from slam_init.system.process_io import FirstInterruptCalls
+    from slam_init.system.process_io import first_interrupt_calls
 
     if arguments.every != 1 or arguments.fps is not None or arguments.mask is not None:
         raise UsageError("--every, --fps and --mask are for sources that are read from files")
@@ -231,12 +241,11 @@ def _run_live(arguments: argparse.Namespace, config: Config, out: Path) -> tuple
         raise UsageError("--gravity is for sources that are read from files: leave it out")
     if arguments.images is not None:
         raise UsageError("--images is for a source of matches, and a live source has images: leave it out")
-    reconnects = {} if arguments.reconnect is None else {"reconnects": arguments.reconnect}
-    source = open_live(arguments.source, keep_all=arguments.no_drop, **reconnects)
+    source = open_live(arguments.source, keep_all=arguments.no_drop)
     load_rerun()  # before the stream is opened, so that no frame waits for it
     load_all()
     with source:
-        return _run_on(source, arguments, config, out, FirstInterruptCalls(source.stop))
+        return _run_on(source, arguments, config, out, first_interrupt_calls(source.stop))
 
 
 def _run_on(
@@ -252,7 +261,7 @@ def _run_on(
     from slam_init.scale.requests import MeasuredMotion, TrueTrajectory
 
     sensor = arguments.sensor
-    if arguments.imu == "" and gyroscope_of(source) is None:
+    if arguments.imu is True and gyroscope_of(source) is None:
         raise UsageError(f"--imu: {source.name} has no gyroscope ({SENSORS}): leave --imu out, or give --imu=FILE.csv")
     if isinstance(arguments.scale, MeasuredMotion) and (sensor.record if sensor else inertial_of(source)) is None:
         if sensor is not None:
@@ -285,6 +294,6 @@ def _run_on(
             viewer=arguments.live,
             scale=arguments.scale,
             restart=arguments.restart,
-            imu=sensor or arguments.imu is not None,
+            imu=sensor or bool(arguments.imu),
             export=arguments.export,
         )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from slam_init.cli.parser import UsageError
 from slam_init.errors import SourceError
+from slam_init.system.regular_file import user_path
 
 if TYPE_CHECKING:
     from slam_init.datasets import TimedSource
@@ -16,19 +17,37 @@ if TYPE_CHECKING:
     from slam_init.types.frame import Source
 
 #: Gravity by the accelerations, and not by a table.
-_BY_IMU = "imu"
+BY_IMU = "imu"
 #: For messages.
 SENSORS = "a EuRoC sequence with imu0, its T_BS, or a ROS bag with sensor_msgs/Imu has one"
 
 
+def sequence_name(text: str) -> str:
+    """Read the name of a source: anything but a folder of results."""
+    if user_path(text).is_dir():
+        from slam_init.output.result_folder import is_result_folder
+
+        if is_result_folder(user_path(text)):
+            raise argparse.ArgumentTypeError(f"{text} is a result of slam-init: use slam-init view {text}, or info")
+    return text
+
+
 def add_source(
-    parser: argparse.ArgumentParser, default: str | None, camera: str = "the calibration of the source, else auto"
+    parser: argparse.ArgumentParser,
+    default: str | None,
+    camera: str = "the calibration of the source, else auto",
+    *,
+    results: bool = False,
 ) -> None:
-    """Add the source and the options of its camera, of which the default is told."""
+    """Add the source and the options of its camera, of which the default is told.
+
+    * ``results``: Whether the source may be a folder of results.
+    """
     parser.add_argument(
         "source",
         metavar="SOURCE",
         nargs="?" if default else None,
+        type=str if results else sequence_name,
         default=default,
         help="a folder (images, or a known data set), a video, a ROS bag, matches (COLMAP's database, .h5, .npz), or "
         "synth:NAME" + (f" (default: {default})" if default else ""),
@@ -66,7 +85,7 @@ def add_topics(parser: argparse._ActionsContainer) -> None:
     parser.add_argument(
         "--truth-topic",
         metavar="NAME",
-        help="true poses of a ROS bag, or 'none' (default: the only topic with poses, else tf)",
+        help="true poses of a ROS bag, or 'none' (default: the only topic with poses)",
     )
 
 
@@ -107,7 +126,7 @@ def with_gravity(arguments: argparse.Namespace, source: TimedSource) -> TimedSou
 
     if isinstance(source, KnowsTracks):
         raise UsageError(f"{arguments.source} has tracks of its own: --gravity is for sources of images")
-    if arguments.gravity != _BY_IMU:
+    if arguments.gravity != BY_IMU:
         known = read_gravity(arguments.gravity)
     else:
         record = arguments.sensor.record if arguments.sensor else inertial_of(source)
@@ -120,7 +139,6 @@ def with_gravity(arguments: argparse.Namespace, source: TimedSource) -> TimedSou
 def view_of(arguments: argparse.Namespace, every: int) -> SourceView:
     """Return which frames and pixels of a source the options ask for."""
     from slam_init.datasets.views import SourceView
-    from slam_init.system.regular_file import user_path
 
     mask = None if arguments.mask is None else str(user_path(arguments.mask).absolute())
     return SourceView(every, arguments.fps, mask)
@@ -128,8 +146,6 @@ def view_of(arguments: argparse.Namespace, every: int) -> SourceView:
 
 def calibrated_view_of(arguments: argparse.Namespace, every: int) -> SourceView:
     """Return the same with the calibration, by an absolute path: workers have folders of their own."""
-    from slam_init.system.regular_file import user_path
-
     camera = arguments.camera
     if camera is not None and user_path(camera).exists():
         camera = str(user_path(camera).absolute())

@@ -41,7 +41,7 @@ def add_view(commands: Commands) -> None:
         const=_DEFAULT_PNG,
         help=f"write a PNG without a display (default: {_DEFAULT_PNG})",
     )
-    view.add_argument("--port", type=int, metavar="N", help="of --web (default: 9090, or a free one)")
+    view.add_argument("--port", type=int, metavar="N", help="of --web (default: 9090)")
     view.add_argument("--at", metavar="FRAMES", help="of --screenshot: frames as in 3,9; one file each (default: last)")
     view.add_argument("--size", metavar="WxH", help="of --screenshot, in pixels (default: 1280x720)")
 
@@ -58,15 +58,14 @@ def _view(arguments: argparse.Namespace) -> int:
     size = _size(arguments.size)
     recording = _recording(user_path(arguments.folder))
 
-    from slam_init.recording.viewer import check_recording, has_display, serve, show
+    from slam_init.recording.viewer import WEB_PORT, check_recording, has_display, serve, show
 
     check_recording(recording)
     if arguments.screenshot is not None:
         _write_screenshots(recording, user_path(arguments.screenshot), frames, size)
     elif arguments.web:
-        with serve(recording, arguments.port) as served:
-            tell(f"open {served.url} in a browser on this machine; Ctrl+C ends\n")
-            served.wait()
+        tell("open the address that the viewer prints in a browser on this machine; Ctrl+C ends\n")
+        serve(recording, arguments.port or WEB_PORT)
     elif has_display():
         show(recording)
     else:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Collection
-from typing import cast
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,6 @@ JsonObject = dict[str, object]
 
 # A million poses with file names have 100 to 400 MB as JSON; the largest scenes in use have a few thousand.
 _MAX_JSON_BYTES = 100_000_000
-# A million rows of 17 numbers.
 
 
 def read_json(path: str | os.PathLike[str], root: str | os.PathLike[str], what: str) -> JsonObject:
@@ -70,3 +70,32 @@ def read_npz(
     """Read named arrays from a ``.npz`` file; see :func:`slam_init.system.numpy_file.parse_npz`."""
     with open_regular(path, SourceError) as file:
         return parse_npz(str(path), file, known, limit_bytes, what)
+
+
+def checked_array(
+    path: Path,
+    arrays: Mapping[str, NDArray[np.generic]],
+    name: str,
+    shape: tuple[int, ...],
+    kinds: str,
+    what: str,
+    *,
+    finite: bool = True,
+) -> NDArray[Any]:
+    """Take an array of a shape and kind.
+
+    * ``shape``: -1 stands for any number.
+    * ``kinds``: Kinds of numpy: ``iu`` for whole numbers, ``iuf`` for numbers, ``U`` for text.
+    * ``what``: What is expected, for the message.
+    * ``finite``: Whether its numbers must be finite.
+    """
+    if name not in arrays:
+        raise SourceError(f"{path}: has no array {name}: expected {what}")
+    array = arrays[name]
+    fits = array.ndim == len(shape) and all(n in (-1, m) for n, m in zip(shape, array.shape, strict=True))
+    if not fits or array.dtype.kind not in kinds:
+        expected = ", ".join("M" if n < 0 else str(n) for n in shape)
+        raise SourceError(f"{path}: {name} is {array.dtype} of shape {array.shape}: expected {what} ({expected})")
+    if finite and array.dtype.kind == "f" and not np.isfinite(array).all():
+        raise SourceError(f"{path}: {name} holds a number that is not finite")
+    return array

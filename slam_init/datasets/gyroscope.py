@@ -46,7 +46,7 @@ _REST_S, _REST_SCATTER_RAD_S, _LEAST_RESTS = 1.0, 0.01, 2
 #: A uniform turn scatters as little as rest. It is recognized by its rate, which is above the offset of most gyroscopes
 #: or differs from that of other calm seconds; or by a record that is calm for nearly all of its time.
 _SAME_REST_RAD_S, _MOST_REST = 0.01, 0.9
-#: What :func:`slam_init.types.attitude.checked_rotation` takes.
+#: What :func:`slam_init.types.inertial.checked_rotation` takes.
 _SIGMAS_RAD = (1e-6, 1.0)
 
 

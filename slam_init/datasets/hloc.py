@@ -12,6 +12,7 @@ integer coordinates. These files hold no camera.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,16 +22,12 @@ from slam_init.datasets.match_chains import PairMatches, chain_matches
 from slam_init.datasets.track_source import TrackSource, by_name, track_source
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import check_inside, open_regular
-from slam_init.types.arrays import Floats, Ints
+from slam_init.types.arrays import Floats
 
 if TYPE_CHECKING:
     import h5py
 
 _MAGIC = b"\x89HDF\r\n\x1a\n"
-_MAX_ARRAY_BYTES = 100_000_000
-_MAX_TOTAL_BYTES = 4_000_000_000
-# Groups of a file: a thousand images with a hundred neighbours each.
-_MAX_PAIRS = 1_000_000
 
 
 def is_hdf5(path: Path) -> bool:
@@ -45,17 +42,11 @@ def _has_magic(path: Path) -> bool:
 
 def open_hloc(path: Path) -> TrackSource:
     """Open the matches of hloc, with the features beside them."""
-    try:
-        import h5py  # noqa: F401 (the readers below use it)
-    except ImportError:
-        raise SourceError(f'{path}: reading .h5 needs h5py: pip install ".[hloc]"') from None
-    features = _Hdf5(_features_of(path))
-    with features:
-        names, keypoints, size = _read_features(features)
-    matches = _Hdf5(path)
-    with matches:
-        table, dropped = chain_matches(keypoints, _read_matches(matches, names), str(path))
-    notes = (f"{dropped} matches would join two points of one image in a track, and are dropped",) if dropped else ()
+    features_path = _features_of(path)
+    with _opened(features_path) as features:
+        names, keypoints, size = _read_features(features_path, features)
+    with _opened(path) as matches:
+        table, notes = chain_matches(keypoints, _read_matches(path, matches, names), str(path))
     return track_source(path, "hloc", tuple(names), size, table, notes=notes)
 
 
@@ -72,129 +63,93 @@ def _features_of(matches: Path) -> Path:
     return found
 
 
-class _Hdf5:
-    """An open file, of which only arrays that lie in it are read, up to a total size."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._left = _MAX_TOTAL_BYTES
-
-    def __enter__(self) -> _Hdf5:
+@contextmanager
+def _opened(path: Path) -> Iterator[h5py.File]:
+    """Open a file. What the library raises while it is read means that the file is broken."""
+    try:
         import h5py
-
-        if not _has_magic(self.path):
-            raise SourceError(f"{self.path}: is no HDF5 file of hloc")
-        try:
-            self.file = h5py.File(self.path, "r")
-        except (OSError, RuntimeError, ValueError) as error:
-            raise SourceError(f"{self.path}: cannot be read ({str(error)[:120]})") from None
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.file.close()
-
-    def broken(self, name: str, what: str) -> SourceError:
-        return SourceError(f"{self.path}: {name[:200]}: {what}")
-
-    def children(self, group: h5py.Group, depth: int) -> Iterator[tuple[str, h5py.Group | h5py.Dataset]]:
-        """The entries of a group and of the groups in it, without links to other files."""
-        import h5py
-
-        for key in group:
-            if not isinstance(group.get(key, getlink=True), h5py.HardLink):
-                raise self.broken(key, "is a link: copy the file without links")
-            entry = group[key]
-            yield entry.name.strip("/"), entry
-            if isinstance(entry, h5py.Group) and depth > 1:
-                yield from self.children(entry, depth - 1)
-
-    def array(self, name: str, entry: object, dimensions: int) -> Floats:
-        """The numbers of an array."""
-        import h5py
-
-        if not isinstance(entry, h5py.Dataset) or entry.is_virtual or entry.external:
-            raise self.broken(name, "is no array in this file")
-        if entry.dtype.kind not in "iuf" or entry.ndim != dimensions:
-            raise self.broken(name, f"is {entry.dtype} of shape {entry.shape}: expected numbers")
-        size_bytes = entry.size * max(entry.dtype.itemsize, 8)
-        self._left -= size_bytes
-        if size_bytes > _MAX_ARRAY_BYTES or self._left < 0:
-            raise self.broken(name, f"has {entry.size} numbers: this is not hloc's")
-        return np.asarray(entry[()], float)
+    except ImportError:
+        raise SourceError(f'{path}: reading .h5 needs h5py: pip install ".[hloc]"') from None
+    if not _has_magic(path):
+        raise SourceError(f"{path}: is no HDF5 file of hloc")
+    try:
+        with h5py.File(path, "r") as file:
+            yield file
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError, RecursionError) as error:
+        raise SourceError(f"{path}: the file is broken ({str(error)[:120]})") from None
 
 
-def _read_features(features: _Hdf5) -> tuple[list[str], list[Floats], tuple[int, int]]:
-    """Names of the images in their order, their keypoints, and the size of all images."""
+def _entries(path: Path, group: h5py.Group) -> Iterator[tuple[str, h5py.Dataset]]:
+    """The arrays in a group and in the groups in it, without links to other files."""
     import h5py
 
+    for key in group:
+        if not isinstance(group.get(key, getlink=True), h5py.HardLink):
+            raise SourceError(f"{path}: {key[:200]}: is a link: copy the file without links")
+        entry = group[key]
+        if isinstance(entry, h5py.Group):
+            yield from _entries(path, entry)
+        else:
+            yield entry.name.strip("/"), entry
+
+
+def _numbers(path: Path, name: str, entry: object, shape: tuple[int | None, ...]) -> Floats:
+    """The finite numbers of an array; a side of None may have any length."""
+    import h5py
+
+    if not isinstance(entry, h5py.Dataset) or entry.is_virtual or entry.external:
+        raise SourceError(f"{path}: {name[:200]}: is no array in this file")
+    fits = len(shape) == entry.ndim and all(a in (None, b) for a, b in zip(shape, entry.shape, strict=True))
+    array = np.asarray(entry[()], float) if fits and entry.dtype.kind in "iuf" else None
+    if array is None or not np.isfinite(array).all():
+        raise SourceError(f"{path}: {name[:200]}: is {entry.dtype} of shape {entry.shape}: expected finite numbers")
+    return array
+
+
+def _read_features(path: Path, features: h5py.File) -> tuple[list[str], list[Floats], tuple[int, int]]:
+    """Names of the images in their order, their keypoints, and the size of all images."""
     points: dict[str, Floats] = {}
-    sizes: dict[str, tuple[int, int]] = {}
-    try:
-        for name, entry in features.children(features.file, 8):
-            if isinstance(entry, h5py.Dataset) and name.endswith("/keypoints"):
-                image = name.removesuffix("/keypoints")
-                found = features.array(name, entry, 2)
-                if found.shape[1] < 2 or not np.isfinite(found).all():
-                    raise features.broken(name, "is no array of finite positions (N, 2)")
-                points[image] = found[:, :2]
-                size = features.array(f"{image}/image_size", entry.parent.get("image_size"), 1)
-                if len(size) != 2 or not np.isfinite(size).all():
-                    raise features.broken(f"{image}/image_size", "is no width and height")
-                sizes[image] = int(size[0]), int(size[1])
-    except (OSError, RuntimeError, KeyError, ValueError, RecursionError) as error:
-        raise SourceError(f"{features.path}: the file is broken ({str(error)[:120]})") from None
+    sizes: dict[str, tuple[float, ...]] = {}
+    for name, entry in _entries(path, features):
+        if name.endswith("/keypoints"):
+            image = name.removesuffix("/keypoints")
+            points[image] = _numbers(path, name, entry, (None, entry.shape[-1]))[:, :2]
+            size = entry.parent.get("image_size")
+            sizes[image] = tuple(_numbers(path, f"{image}/image_size", size, (2,)).tolist())
     if not points:
-        raise SourceError(f"{features.path}: holds no keypoints: name the matches, with the features beside them")
+        raise SourceError(f"{path}: holds no keypoints: name the matches, with the features beside them")
     names = list(points)
-    names = [names[i] for i in by_name(features.path, names)]
-    first = sizes[names[0]]
+    names = [names[i] for i in by_name(path, names)]
+    width, height = first = sizes[names[0]]
     other = next((name for name in names if sizes[name] != first), None)
     if other is not None:
-        width, height = sizes[other]
         raise SourceError(
-            f"{features.path}: {other} has {width}x{height} pixels, but {names[0]} has {first[0]}x{first[1]}: "
-            "all images must be of one camera"
+            f"{path}: {other} has {sizes[other][0]:g}x{sizes[other][1]:g} pixels, but {names[0]} has "
+            f"{width:g}x{height:g}: all images must be of one camera"
         )
-    return names, [points[name] for name in names], first
+    return names, [points[name] for name in names], (int(width), int(height))
 
 
-def _read_matches(matches: _Hdf5, names: list[str]) -> Iterator[PairMatches]:
+def _read_matches(path: Path, matches: h5py.File, names: list[str]) -> Iterator[PairMatches]:
     index = {name.replace("/", "-"): i for i, name in enumerate(names)}
     if len(index) < len(names):
-        raise SourceError(f"{matches.path}: two images differ in / and - only, which hloc does not tell apart")
-    found = 0
-    try:
-        for name, entry in matches.children(matches.file, 3):
-            if not name.endswith("/matches0"):
-                continue
-            found += 1
-            if found > _MAX_PAIRS:
-                raise SourceError(f"{matches.path}: more than {_MAX_PAIRS} pairs: give fewer")
+        raise SourceError(f"{path}: two images differ in / and - only, which hloc does not tell apart")
+    found = False
+    for name, entry in _entries(path, matches):
+        if name.endswith("/matches0"):
+            found = True
             pair = _pair(name.removesuffix("/matches0"), index)
             if pair is None:
-                raise matches.broken(name, "names an image that the features do not have")
-            yield PairMatches(*pair, _keypoint_pairs(matches, name, matches.array(name, entry, 1)))
-    except (OSError, RuntimeError, KeyError, ValueError, RecursionError) as error:
-        raise SourceError(f"{matches.path}: the file is broken ({str(error)[:120]})") from None
+                raise SourceError(f"{path}: {name[:200]}: names an image that the features do not have")
+            partner = _numbers(path, name, entry, (None,)).astype(np.int64)
+            first = np.flatnonzero(partner > -1)
+            yield PairMatches(*pair, np.column_stack([first, partner[first]]))
     if not found:
-        raise SourceError(f"{matches.path}: holds no matches0: name the file of the matches, not that of the features")
-
-
-def _keypoint_pairs(matches: _Hdf5, name: str, partner: Floats) -> Ints:
-    """The keypoints of both images; -1 stands for no match."""
-    if not np.isfinite(partner).all() or (np.abs(partner) > 2**53).any():
-        raise matches.broken(name, "holds something else than indices of keypoints")
-    first = np.flatnonzero(partner > -1)
-    return np.column_stack([first, partner[first].astype(np.int64)])
+        raise SourceError(f"{path}: holds no matches0: name the file of the matches, not that of the features")
 
 
 def _pair(name: str, index: dict[str, int]) -> tuple[int, int] | None:
     """The images of ``NAME0/NAME1``, or of ``NAME0_NAME1`` of older versions."""
-    for separator in "/_":
-        at = name.find(separator)
-        while at >= 0:
-            first, second = name[:at], name[at + 1 :]
-            if first in index and second in index:
-                return index[first], index[second]
-            at = name.find(separator, at + 1)
-    return None
+    ends = (at for separator in "/_" for at, character in enumerate(name) if character == separator)
+    parts = ((name[:at], name[at + 1 :]) for at in ends)
+    return next(((index[a], index[b]) for a, b in parts if a in index and b in index), None)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import itertools
 import math
 import os
 import re
@@ -37,9 +36,6 @@ IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".p
 #: Most pixels of an image, for example 16384 x 8192. A coloured image of 16 bits has then 800 MB, decoded.
 MAX_PIXELS = 2**27
 
-#: Most frames of a sequence: nine hours at 30 Hz.
-MAX_FRAMES = 200_000
-
 _ALL_LEVELS = GreyLevels()
 _PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -56,30 +52,23 @@ def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
 
 def list_images(folder: str | os.PathLike[str]) -> list[Path]:
     """List the image files of a folder, without hidden files. What an entry is (a file, a pipe) is not looked up."""
-    names = list(itertools.islice(_image_names(folder), MAX_FRAMES + 1))
-    if len(names) > MAX_FRAMES:
-        raise SourceError(f"{folder}: holds more than {MAX_FRAMES} images: split it into several folders")
-    return [Path(folder, name) for name in sorted(names, key=natural_key)]
-
-
-def images_of(folder: Path) -> list[Path]:
-    """List the image files of a folder that holds at least one."""
-    if paths := list_images(folder):
-        return paths
+    if names := sorted(_image_names(folder), key=natural_key):
+        return [Path(folder, name) for name in names]
     raise SourceError(f"{folder}: holds no image")
 
 
-def holds_image(folder: str | os.PathLike[str]) -> bool:
-    """Tell whether a folder holds an image; faster than to list all of them."""
-    return next(_image_names(folder), None) is not None
-
-
 def _image_names(folder: str | os.PathLike[str]) -> Iterator[str]:
-    with os.scandir(Path(folder)) as entries:
+    with os.scandir(folder) as entries:
         for entry in entries:
             suffix = os.path.splitext(entry.name)[1]  # noqa: PTH122 (a Path for each of a million names takes seconds)
             if suffix.lower() in IMAGE_SUFFIXES and not entry.name.startswith("."):
                 yield entry.name
+
+
+def image_folder(folder: Path) -> Path | None:
+    """Find the folder of the images: the folder itself, or its subfolder ``images``; None where neither holds one."""
+    places = (place for place in (folder, folder / "images") if place.is_dir())
+    return next((place for place in places if next(_image_names(place), None) is not None), None)
 
 
 def read_image(
@@ -154,10 +143,9 @@ def _check_header(name: str, data: bytes) -> None:
     from PIL import Image as Pillow
 
     try:
-        head = jpeg_head(data) or data
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            pixels = math.prod(Pillow.open(io.BytesIO(head)).size)
+            pixels = math.prod(Pillow.open(io.BytesIO(jpeg_head(data) or data)).size)
     except Pillow.DecompressionBombError:
         pixels = MAX_PIXELS + 1
     except Exception:  # the library raises what its parsers raise, for headers that are broken
@@ -285,27 +273,13 @@ NOMINAL_RATE_HZ = 30.0
 PHOTO_RATE_HZ = 1.0
 
 
-def find_images(folder: str | os.PathLike[str]) -> list[Path]:
-    """List the images of a folder, or of its subfolder ``images`` if the folder itself holds none."""
-    folder = Path(folder)
-    return list_images(folder) or (list_images(folder / "images") if (folder / "images").is_dir() else [])
-
-
-def holds_images(folder: Path) -> bool:
-    """Tell whether a folder, or its subfolder ``images``, holds an image."""
-    return holds_image(folder) or ((folder / "images").is_dir() and holds_image(folder / "images"))
-
-
 def open_folder(folder: str | os.PathLike[str]) -> ImageFileSource:
-    """Open a folder of images in natural order of their names.
+    """Open a folder of images in natural order of their names; they may lie in its subfolder ``images``.
 
-    * ``folder``: A folder for which :func:`find_images` finds images. If it holds ``camera.yaml``, this is the
-      calibration.
+    * ``folder``: If it holds ``camera.yaml``, this is the calibration.
     """
     folder = Path(folder)
-    paths = find_images(folder)
-    if not paths:
-        raise SourceError(f"{folder}: holds no image")
+    paths = list_images(image_folder(folder) or folder)
     timestamps_s, notes = _times(paths, folder)
     if turn := TURNS.get(photograph_facts(paths[0], folder).orientation):
         notes += (f"by their EXIF orientation, which is not applied, the images are to be {turn}: {_AS_STORED}",)

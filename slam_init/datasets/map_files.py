@@ -17,14 +17,14 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from slam_init.bundle.graph import map_of_graph
 from slam_init.config import Config
-from slam_init.datasets.bounded import read_npz
-from slam_init.datasets.colmap import model_files, read_cameras, read_images
+from slam_init.datasets.bounded import checked_array, read_npz
+from slam_init.datasets.colmap import read_model
 from slam_init.datasets.image_files import ImageFileSource, natural_key
 from slam_init.datasets.layouts.photographs import TRANSFORMS, find_colmap, read_transforms
 from slam_init.datasets.match_chains import TrackTable
@@ -45,11 +45,12 @@ from slam_init.types.pose import Pose, Trajectory
 _HANDOVER, _GRAPH, _VALUES = "handover.npz", "graph.txt", "values.txt"
 #: A pose belongs to the image that is nearest in time, within this time.
 _SAME_TIME_S = 0.02
-#: Shapes of the arrays of ``handover.npz`` that are read; -1 is any number.
-_ARRAYS: dict[str, tuple[int, ...]] = {
-    "format": (), "version": (), "camera_model": (), "camera_size": (2,), "camera_parameters": (-1,),
-    "keyframe_frames": (-1,), "keyframe_poses": (-1, 4, 4), "point_ids": (-1,), "observation_keyframes": (-1,),
-    "observation_points": (-1,), "observation_pixels": (-1, 2),
+#: The arrays of ``handover.npz`` that are read: their shapes, -1 for any number, and kinds.
+_ARRAYS: dict[str, tuple[tuple[int, ...], str]] = {
+    "format": ((), "U"), "version": ((), "iu"), "camera_model": ((), "U"), "camera_size": ((2,), "iu"),
+    "camera_parameters": ((-1,), "iuf"), "keyframe_frames": ((-1,), "iu"), "keyframe_poses": ((-1, 4, 4), "f"),
+    "point_ids": ((-1,), "iu"), "observation_keyframes": ((-1,), "iu"), "observation_points": ((-1,), "iu"),
+    "observation_pixels": ((-1, 2), "f"),
 }  # fmt: skip
 #: A map of a million observations has 32 MB.
 _MAX_BYTES = 500_000_000
@@ -87,7 +88,8 @@ class MapFile:
 
     def tracks(self, camera: Camera) -> list[Observations]:
         """The tracks of the points of the map in its frames; none where it has no points."""
-        table = self.table or _joined(())
+        if (table := self.table) is None:
+            return []
         views = []
         for frame in self.frames:
             rows = np.flatnonzero(table.frames == frame)
@@ -278,85 +280,52 @@ def _graph(folder: Path) -> MapFile:
     except SourceError as error:
         raise SourceError(f"{folder}: {error}") from None
     frames = sorted(found.world_from_cam)
-    parts = [_of_image(k, found.pixels[found.frames == k], found.track_ids[found.frames == k]) for k in frames]
     poses = tuple(found.world_from_cam[k] for k in frames)
-    return MapFile(folder, poses, tuple(frames), camera=found.camera, table=_joined(parts))
+    table = _table(found.frames, found.track_ids, found.pixels)
+    return MapFile(folder, poses, tuple(frames), camera=found.camera, table=table)
 
 
 def _colmap(folder: Path, model: Path) -> MapFile:
-    cameras_file, images_file = model_files(model) or (model / "cameras.txt", model / "images.txt")
-    cameras = read_cameras(cameras_file, folder)
-    images = sorted(read_images(images_file, folder, observations=True), key=lambda image: natural_key(image.name))
-    if not images:
-        raise SourceError(f"{images_file}: holds no image: give the folder of a model with images")
-    missing = next((image for image in images if image.camera_id not in cameras), None)
-    if missing is not None:
-        raise SourceError(f"{images_file}: {missing.name[:100]} has camera {missing.camera_id}, which is not stated")
+    images, cameras = read_model(model, folder)
+    images = sorted(images, key=lambda image: natural_key(image.name))
     camera, kept, _ = common_camera([cameras[image.camera_id] for image in images], str(folder))
     images = [image for image, keep in zip(images, kept, strict=True) if keep]
-    parts = [_of_image(k, image.pixels, image.point_ids) for k, image in enumerate(images)]
-    return MapFile(
-        folder,
-        tuple(image.cam_from_world.inverse() for image in images),
-        tuple(range(len(images))),
-        tuple(image.name for image in images),
-        camera,
-        _joined(parts),
-    )
+    pixels, ids = zip(*(image.keypoints() for image in images), strict=True)
+    frames = np.repeat(np.arange(len(images)), [len(some) for some in ids])
+    poses = tuple(image.cam_from_world.inverse() for image in images)
+    names = tuple(image.name for image in images)
+    table = _table(frames, np.concatenate(ids), np.concatenate(pixels))
+    return MapFile(folder, poses, tuple(range(len(images))), names, camera, table)
 
 
-def _of_image(frame: int, pixels: Floats, track_ids: Ints) -> TrackTable:
-    """The tracks of an image, by their ids; of two observations of a point the first is kept."""
+def _table(frames: Ints, track_ids: Ints, pixels: Floats) -> TrackTable:
+    """The tracks of some observations by frame and id; of two observations of a point in a frame the first is kept."""
     seen = np.flatnonzero((track_ids >= 0) & np.isfinite(pixels).all(axis=1))
-    ids, first = np.unique(track_ids[seen], return_index=True)
-    return TrackTable(np.full(len(ids), frame), ids, pixels[seen[first]])
-
-
-def _joined(parts: Sequence[TrackTable]) -> TrackTable:
-    none = TrackTable(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2)))
-    frames, ids, pixels = zip(*((part.frames, part.track_ids, part.pixels) for part in (none, *parts)), strict=True)
-    return TrackTable(np.concatenate(frames), np.concatenate(ids), np.concatenate(pixels))
+    _, first = np.unique(np.stack([frames[seen], track_ids[seen]]), axis=1, return_index=True)
+    rows = seen[first]
+    return TrackTable(frames[rows], track_ids[rows], pixels[rows])
 
 
 def _handover(path: Path) -> MapFile:
-    arrays = read_npz(path, _ARRAYS, _MAX_BYTES, "the handover of a map")
-    for name, shape in _ARRAYS.items():
-        _check_array(path, name, shape, arrays)
+    arrays: Any = read_npz(path, _ARRAYS, _MAX_BYTES, "the handover of a map")
+    for name, (shape, kinds) in _ARRAYS.items():
+        checked_array(path, arrays, name, shape, kinds, "the handover.npz of slam-init run")
     if str(arrays["format"]) != FORMAT or int(arrays["version"]) != VERSION:
         raise SourceError(f"{path}: is no {FORMAT} of version {VERSION}: give that of slam-init run")
-    width, height = np.asarray(arrays["camera_size"], int).tolist()
-    parameters = np.asarray(arrays["camera_parameters"], float).tolist()
-    if len(parameters) < 4:
-        raise CalibrationError(f"{path}: camera_parameters has {len(parameters)} numbers: expected fx, fy, cx, cy")
-    fx, fy, cx, cy, *distortion = parameters
-    try:
-        camera = Camera(str(arrays["camera_model"]), width, height, fx, fy, cx, cy, tuple(distortion))
-    except CalibrationError as error:
-        raise CalibrationError(f"{path}: {error}") from None
-    frames = np.asarray(arrays["keyframe_frames"], np.int64)
+    width, height = arrays["camera_size"].tolist()
+    frames, ids = (arrays[name].astype(np.int64) for name in ("keyframe_frames", "point_ids"))
+    keyframes, points = (arrays[f"observation_{name}"].astype(np.int64) for name in ("keyframes", "points"))
+    pixels, matrices = arrays["observation_pixels"].astype(float), arrays["keyframe_poses"].astype(float)
+    fits = len(frames) == len(matrices) and len(keyframes) == len(points) == len(pixels)
+    if not fits or not all(((k >= 0) & (k < n)).all() for k, n in ((keyframes, len(frames)), (points, len(ids)))):
+        raise SourceError(f"{path}: its arrays do not fit together: run again")
     if len(np.unique(frames)) < len(frames) or (frames < 0).any():
         raise SourceError(f"{path}: keyframe_frames has a frame twice, or a negative one: run again")
-    matrices = np.asarray(arrays["keyframe_poses"], float)
-    keyframes, points = (np.asarray(arrays[f"observation_{one}"], np.int64) for one in ("keyframes", "points"))
-    pixels, ids = np.asarray(arrays["observation_pixels"], float), np.asarray(arrays["point_ids"], np.int64)
-    fits = len(frames) == len(matrices) and len(keyframes) == len(points) == len(pixels)
-    if not fits or not (_are_below(len(frames), keyframes) and _are_below(len(ids), points)):
-        raise SourceError(f"{path}: its arrays do not fit together: run again")
-    parts = [
-        _of_image(frame, pixels[keyframes == k], ids[points[keyframes == k]]) for k, frame in enumerate(frames.tolist())
-    ]
-    poses = (pose_from_matrix(f"{path}: pose {k}", matrix[:3]) for k, matrix in enumerate(matrices))
-    return MapFile(path, tuple(poses), tuple(frames.tolist()), camera=camera, table=_joined(parts))
-
-
-def _are_below(count: int, indices: Ints) -> bool:
-    return bool(((indices >= 0) & (indices < count)).all())
-
-
-def _check_array(path: Path, name: str, shape: tuple[int, ...], arrays: dict[str, NDArray[np.generic]]) -> None:
-    if name not in arrays:
-        raise SourceError(f"{path}: has no array {name}: give the handover.npz of slam-init run")
-    array, text = arrays[name], name in ("format", "camera_model")
-    fits = array.ndim == len(shape) and all(n in (-1, m) for n, m in zip(shape, array.shape, strict=True))
-    if not fits or (array.dtype.kind == "U") != text or (array.dtype.kind == "f" and not np.isfinite(array).all()):
-        raise SourceError(f"{path}: {name} is {array.dtype} of shape {array.shape}, or not finite: run again")
+    try:
+        fx, fy, cx, cy, *distortion = arrays["camera_parameters"].tolist()
+        camera = Camera(str(arrays["camera_model"]), width, height, fx, fy, cx, cy, tuple(distortion))
+    except (CalibrationError, ValueError) as error:  # ValueError: fewer parameters
+        raise CalibrationError(f"{path}: {error}") from None
+    poses = tuple(pose_from_matrix(f"{path}: pose {k}", matrix[:3]) for k, matrix in enumerate(matrices))
+    table = _table(frames[keyframes], ids[points], pixels)
+    return MapFile(path, poses, tuple(frames.tolist()), camera=camera, table=table)

@@ -16,9 +16,6 @@ import numpy as np
 from slam_init.errors import SourceError
 from slam_init.types.arrays import Floats, Ints
 
-#: Most matches of a source: a thousand images with twenty neighbours and a thousand matches each.
-MAX_MATCHES = 20_000_000
-
 
 @dataclass(frozen=True, eq=False)
 class PairMatches:
@@ -52,7 +49,9 @@ class TrackTable:
         return TrackTable(frames[order], self.track_ids[order], self.pixels[order])
 
 
-def chain_matches(keypoints: Sequence[Floats], pairs: Iterable[PairMatches], what: str) -> tuple[TrackTable, int]:
+def chain_matches(
+    keypoints: Sequence[Floats], pairs: Iterable[PairMatches], what: str
+) -> tuple[TrackTable, tuple[str, ...]]:
     """Chain matches to tracks.
 
     Shapes: ``keypoints`` (N, 2).
@@ -60,7 +59,7 @@ def chain_matches(keypoints: Sequence[Floats], pairs: Iterable[PairMatches], wha
     * ``keypoints``: The keypoints of each image. Keypoints at one place (of several scales or orientations) count as
       one.
     * Returns ``table``: The tracks that are seen in two images at least, numbered by their first observation.
-    * Returns ``dropped``: Number of matches that were dropped because they join two keypoints of one image.
+    * Returns ``notes``: How many matches were dropped because they join two keypoints of one image.
     """
     nodes, images, pixels = _nodes(keypoints)
     edges = _edges(nodes, pairs, what)
@@ -72,7 +71,8 @@ def chain_matches(keypoints: Sequence[Floats], pairs: Iterable[PairMatches], wha
     track_ids = np.argsort(np.argsort(first, kind="stable"), kind="stable")[inverse]
     order = np.lexsort((track_ids, images[seen]))
     chosen = seen[order]
-    return TrackTable(images[chosen], track_ids[order].astype(np.int64), pixels[chosen]), dropped
+    notes = (f"{dropped} matches would join two points of one image in a track, and are dropped",) if dropped else ()
+    return TrackTable(images[chosen], track_ids[order].astype(np.int64), pixels[chosen]), notes
 
 
 def _nodes(keypoints: Sequence[Floats]) -> tuple[list[Ints], Ints, Floats]:
@@ -95,12 +95,8 @@ def _edges(nodes: Sequence[Ints], pairs: Iterable[PairMatches], what: str) -> In
     """The matched nodes (M, 2), in the order of the distance of their images; each pair of nodes once."""
     found: list[Ints] = []
     gaps: list[Ints] = []
-    total = 0
     for pair in pairs:
         matched = pair.keypoints
-        total += len(matched)
-        if total > MAX_MATCHES:
-            raise SourceError(f"{what}: has more than {MAX_MATCHES} matches: give fewer images, or fewer pairs")
         for image, column in ((pair.first, matched[:, 0]), (pair.second, matched[:, 1])):
             if len(column) and not (column.min() >= 0 and column.max() < len(nodes[image])):
                 raise SourceError(

@@ -18,17 +18,16 @@ import numpy as np
 
 from slam_init.datasets.colmap import is_colmap_database, open_colmap_database
 from slam_init.datasets.hloc import is_hdf5, open_hloc
-from slam_init.datasets.image_files import IMAGE_SUFFIXES, holds_images, natural_key, open_folder
+from slam_init.datasets.image_files import IMAGE_SUFFIXES, image_folder, natural_key, open_folder
 from slam_init.datasets.layouts import LAYOUTS
 from slam_init.datasets.live import is_live
 from slam_init.datasets.live.address import without_password
 from slam_init.datasets.posed_images import Layout
-from slam_init.datasets.ros import BagName, detect_file, is_bag_folder, open_ros
-from slam_init.datasets.stamps import image_times, truth_on_clock
+from slam_init.datasets.ros import BagName, RosSource, detect_file, is_bag_folder
+from slam_init.datasets.stamps import image_times
 from slam_init.datasets.synth import PREFIX, open_synth
 from slam_init.datasets.tracks_file import is_tracks_file, open_tracks_file
 from slam_init.datasets.video import open_video
-from slam_init.datasets.views import RestatedSource
 from slam_init.errors import SlamInitError, SourceError
 from slam_init.system.regular_file import kind_problem, user_path
 from slam_init.system.user_code import attribute_of, described_error
@@ -55,11 +54,12 @@ def open_python(text: str) -> TimedSource:
         raise SourceError(f"{text}: cannot be opened ({described_error(error)}): {_FORM}") from error
     if missing := [name for name in _REQUIRED_ATTRIBUTES if not hasattr(source, name)]:
         raise SourceError(f"{text}: the returned object is not a source: it has no {missing[0]}")
-    return _with_checked_times(text, source)
+    _check_times(text, source)
+    return source
 
 
-def _with_checked_times(text: str, source: TimedSource) -> TimedSource:
-    """The source itself where its time stamps are seconds; otherwise one that converts them."""
+def _check_times(text: str, source: TimedSource) -> None:
+    """Check what the source of a user states: a time in seconds for each frame, and true poses."""
     try:
         stamps = np.asarray(source.timestamps_s, float)
         count = len(source)
@@ -70,26 +70,22 @@ def _with_checked_times(text: str, source: TimedSource) -> TimedSource:
     for index, pose in enumerate(() if source.groundtruth is None else source.groundtruth.world_from_cam):
         if problem := pose.problem():
             raise SourceError(f"{text}: groundtruth: pose {index} {problem}")
-    times_s, notes = image_times(stamps.tolist(), [f"{text}: frame {index}" for index in range(count)])
-    if not notes:
-        return source
-    truth, truth_notes = truth_on_clock(source.groundtruth, times_s)
-    notes = (*notes, *truth_notes)
-    return RestatedSource(source, source.name, source.kind, source.camera, times_s, truth, notes)
+    if image_times(stamps.tolist(), [f"{text}: frame {index}" for index in range(count)])[1]:
+        raise SourceError(f"{text}: timestamps_s steps by {np.median(np.diff(stamps)):g}: give seconds")
 
 
 _FOLDERS: tuple[Layout, ...] = (
     *LAYOUTS,
-    Layout("ros2", "metadata.yaml, .mcap or .db3 (ROS 2)", is_bag_folder, lambda path, _: open_ros(path, 2)),
-    Layout("images", "images in it or in images/", holds_images, lambda path, _: open_folder(path)),
+    Layout("ros2", "metadata.yaml, .mcap or .db3 (ROS 2)", is_bag_folder, lambda path, _: RosSource(path, 2)),
+    Layout("images", "images in it or in images/", image_folder, lambda path, _: open_folder(path)),
 )
 
 _FILES: tuple[Layout, ...] = (
-    Layout("colmap-database", "a database of COLMAP", is_colmap_database, lambda path, _: open_colmap_database(path)),
     Layout("hloc", "matches of hloc (.h5)", is_hdf5, lambda path, _: open_hloc(path)),
     Layout("tracks", "tracks (.npz)", is_tracks_file, lambda path, _: open_tracks_file(path)),
-    Layout("ros1", "a ROS 1 bag", lambda path: detect_file(path) == "ros1", lambda path, _: open_ros(path, 1)),
-    Layout("ros2", "a ROS 2 bag", lambda path: detect_file(path) == "ros2", lambda path, _: open_ros(path, 2)),
+    Layout("ros1", "a ROS 1 bag", lambda path: detect_file(path) == "ros1", lambda path, _: RosSource(path, 1)),
+    Layout("ros2", "a ROS 2 bag", lambda path: detect_file(path) == "ros2", lambda path, _: RosSource(path, 2)),
+    Layout("colmap-database", "a database of COLMAP", is_colmap_database, lambda path, _: open_colmap_database(path)),
     Layout("video", "a video", lambda _: True, lambda path, _: open_video(path)),
 )
 
@@ -127,7 +123,7 @@ def open_source(text: str | os.PathLike[str], seed: int = 0) -> TimedSource:
     path = user_path(bag.path if bag else text)
     try:
         if bag:
-            return open_ros(path, 1 if layout.kind == "ros1" else 2, bag.topic, bag.truth_topic)
+            return RosSource(path, 1 if layout.kind == "ros1" else 2, bag.topic, bag.truth_topic)
         return layout.open(path, found)
     except OSError as error:
         raise SourceError(f"{error.filename or path}: cannot be read ({error.strerror})") from None

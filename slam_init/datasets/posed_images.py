@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from slam_init.datasets.image_files import MAX_FRAMES, PHOTO_RATE_HZ, ImageFileSource, natural_key
+from slam_init.datasets.image_files import PHOTO_RATE_HZ, ImageFileSource, natural_key
 from slam_init.datasets.inertial import InertialSensor
 from slam_init.datasets.stamps import image_times, truth_on_clock
 from slam_init.datasets.text import trajectory
@@ -132,8 +132,6 @@ def photographs(kind: str, root: Path, images: Sequence[PosedImage]) -> ImageFil
 
     Images that the folder does not hold are left out, since data sets are often passed on in part.
     """
-    if len(images) > MAX_FRAMES:
-        raise SourceError(f"{root}: lists more than {MAX_FRAMES} images: split it")
     there = sorted(
         (image for image in images if image.path.is_file()), key=lambda image: natural_key(image.path.as_posix())
     )

@@ -23,16 +23,6 @@ if TYPE_CHECKING:
     from sequences_synth import PointSequence, SynthOptions, SynthSequence
 
 PREFIX = "synth:"
-# Options and values of earlier versions, and what to use instead.
-_REMOVED = {
-    "exposure_ms": "use motion_blur, and noise_px for points:",
-    "flicker": "use exposure_change",
-    "fade": "use exposure_change",
-    "dropped": "leave frames out of what slam-init synth writes",
-    "repeated": "repeat frames of what slam-init synth writes",
-    "stabilized": "warp the frames that slam-init synth writes",
-    **dict.fromkeys(("moving", "moving_objects", "bodies", "body_turn_deg_s"), "use points:NAME?moving="),
-}
 # Values of options that are on or off.
 _SWITCH = {"0": False, "1": True}
 
@@ -130,8 +120,6 @@ def option_values(text: str, query: str, defaults: Any) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for key, value in parse_qsl(query, keep_blank_values=True):
         if key not in known:
-            if key in _REMOVED:
-                raise SourceError(f"{text}: {key} is no longer an option of these worlds: {_REMOVED[key]}")
             raise SourceError(f"{text}: unknown option {key!r}: use one of {', '.join(known)}")
         if known[key] is bool:
             if value not in _SWITCH:

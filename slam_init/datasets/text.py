@@ -31,8 +31,6 @@ _MAX_BYTES = 200_000_000
 
 #: Largest coordinate of a true position: the earth has 4e7 m around, and 1e10 holds it in millimetres.
 _FARTHEST = 1e11
-#: Most lines of a table: true poses at 100 Hz for an hour and a half.
-_MAX_LINES = 600_000
 
 
 def read_rows(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Iterator[Row]:
@@ -57,8 +55,6 @@ def read_lines(path: str | os.PathLike[str], root: str | os.PathLike[str] | None
         text = read_regular(path, _MAX_BYTES, "a table of a sequence", SourceError).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise SourceError(f"{path}: not a text file") from None
-    if text.count("\n") > _MAX_LINES:
-        raise SourceError(f"{path}: has more than {_MAX_LINES} lines: split the sequence")
     for number, line in enumerate(text.splitlines(), start=1):
         yield f"{path}:{number}", line.strip()
 

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.datasets.image_files import MAX_FRAMES, MAX_PIXELS, check_size, frame_range
+from slam_init.datasets.image_files import MAX_PIXELS, check_size, frame_range
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import open_regular
 from slam_init.types.arrays import Floats, Image
@@ -38,6 +38,7 @@ from slam_init.types.pose import Trajectory
 if TYPE_CHECKING:
     from av.container import InputContainer
     from av.video.frame import VideoFrame
+    from av.video.reformatter import VideoReformatter
     from av.video.stream import VideoStream
 
 # -- fields ----------------------------------------------------------------------------------------
@@ -103,6 +104,8 @@ class Deinterlacer:
 # -- decoding --------------------------------------------------------------------------------------
 
 
+#: Most frames of a video: nine hours at 30 Hz.
+_MAX_FRAMES = 1_000_000
 _CONVERT = "convert it: ffmpeg -i IN -c:v libx264 OUT.mp4"
 
 
@@ -165,6 +168,17 @@ def _quarters(frame: VideoFrame) -> int:
     return round(frame.rotation / 90) % 4
 
 
+def upright_pixels(frame: VideoFrame, reformatter: VideoReformatter) -> Image:
+    """Convert a decoded frame to BGR, and turn it upright. The interpolation of the colours is that of OpenCV.
+
+    Shapes: returns ``image`` (H, W, 3).
+
+    * ``reformatter``: One for all frames, since each makes tables.
+    """
+    pixels = reformatter.reformat(frame, format="bgr24", interpolation="BICUBIC").to_ndarray()
+    return np.ascontiguousarray(np.rot90(pixels, _quarters(frame)), np.uint8)
+
+
 def decoded(path: Path, skip: int = 0) -> Iterator[tuple[float, Image | None]]:
     """Decode a video from its beginning, since seeking is inexact.
 
@@ -178,7 +192,6 @@ def decoded(path: Path, skip: int = 0) -> Iterator[tuple[float, Image | None]]:
     import av
     from av.video.reformatter import VideoReformatter
 
-    # One for all frames, since each makes tables. The interpolation is that of OpenCV, for colours of half the size.
     reformatter = VideoReformatter()
     with _opened(path) as (container, stream):
         start_s = _start_s(stream)
@@ -188,8 +201,7 @@ def decoded(path: Path, skip: int = 0) -> Iterator[tuple[float, Image | None]]:
                 if index < skip:
                     yield time_s, None
                     continue
-                pixels = reformatter.reformat(frame, format="bgr24", interpolation="BICUBIC").to_ndarray()
-                yield time_s, np.ascontiguousarray(np.rot90(pixels, _quarters(frame)), np.uint8)
+                yield time_s, upright_pixels(frame, reformatter)
         except av.error.FFmpegError:
             return
 
@@ -210,7 +222,7 @@ def packet_times_s(path: Path) -> list[float]:
                 stamp = packet.dts if packet.pts is None else packet.pts  # AVI has no presentation times
                 if stamp is not None and packet.size:
                     times_s.append(_nanoseconds(stamp * unit_s - start_s))
-                if len(times_s) >= MAX_FRAMES:
+                if len(times_s) >= _MAX_FRAMES:
                     break
         except av.error.FFmpegError:  # the times up to the damage
             pass
@@ -219,8 +231,8 @@ def packet_times_s(path: Path) -> list[float]:
 
 def count_frames(path: Path) -> int:
     """Count the frames of a video by decoding it."""
-    frames = decoded(path, skip=MAX_FRAMES)
-    return sum(1 for _, _ in zip(range(MAX_FRAMES), frames, strict=False))
+    frames = decoded(path, skip=_MAX_FRAMES)
+    return sum(1 for _, _ in zip(range(_MAX_FRAMES), frames, strict=False))
 
 
 def is_gif(path: Path) -> bool:
@@ -333,7 +345,7 @@ def open_video(path: str | os.PathLike[str]) -> VideoSource:
         rate_hz = _NOMINAL_RATE_HZ
         notes.append(f"the video states no possible frame rate: {rate_hz:g} frames a second are assumed")
     # A frame takes at least a byte of the file.
-    if 1 <= header.frames <= min(path.stat().st_size, MAX_FRAMES):
+    if 1 <= header.frames <= min(path.stat().st_size, _MAX_FRAMES):
         length = int(header.frames)
     else:
         length = max(count_frames(path), 1)

@@ -18,7 +18,7 @@ import numpy as np
 from slam_init.calibration.files import load_camera
 from slam_init.datasets.grey_levels import GreyLevels
 from slam_init.datasets.gyroscope import Gyroscope, gyroscope_of
-from slam_init.datasets.image_files import ImageFileSource, check_size, frame_range, read_image
+from slam_init.datasets.image_files import ImageFileSource, frame_range, read_image
 from slam_init.datasets.inertial import inertial_of
 from slam_init.datasets.synth import SynthSource
 from slam_init.errors import SourceError
@@ -84,33 +84,6 @@ class DerivedSource:
         yield from self.source.frames(start, max_frames)
 
 
-@dataclass(frozen=True, eq=False)
-class RestatedSource:
-    """The frames of a source with another statement of their times, their calibration and their truth."""
-
-    source: TimedSource
-    name: str
-    kind: str
-    camera: Camera | None
-    #: (N,) In seconds, strictly increasing; the frames after the last stamp are left out.
-    timestamps_s: Floats
-    groundtruth: Trajectory | None
-    #: What the user should know, for example the unit of the stamps.
-    notes: tuple[str, ...] = ()
-
-    def __len__(self) -> int:
-        return len(self.timestamps_s)
-
-    def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        """Give the frames of the source in order, with these times."""
-        wanted = frame_range(len(self), start, max_frames, self.name)
-        expected = None if self.camera is None else (self.camera.width, self.camera.height)
-        for frame in self.source.frames(start, len(wanted)):
-            if expected is not None:
-                check_size(f"{self.name}, frame {frame.index}", frame.image.shape[1::-1], expected, "the camera")
-            yield replace(frame, timestamp_s=float(self.timestamps_s[frame.index]))
-
-
 #: Time stamps are exact to this.
 _ROUNDING_S = 1e-6
 
@@ -159,10 +132,9 @@ class SubsampledSource(DerivedSource):
     @property
     def notes(self) -> tuple[str, ...]:
         """Those of the source, and which frames are included."""
-        taken = (
-            f"every {self.every} frames one is used" if self.fps is None else f"at most {self.fps:g} frames a second"
-        )
-        return (*notes_of(self.source), taken if self.fps is None else f"{taken} are used")
+        if self.fps is None:
+            return (*notes_of(self.source), f"every {self.every} frames one is used")
+        return (*notes_of(self.source), f"at most {self.fps:g} frames a second are used")
 
     @cached_property
     def timestamps_s(self) -> Floats:
@@ -201,36 +173,18 @@ class SubsampledSource(DerivedSource):
                 yield replace(frame, index=positions[frame.index])
             return
         frame_range(len(self.source), start, max_frames, self.name)
-        if self.fps is not None and not self._is_random_access:
-            yield from self._paced(start, max_frames)
-            return
         yield from self._read(self._indices(start)[:max_frames].tolist())
 
-    @property
-    def _is_random_access(self) -> bool:
-        """Whether a frame costs nothing before it is read; a video decodes all frames before."""
-        return isinstance(self.source, ImageFileSource | SynthSource)
-
     def _read(self, indices: list[int]) -> Iterator[Frame]:
-        if self._is_random_access:
+        if isinstance(self.source, ImageFileSource | SynthSource):
             for index in indices:
                 yield from self.source.frames(index, 1)
             return
+        # A video decodes all frames before one.
         wanted = set(indices)
         for frame in self.source.frames(indices[0], indices[-1] - indices[0] + 1):
             if frame.index in wanted:
                 yield frame
-
-    def _paced(self, start: int, max_frames: int | None) -> Iterator[Frame]:
-        """By the time stamps of the frames themselves, which need not be known before."""
-        assert self.fps is not None
-        pace, given = _Pace(self.fps), 0
-        for frame in self.source.frames(start):
-            if pace.includes(frame.timestamp_s):
-                yield frame
-                given += 1
-                if given == max_frames:
-                    return
 
 
 @dataclass(frozen=True, eq=False)

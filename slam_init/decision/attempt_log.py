@@ -43,14 +43,19 @@ class AttemptLog:
         self._kept: deque[Attempt] = deque(maxlen=limit)
         self._verdicts = bytearray()
         self._progress: dict[int, float] = {}  # by reference frame
-        self._free_focal: FreeFocal | None = None
+        #: The free focal length of the newest check, if it contradicts the stated one.
+        self.wrong_focal: FreeFocal | None = None
 
     def __len__(self) -> int:
         return len(self._verdicts)
 
-    def add(self, attempt: Attempt) -> None:
-        """Add an attempt."""
+    def add(self, attempt: Attempt) -> Attempt:
+        """Add an attempt.
+
+        * Returns: The same one to be shown: where the tracks contradict the calibration, the advice is to check it.
+        """
         self.add_free_focal(attempt.free_focal)
+        advice = attempt.advice if self.wrong_focal is None else self.wrong_focal.note
         none, no = np.zeros((0, 2)), np.zeros(0, bool)
         self._kept.append(replace(attempt, pixels1=none, pixels2=none, inliers=no, moving=no))
         self._verdicts.append(_VERDICTS.index(attempt.verdict))
@@ -62,19 +67,14 @@ class AttemptLog:
             "frames %s: %s%s",
             attempt.frames,
             attempt.verdict,
-            f" ({attempt.advice})" if attempt.advice else "",
+            f" ({advice})" if advice else "",
         )
+        return replace(attempt, advice=advice)
 
     def add_free_focal(self, free: FreeFocal | None) -> None:
-        """Take a free fit of the focal length, if it is more certain than those before."""
-        if free is not None and (self._free_focal is None or free.sigma < self._free_focal.sigma):
-            self._free_focal = free
-
-    @property
-    def wrong_focal(self) -> FreeFocal | None:
-        """The free focal length of the most certain fit, if it contradicts the stated one."""
-        free = self._free_focal
-        return free if free is not None and free.contradicts else None
+        """Take a free fit of the focal length in place of the one before: it knows more views."""
+        if free is not None:
+            self.wrong_focal = free if free.contradicts else None
 
     def forget_progress(self, keep: Iterable[int]) -> None:
         """Drop the progress of all pairs but those with these reference frames."""

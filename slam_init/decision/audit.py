@@ -226,13 +226,6 @@ def _stated(known: Mapping[int, Pose], window: JudgedWindow, terms: MapPosterior
     )
 
 
-def off_plane(pose: Pose, rays1: Floats, rays2: Floats) -> Floats:
-    """Angles (N,) between the rays of the second view and the epipolar planes of those of the first."""
-    normals = np.cross(pose.t, rays1 @ pose.R.T)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    return np.asarray(np.abs(np.einsum("ij,ij->i", rays2, normals)))
-
-
 def _what_tells(
     window: JudgedWindow, terms: MapPosterior, verdict: AuditVerdict, max_risk: float, of_map: str
 ) -> tuple[Verdict | None, str]:

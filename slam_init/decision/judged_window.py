@@ -15,7 +15,7 @@ from quest.noise import GATE_SIGMAS
 from slam_init.decision.lens import advice_on, followed
 from slam_init.decision.pose_so_far import WindowMotion
 from slam_init.decision.two_views import MatchedPair
-from slam_init.types.arrays import Bools
+from slam_init.types.arrays import Bools, Floats
 from slam_init.types.evidence import WindowEvidence
 from slam_init.types.gates import Gate, GateName, at_most
 from slam_init.types.lens_in_use import MAX_FOCAL_SIGMA, LensInUse
@@ -40,6 +40,13 @@ _CHANCE = "the matches scatter by {:.0f} px about any motion: the images are noi
 #: sequences by 0.1 to 0.2.
 #: Class: measured.
 _CHANCE_PX = 2.5
+
+
+def off_plane(pose: Pose, rays1: Floats, rays2: Floats) -> Floats:
+    """Angles (N,) between the rays of the second view and the epipolar planes of those of the first."""
+    normals = np.cross(pose.t, rays1 @ pose.R.T)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    return np.asarray(np.abs(np.einsum("ij,ij->i", rays2, normals)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,9 +160,7 @@ class JudgedWindow:
         if lens is not self.lens:
             m, n = lens.camera.bearings(pair.pixels1), lens.camera.bearings(pair.pixels2)
         depths1, depths2 = depths_from_pose(pose.R, pose.t, m, n)
-        normal = np.cross(np.broadcast_to(pose.t, m.shape), m @ pose.R.T)
-        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-        near = np.abs(np.einsum("ij,ij->i", n, normal)) < np.sqrt(2) * self.threshold_rad
+        near = off_plane(pose, m, n) < np.sqrt(2) * self.threshold_rad
         return np.asarray(near & (depths1 > 0) & (depths2 > 0))
 
     @property

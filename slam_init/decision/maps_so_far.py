@@ -14,8 +14,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.evidence import Margin
 from slam_init.types.frame import Observations
 from slam_init.types.initial_map import InitialMap
-from slam_init.types.result import Result, Segment
-from slam_init.types.segments import MAX_SEGMENTS
+from slam_init.types.result import MAX_SEGMENTS, Result, Segment
 from slam_init.types.stopwatch import StageTimes
 
 if TYPE_CHECKING:

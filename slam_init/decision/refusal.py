@@ -21,11 +21,7 @@ def refused_by(attempt: Attempt, stage: Stage, gates: Sequence[Gate]) -> Attempt
     return replace(attempt, verdict=failed.reason, advice=failed.advice, stage=stage, progress=progress(stage, gates))
 
 
-def refused_at(attempt: Attempt, reason: Verdict, stage: Stage) -> Attempt:
-    """Refuse an attempt for a reason that has no gate."""
-    return replace(attempt, verdict=reason, advice=reason.advice, stage=stage, progress=progress(stage))
-
-
-def refused(attempt: Attempt, reason: Verdict) -> Attempt:
-    """Refuse an attempt by the rules of another system, which have no stages."""
-    return replace(attempt, verdict=reason, advice=reason.advice)
+def refused_at(attempt: Attempt, reason: Verdict, stage: Stage | None = None) -> Attempt:
+    """Refuse an attempt for a reason that has no gate; the rules of other systems have no stages."""
+    so_far = 0.0 if stage is None else progress(stage)
+    return replace(attempt, verdict=reason, advice=reason.advice, stage=stage, progress=so_far)

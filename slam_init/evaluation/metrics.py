@@ -25,7 +25,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from quest.geometry.quaternion import rotation_angle
-from slam_init.evaluation.truth_accuracy import position_sigma_m
 from slam_init.types.arrays import Floats
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose, Trajectory
@@ -38,6 +37,24 @@ _SHORT_BASELINE = 0.3
 _STATIC_PATH = 1e-6
 #: Largest difference between the time stamps of a keyframe and of its true pose.
 _SAME_TIME_S = 0.02
+#: Accuracy of measured positions. The makers of TUM RGB-D state 1 cm for their motion capture (Sturm et al. 2012).
+#: Depth tracking, such as KinectFusion in 7-Scenes, is no better. Their noise from pose to pose is .1 to .9 mm.
+#: Class: assumption, in metres.
+_MEASURED_M = 0.01
+#: Noise over the median step beyond which positions are measured. It is .03 to .12 in TUM RGB-D, 7-Scenes and poses of
+#: a checkerboard, and below .001 in rendered sequences and for the GPS and gyroscopes of KITTI.
+#: Class: measured.
+_NOISY = 0.01
+#: Poses further apart in time are those of photographs: their steps differ by the motion, and not by noise.
+#: Class: assumption, in seconds.
+_SLOWEST_S = 0.2
+#: Fewer poses do not tell the noise.
+#: Class: level.
+_FEWEST = 8
+#: Median length of the third differences of positions whose coordinates have a noise of 1: the variance is 20, and the
+#: median of chi-square with three degrees of freedom 2.37.
+#: Class: geometry.
+_THIRD_DIFFERENCE = float(np.sqrt(20 * 2.37))
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,13 +115,25 @@ def align_poses(source: Sequence[Pose], target: Sequence[Pose]) -> Similarity:
     return Similarity(scale, R, b.mean(axis=0) - scale * R @ a.mean(axis=0))
 
 
+def with_true_poses(keyframes: Sequence[Keyframe], truth: Trajectory) -> list[tuple[Keyframe, Pose]]:
+    """Pair keyframes with their true poses; those without one within 0.02 s are left out."""
+    return [(k, true) for k in keyframes if (true := truth.at(k.timestamp_s, _SAME_TIME_S)) is not None]
+
+
+def positions_of(pairs: Sequence[tuple[Keyframe, Pose]]) -> tuple[Floats, Floats]:
+    """Return the estimated and the true positions (N, 3) of keyframes."""
+    return np.array([keyframe.world_from_cam.t for keyframe, _ in pairs]), np.array([true.t for _, true in pairs])
+
+
 def align_truth(keyframes: Sequence[Keyframe], truth: Trajectory) -> Similarity | None:
     """Compute the similarity from the world of the ground truth to that of the keyframes.
 
     * Returns: None if fewer than two keyframes have a true pose.
     """
-    pairs = [(true, k.world_from_cam) for k in keyframes if (true := truth.at(k.timestamp_s)) is not None]
-    return align_poses([true for true, _ in pairs], [pose for _, pose in pairs]) if len(pairs) > 1 else None
+    pairs = with_true_poses(keyframes, truth)
+    if len(pairs) < 2:
+        return None
+    return align_poses([true for _, true in pairs], [keyframe.world_from_cam for keyframe, _ in pairs])
 
 
 def positions_between(trajectory: Trajectory, first_s: float, last_s: float) -> Floats:
@@ -144,17 +173,14 @@ def compare_with_groundtruth(keyframes: Sequence[Keyframe], trajectory: Trajecto
     """
     if trajectory is None:
         return None
-    pairs = [(k, truth) for k in keyframes if (truth := trajectory.at(k.timestamp_s, _SAME_TIME_S)) is not None]
+    pairs = with_true_poses(keyframes, trajectory)
     if len(pairs) < 2:
         return None
     (first, first_truth), rest = pairs[0], pairs[1:]
     estimated = [first.world_from_cam.inverse() @ k.world_from_cam for k, _ in rest]
     true = [first_truth.inverse() @ truth for _, truth in rest]
     rotations_deg = [np.rad2deg(rotation_angle(a.R @ b.R.T)) for a, b in zip(estimated, true, strict=True)]
-    direction_error_deg: float | None = None
-    true_direction_sigma_deg: float | None = None
-    true_baseline: float | None = None
-    ate: float | None = None
+    direction_error_deg = true_direction_sigma_deg = true_baseline = ate = None
     baselines = [float(np.linalg.norm(pose.t)) for pose in true]
     longest = max(baselines)
     if longest > _STATIC_PATH:
@@ -163,9 +189,8 @@ def compare_with_groundtruth(keyframes: Sequence[Keyframe], trajectory: Trajecto
             for a, b, baseline in zip(estimated, true, baselines, strict=True)
             if baseline >= _SHORT_BASELINE * longest
         )
-        true_direction_sigma_deg = float(np.rad2deg(np.arctan2(position_sigma_m(trajectory), true_baseline)))
-        centres = np.array([k.world_from_cam.t for k, _ in pairs]), np.array([truth.t for _, truth in pairs])
-        ate = ate_rmse(*centres) if len(pairs) > 2 else None
+        true_direction_sigma_deg = float(np.rad2deg(np.arctan2(_position_sigma_m(trajectory), true_baseline)))
+        ate = ate_rmse(*positions_of(pairs)) if len(pairs) > 2 else None
     path = positions_between(trajectory, first.timestamp_s, pairs[-1][0].timestamp_s)
     return GroundTruthErrors(
         rotation_error_deg=float(max(rotations_deg)),
@@ -183,10 +208,10 @@ def scale_error(keyframes: Sequence[Keyframe], trajectory: Trajectory) -> float 
     * Returns: Lengths of the map over the true ones, minus 1, by the similarity between the positions. None if fewer
       than two keyframes have a true pose, or one of the cameras does not move.
     """
-    pairs = [(k, truth) for k in keyframes if (truth := trajectory.at(k.timestamp_s, _SAME_TIME_S)) is not None]
+    pairs = with_true_poses(keyframes, trajectory)
     if len(pairs) < 2:
         return None
-    estimated, true = np.array([k.world_from_cam.t for k, _ in pairs]), np.array([truth.t for _, truth in pairs])
+    estimated, true = positions_of(pairs)
     if not (np.ptp(estimated, axis=0).any() and np.ptp(true, axis=0).max() > _STATIC_PATH):
         return None
     return 1 / align_positions(estimated, true).scale - 1
@@ -220,3 +245,16 @@ def _angle_deg(a: Floats, b: Floats) -> float:
     if not np.any(a):
         return 180.0
     return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
+
+
+def _position_sigma_m(truth: Trajectory) -> float:
+    """Standard deviation of the true positions; 0 where nothing tells that they are measured.
+
+    A rendered trajectory is smooth to the last digits. A measured one is noisy from pose to pose. This noise is a small
+    part of its error: the clocks, the calibration of the camera and a rolling shutter add errors that change slowly.
+    """
+    positions = np.array([pose.t for pose in truth.world_from_cam])
+    if len(positions) < _FEWEST or np.median(np.diff(truth.timestamps_s)) > _SLOWEST_S:
+        return 0.0
+    step, third = (float(np.median(np.linalg.norm(np.diff(positions, n, axis=0), axis=1))) for n in (1, 3))
+    return _MEASURED_M if third / _THIRD_DIFFERENCE > _NOISY * step else 0.0

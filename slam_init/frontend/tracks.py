@@ -29,10 +29,9 @@ from slam_init.frontend.patch_size import SIDE_PX
 from slam_init.frontend.patches import Patches, Sought, smoothed
 from slam_init.frontend.sift import detect_sift, first_per_cell, match_descriptors
 from slam_init.types.arrays import Bools, Floats, Image, Ints
-from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations, as_image
-from slam_init.types.inertial import Gravity
+from slam_init.types.inertial import Attitude, Gravity
 from slam_init.types.lens_in_use import LensInUse
 
 #: The flow of a track agrees with descriptors where it lies among those of so many neighbours, which span the depths

@@ -25,10 +25,11 @@ program has keyframes and no landmarks, so that nothing can be continued from it
 
 from __future__ import annotations
 
-import os
 import shutil
 import tempfile
-from collections.abc import Sequence
+import weakref
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,17 +40,16 @@ from slam_init.datasets.text import read_trajectory
 from slam_init.errors import OutputError, SlamInitError
 from slam_init.frontend.tracks import Tracker
 from slam_init.methods.external_command import parse_external
-from slam_init.methods.external_run import ProgramRun, run_program
+from slam_init.methods.external_run import run_program
 from slam_init.recording.recorder import Recorder
 from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.frame import Frame, Observations
-from slam_init.types.initial_map import InitialMap, Keyframe
-from slam_init.types.pose import Pose, Trajectory
+from slam_init.types.initial_map import InitialMap, Keyframe, UnitError
+from slam_init.types.pose import Trajectory
 from slam_init.types.reasons import REASONS, Verdict
 from slam_init.types.result import Result
 from slam_init.types.status import Status, frame_of
 from slam_init.types.stopwatch import Stopwatch
-from slam_init.types.unit_error import UnitError
 
 if TYPE_CHECKING:
     from slam_init.config import Config
@@ -72,38 +72,27 @@ class ExternalInitializer:
     * ``camera``: The calibration of the images.
     * ``config``: With the limits of the program (:attr:`Config.external`).
     * ``recorder``: Receives each frame.
-    * ``scratch``: An existing folder in which the folder of the program is made; that of temporary files by default.
     * ``map``: The map of the program: keyframes without landmarks.
     * ``status``: The status after the last frame. There is no map before :meth:`finish`.
     * ``frames_read``: Number of frames that the program gets.
-    * ``tracker``: Not used by the program.
-    * ``history``: Empty.
-    * ``program``: How the program ended; None before :meth:`finish`.
+    * ``tracker``, ``history``: Not used by the program.
     """
 
-    def __init__(
-        self,
-        method: str,
-        camera: Camera,
-        config: Config,
-        recorder: Recorder | None = None,
-        scratch: str | os.PathLike[str] | None = None,
-    ) -> None:
-        self._command = parse_external(method)
-        self._limits = config.external
-        self.camera = camera
-        self.recorder = recorder or Recorder()
+    def __init__(self, method: str, camera: Camera, config: Config, recorder: Recorder | None = None) -> None:
+        self._command, self._limits = parse_external(method), config.external
+        self.camera, self.recorder = camera, recorder or Recorder()
         self.tracker = Tracker(camera, config.tracking)
         self.history = self.tracker.history
         self.stopwatch = Stopwatch()
         self.map: InitialMap | None = None
         self.status = Status()
-        self.program: ProgramRun | None = None
-        self._scratch = scratch
-        self._folder: Path | None = None
-        # The frames that the program gets.
         self._given: list[Observations] = []
         self._finished: Result | None = None
+        with self._files():
+            self._folder = Path(tempfile.mkdtemp(prefix="slam-init-external-"))
+            self._remove_folder = weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
+            for name in ("images", "out"):
+                (self._folder / name).mkdir()
 
     @property
     def frames_read(self) -> int:
@@ -122,13 +111,16 @@ class ExternalInitializer:
 
         * Returns: Without a map. Frames beyond the limit of the configuration are not taken.
         """
+        import cv2
+
         if self._finished is not None or self.frames_read >= self._limits.max_frames:
             return self.status
         frame = frame_of(image, timestamp_s, self._given[-1].frame + 1 if self._given else 0, self.camera)
         given = _without_tracks(frame.index, frame.timestamp_s, frame.name)
         self.recorder.frame(frame, given)
-        with self.stopwatch("write"):
-            self._write(frame.image)
+        with self.stopwatch("write"), self._files():
+            _, encoded = cv2.imencode(".png", frame.image, [cv2.IMWRITE_PNG_COMPRESSION, _PNG_COMPRESSION])
+            (self._folder / "images" / _file(self.frames_read)).write_bytes(encoded.tobytes())
         self._given.append(given)
         return self.status
 
@@ -146,52 +138,33 @@ class ExternalInitializer:
             self._finished = self._run() if self.frames_read > 1 else self.result
         return self._finished
 
-    def close(self) -> None:
-        """Remove the folder of the program, if the program was not run."""
-        if self._folder is not None:
-            shutil.rmtree(self._folder, ignore_errors=True)
-            self._folder = None
-
-    def __del__(self) -> None:
-        self.close()
-
-    def _write(self, image: Image) -> None:
-        import cv2
-
-        try:
-            if self._folder is None:
-                self._folder = Path(tempfile.mkdtemp(prefix="slam-init-external-", dir=self._scratch))
-                for name in ("images", "out"):
-                    (self._folder / name).mkdir()
-            _, encoded = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, _PNG_COMPRESSION])
-            (self._folder / "images" / _file(self.frames_read)).write_bytes(encoded.tobytes())
-        except OSError as error:
-            raise self._no_room(error) from None
-
-    def _no_room(self, error: OSError) -> OutputError:
-        label = self._command.label
-        return OutputError(f"cannot write the frames for {label} ({error.strerror}): make room, or set TMPDIR")
-
     def _run(self) -> Result:
-        assert self._folder is not None
         names = {"images": "images", "times": "times.txt", "camera": "camera.yaml", "out": "out"}
         values = {key: str(self._folder / name) for key, name in names.items()} | {"count": str(self.frames_read)}
         lines = [f"{given.timestamp_s:.9f} {_file(i)}\n" for i, given in enumerate(self._given)]
         try:
-            Path(values["times"]).write_text("".join(lines), encoding="ascii")
-            Path(values["camera"]).write_text(camera_yaml(self.camera), encoding="ascii")
-            words, limits = self._command.filled(values), self._limits
-            with self.stopwatch("program"):
-                self.program = run_program(words, limits.time_limit_s, limits.memory_limit_mb)
-            if self.program.failure:
-                said = [line.strip() for line in self.program.output.splitlines() if line.strip()]
-                message = f": {said[-1][-_MAX_LINE:]}" if said else ", without a message"
-                raise SlamInitError(f"{self._command.label} {self.program.failure}{message}")
-            return self._read(self._folder / "out")
-        except OSError as error:
-            raise self._no_room(error) from None
+            with self._files():
+                Path(values["times"]).write_text("".join(lines), encoding="ascii")
+                Path(values["camera"]).write_text(camera_yaml(self.camera), encoding="ascii")
+                with self.stopwatch("program"):
+                    words, limits = self._command.filled(values), self._limits
+                    failure, output = run_program(words, limits.time_limit_s, limits.memory_limit_mb)
+                if failure:
+                    said = [line.strip() for line in output.splitlines() if line.strip()]
+                    message = f": {said[-1][-_MAX_LINE:]}" if said else ", without a message"
+                    raise SlamInitError(f"{self._command.label} {failure}{message}")
+                return self._read(self._folder / "out")
         finally:
-            self.close()
+            self._remove_folder()
+
+    @contextmanager
+    def _files(self) -> Iterator[None]:
+        """Tell which error of the disk stops the exchange of files."""
+        try:
+            yield
+        except OSError as error:
+            cause = f"cannot write the frames for {self._command.label} ({error.strerror}): make room, or set TMPDIR"
+            raise OutputError(cause) from None
 
     def _read(self, out: Path) -> Result:
         if not (out / _TRAJECTORY).exists():
@@ -214,20 +187,17 @@ class ExternalInitializer:
         """Match the poses with the frames by their time stamps; return the number of poses without a frame."""
         if trajectory is None:
             return [], 0
-        stamps = np.array([given.timestamp_s for given in self._given])
+        stamps, found = np.array([given.timestamp_s for given in self._given]), trajectory.timestamps_s
+        nearest = np.abs(stamps - found[:, None]).argmin(axis=1)
         # Half of a step: a program may round its stamps, and no stamp is then nearer to another frame.
-        tolerance_s = 0.5 * float(np.min(np.diff(stamps)))
-        found: dict[int, Pose] = {}
-        unmatched = 0
-        for stamp, pose in zip(trajectory.timestamps_s.tolist(), trajectory.world_from_cam, strict=True):
-            position = int(np.argmin(np.abs(stamps - stamp)))
-            if abs(stamps[position] - stamp) < tolerance_s:
-                found.setdefault(position, pose)
-            else:
-                unmatched += 1
-        first = found[min(found)].inverse() if found else Pose.identity()
-        matched = [(self._given[i], first @ pose) for i, pose in sorted(found.items())]
-        return [Keyframe(given.frame, given.timestamp_s, given.name, pose) for given, pose in matched], unmatched
+        matched = np.abs(stamps[nearest] - found) < 0.5 * np.diff(stamps).min()
+        positions, first = np.unique(nearest[matched], return_index=True)
+        poses = [trajectory.world_from_cam[k] for k in np.flatnonzero(matched)[first]]
+        keyframes = [
+            Keyframe(given.frame, given.timestamp_s, given.name, poses[0].inverse() @ pose)
+            for given, pose in zip((self._given[k] for k in positions), poses, strict=True)
+        ]
+        return keyframes, int((~matched).sum())
 
     def _frames_to_init(self, out: Path, last_frame: int) -> int:
         """The number of frames that the program says it has read; at least those up to its last keyframe."""

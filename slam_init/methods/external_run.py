@@ -13,71 +13,46 @@ import resource
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from threading import Thread
 from typing import IO
 
-#: A process of a comparison has the import path of its parent in ``PYTHONPATH``. That of the user is in this variable:
-#: an external program in another environment must not get ours.
-USER_PYTHONPATH = "SLAM_INIT_USER_PYTHONPATH"
 #: Kept end of the output: a traceback has a few kB.
 _KEPT_BYTES = 16_384
-#: Interval at which the end of the program is looked for, and longest time in which the rest of its output is read: a
-#: process that it left may have moved to another group, and keep its output open.
-_ASK_S, _REST_S = 0.01, 1.0
+#: Longest time in which the rest of the output is read: a process that the program left may have moved to another
+#: group, and keep its output open.
+_REST_S = 1.0
 
 
-@dataclass(frozen=True)
-class ProgramRun:
-    """How an external program ended."""
-
-    #: Why it failed, as the rest of a sentence that starts with the program; empty if it exited with 0.
-    failure: str
-    #: The end of what it wrote to stdout and stderr.
-    output: str
-    #: Wall-clock time.
-    seconds: float
-
-
-def run_program(words: Sequence[str], time_limit_s: float, memory_limit_mb: int) -> ProgramRun:
+def run_program(words: Sequence[str], time_limit_s: float, memory_limit_mb: int) -> tuple[str, str]:
     """Run a program without a shell, and wait for its end.
 
     * ``time_limit_s``: The program and all processes of its group are killed after this time.
+    * Returns: Why it failed, as the rest of a sentence that starts with the program, empty if it exited with 0; and the
+      end of what it wrote to stdout and stderr.
     """
-    begin = time.monotonic()
     guard = [sys.executable, "-I", "-S", __file__, str(memory_limit_mb), *words]
+    pipe = subprocess.PIPE
     try:
-        process = subprocess.Popen(
-            guard,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-            env=_environment(),
-        )
+        process = subprocess.Popen(guard, stdin=pipe, stdout=pipe, stderr=subprocess.STDOUT, start_new_session=True)
     except OSError as error:  # as of arguments that are too long
-        return ProgramRun(f"cannot be started ({error.strerror})", "", time.monotonic() - begin)
+        return f"cannot be started ({error.strerror})", ""
     assert process.stdin is not None and process.stdout is not None
     kept = bytearray()
     reader = Thread(target=_keep_end, args=(process.stdout, kept), daemon=True)
     reader.start()
     try:
-        # The process is not waited for before its group is killed, so that the group cannot be that of another process.
-        while not (ended := os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)):
-            if time.monotonic() > begin + time_limit_s:
-                break
-            time.sleep(_ASK_S)
+        failure = _failure(process.wait(time_limit_s))
+    except subprocess.TimeoutExpired:
+        failure = f"did not end within {time_limit_s:g} s and was killed"
     finally:
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(process.pid, signal.SIGKILL)
         process.wait()
         process.stdin.close()
         reader.join(_REST_S)
-    failure = _failure(process.returncode) if ended else f"did not end within {time_limit_s:g} s and was killed"
-    return ProgramRun(failure, kept.decode("utf-8", "replace"), time.monotonic() - begin)
+    return failure, kept.decode("utf-8", "replace")
 
 
 def _keep_end(stream: IO[bytes], kept: bytearray) -> None:
@@ -94,15 +69,6 @@ def _failure(code: int) -> str:
         with suppress(ValueError):
             return f"died ({signal.Signals(-code).name})"
     return f"exited with {code}"
-
-
-def _environment() -> dict[str, str]:
-    environment = dict(os.environ)
-    if (path := environment.pop(USER_PYTHONPATH, None)) is not None:
-        environment["PYTHONPATH"] = path
-        if not path:
-            del environment["PYTHONPATH"]
-    return environment
 
 
 def _guard(memory_limit_mb: int, words: list[str]) -> None:

@@ -13,7 +13,7 @@ from slam_init.config import Config
 from slam_init.decision.attempt_log import AttemptLog
 from slam_init.decision.maps_so_far import MapsSoFar
 from slam_init.decision.outcome import Outcome
-from slam_init.decision.refusal import refused, with_gates
+from slam_init.decision.refusal import refused_at, with_gates
 from slam_init.errors import SlamInitError
 from slam_init.frontend.frame_clock import FrameClock
 from slam_init.frontend.matched_tracks import make_tracker
@@ -163,7 +163,7 @@ class PairInitializer:
         )
         attempt = with_gates(Attempt((reference.frame, current.frame), Verdict.ACCEPTED), gates)
         if attempt.failed_gates:
-            return Outcome(refused(attempt, attempt.failed_gates[0].reason))
+            return Outcome(refused_at(attempt, attempt.failed_gates[0].reason))
         m, n = reference.bearings[i], current.bearings[j]
         x1, x2 = undistorted_pixels(self.camera, m), undistorted_pixels(self.camera, n)
         with self.stopwatch("two_view"):
@@ -173,7 +173,7 @@ class PairInitializer:
         attempt = replace(attempt, pixels1=pixels1, pixels2=pixels2, inliers=inliers)
         pose = outcome.cam2_from_cam1
         if pose is None:
-            return Outcome(refused(attempt, outcome.verdict))
+            return Outcome(refused_at(attempt, outcome.verdict))
         if problem := pose.problem():
             raise SlamInitError(f"method {self.config.method}: the pose of frames {attempt.frames} {problem}")
         count = int(inliers.sum())
@@ -195,13 +195,13 @@ class PairInitializer:
         if not isinstance(bundle, BundleSolution):
             self._reference = None
             failed = replace(attempt, map=MapEvidence(failure=bundle.cause))
-            return Outcome(refused(failed, Verdict.BUNDLE_ADJUSTMENT_FAILED))
+            return Outcome(refused_at(failed, Verdict.BUNDLE_ADJUSTMENT_FAILED))
         count, needed = len(bundle.problem.points), self.method.pair_rule.min_landmarks
         landmarks = at_least(GateName.LANDMARKS, count, needed, Verdict.TOO_FEW_LANDMARKS)
         attempt = replace(with_gates(attempt, (landmarks,)), map=MapEvidence(reprojection_rmse_px=bundle.rmse_px))
         if not landmarks.passes():
             self._reference = None
-            return Outcome(refused(attempt, Verdict.TOO_FEW_LANDMARKS))
+            return Outcome(refused_at(attempt, Verdict.TOO_FEW_LANDMARKS))
         return Outcome(attempt, map_with_views(self.history, bundle, scene))
 
 

@@ -23,11 +23,10 @@ import uuid
 from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from slam_init.errors import OutputError, check_type
-from slam_init.system.process_io import InterruptsDeferred
+from slam_init.system.process_io import interrupts_deferred
 from slam_init.system.regular_file import user_path
 
 #: The folder of the marker, and the marker in it.
@@ -42,9 +41,7 @@ _EXCHANGE, _AT_FDCWD = 2, -100
 
 def output_error(out: Path, error: OSError) -> OutputError:
     """Return the error of a folder that cannot be written."""
-    return OutputError(
-        f"cannot write to --out {out}: {error.strerror or error}: {remedy(error)}, or give another --out"
-    )
+    return OutputError(f"cannot write to {out}: {error.strerror or error}: {remedy(error)}, or give another folder")
 
 
 def remedy(error: BaseException) -> str:
@@ -62,10 +59,9 @@ class Marker:
 
     def write(self, folder: Path) -> None:
         """Write the marker of a folder: completely or not at all."""
-        try:
-            made_by = version("slam-init")
-        except PackageNotFoundError:  # run from a checkout
-            made_by = "unknown"
+        from slam_init.output.provenance import package_versions
+
+        made_by = package_versions(["slam-init"])["slam-init"]
         content = {"command": self.command, "version": made_by, "files": sorted(self.files)}
         home = folder / HOME
         home.mkdir(exist_ok=True)
@@ -85,7 +81,7 @@ def read_marker(out: Path) -> Marker | None:
         if not isinstance(command, str) or not all(isinstance(name, str) for name in files):
             raise TypeError
     except (ValueError, KeyError, TypeError, RecursionError):
-        raise OutputError(f"{path} is damaged: remove {out}, or give another --out") from None
+        raise OutputError(f"{path} is damaged: remove {out}, or give another folder") from None
     return Marker(command, frozenset(files))
 
 
@@ -99,13 +95,9 @@ def chosen_folder(
     * ``targets``: Names of files that the command writes; a folder must not look like one.
     * ``inputs``: Files and folders that the command reads. A name that is no path is ignored.
     """
-    if not text:
-        raise OutputError("--out is empty: give a folder")
     out = user_path(text)
     try:
         str(out).encode()
-        if out.exists() and not out.is_dir():
-            raise OutputError(f"--out {out} is a file: give a folder")
         if not out.exists() and out.suffix.lower() in {Path(name).suffix for name in targets} - {""}:
             raise OutputError(f"--out {out} names a file: give a folder, as in {out.with_suffix('').name or 'results'}")
         existing = next(parent for parent in (out, *out.resolve().parents) if parent.exists())
@@ -122,11 +114,7 @@ def chosen_folder(
         path = user_path(given)
         with suppress(OSError, ValueError):  # a name that no file can have
             if path.exists() and path.resolve().is_relative_to(out.resolve()):
-                if path.is_dir():
-                    raise OutputError(f"--out {out} is the folder of the data: give another one")
-                raise OutputError(
-                    f"--out {out}: results would replace {path}, which is read: copy it, or give another --out"
-                )
+                raise OutputError(f"--out {out}: results would replace {path}, which is read: give another folder")
     return out
 
 
@@ -136,39 +124,33 @@ def check_folder(out: Path, command: str) -> None:
         if not os.path.lexists(out):
             return
         if not out.is_dir():
-            raise OutputError(f"--out {out} is a file: give a folder")
+            raise OutputError(f"{out} is a file: give a folder")
         home = out / HOME
         if home.is_symlink() or (home.exists() and not home.is_dir()):
-            raise OutputError(f"{home} is not a folder of slam-init: remove it, or give another --out")
+            raise OutputError(f"{home} is not a folder of slam-init: remove it, or give another folder")
         marker = read_marker(out)
         if marker is None:
             found = next((entry.name for entry in os.scandir(out) if entry.name not in _NO_CONTENT), None)
             if found is not None:
                 raise OutputError(
-                    f"--out {out} is not empty, and slam-init did not write it (it holds {found!r}): "
+                    f"{out} is not empty, and slam-init did not write it (it holds {found!r}): "
                     "give a new or an empty folder"
                 )
             return
         if marker.command != command:
-            raise OutputError(f"--out {out} holds results of slam-init {marker.command}: give another --out")
+            raise OutputError(f"{out} holds results of slam-init {marker.command}: give another folder")
         foreign = next((name for name in names_in(out) if name not in marker.files), None)
         if foreign is not None:
-            raise OutputError(f"--out {out} holds {foreign!r}, which slam-init did not write: move it first")
+            raise OutputError(f"{out} holds {foreign!r}, which slam-init did not write: move it first")
     except OSError as error:
         raise output_error(out, error) from error
 
 
 def names_in(folder: Path) -> list[str]:
     """Return all files of a folder of results, and the links in it: relative, with slashes, without the marker."""
-    names = []
-    for place, folders, files in os.walk(folder):
-        below = Path(place)
-        if below == folder:
-            folders[:] = [name for name in folders if name not in _NO_CONTENT]
-            files = [name for name in files if name not in _NO_CONTENT]
-        links = [name for name in folders if (below / name).is_symlink()]
-        names += [(below / name).relative_to(folder).as_posix() for name in (*files, *links)]
-    return sorted(names)
+    paths = (path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir())
+    names = (path.relative_to(folder).as_posix() for path in paths)
+    return sorted(name for name in names if name.partition("/")[0] not in _NO_CONTENT)
 
 
 class OutputFolder:
@@ -262,7 +244,7 @@ class OutputFolder:
             for name in names:
                 _sync(self.staging / name)
             # Half of the renames must not stay because of a key that was pressed.
-            with InterruptsDeferred():
+            with interrupts_deferred():
                 if self._in_place:
                     self._move_each(sorted(names, key=lambda name: name == last))
                 else:

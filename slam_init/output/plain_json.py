@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from enum import Enum
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -17,7 +17,7 @@ Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | Non
 DIGITS = 6
 
 
-def plain(value: object, digits: int = DIGITS) -> Json:
+def plain(value: Any, digits: int = DIGITS) -> Json:
     """Convert a value to plain JSON types.
 
     * ``value``: Dataclasses become objects, sequences and arrays become lists, enumerations become their value, and
@@ -26,28 +26,22 @@ def plain(value: object, digits: int = DIGITS) -> Json:
       ``digits``.
     """
     if isinstance(value, Enum):
-        return plain(value.value, digits)
-    if value is None or isinstance(value, str):
-        return value
-    if isinstance(value, bool | np.bool_):
-        return bool(value)
-    if isinstance(value, int | np.integer):
-        return int(value)
-    if isinstance(value, float | np.floating):
+        value = value.value
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, float):
         return float(f"{value:.{digits}g}") if math.isfinite(value) else None
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+    if dataclasses.is_dataclass(value):
         return plain_fields(value, digits)
     if isinstance(value, Mapping):
         return {str(key): plain(item, digits) for key, item in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
+    if isinstance(value, list | tuple):
         return [plain(item, digits) for item in value]
-    return str(value)
+    return value if value is None or isinstance(value, bool | int | str) else str(value)
 
 
-def plain_fields(value: object, digits: int = DIGITS) -> dict[str, Json]:
+def plain_fields(value: Any, digits: int = DIGITS) -> dict[str, Json]:
     """Convert the fields of a dataclass to plain JSON types, by name."""
-    if not dataclasses.is_dataclass(value):
-        raise TypeError(f"{type(value).__name__} is not a dataclass")
     return {
         item.name: plain(getattr(value, item.name), item.metadata.get("digits", digits))
         for item in dataclasses.fields(value)

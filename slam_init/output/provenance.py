@@ -28,7 +28,7 @@ class Provenance:
     #: The resolved configuration and the options of the run.
     options: Mapping[str, Json]
     #: Hash of the calibration and of the frames that were read: pixels, names, time stamps and measured rotations, in
-    #: order.
+    #: order. Empty where somebody else read them.
     input_blake2b: str
 
 
@@ -78,9 +78,12 @@ class InputHash:
         return self._hash.hexdigest()
 
 
-def provenance_of(command: Sequence[str], options: Mapping[str, Json], input_hash: InputHash) -> Provenance:
-    """Gather the provenance of a run."""
-    return Provenance(package_versions(_PACKAGES), tuple(command), dict(options), input_hash.hexdigest())
+def provenance_of(
+    command: Sequence[str], options: Mapping[str, Json], input_hash: InputHash | None = None
+) -> Provenance:
+    """Gather the provenance of a run, or of a result without the hash of its input."""
+    hashed = "" if input_hash is None else input_hash.hexdigest()
+    return Provenance(package_versions(_PACKAGES), tuple(command), dict(options), hashed)
 
 
 def package_versions(names: Sequence[str]) -> dict[str, str]:

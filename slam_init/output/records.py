@@ -7,10 +7,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from slam_init.types.camera import Camera
 from slam_init.types.evidence import FreeFocal, MapEvidence, PreviewEvidence, TwoViewEvidence, WindowEvidence
-from slam_init.types.gates import Direction, Gate, GateName, Stage
-from slam_init.types.inertial import Gravity
+from slam_init.types.gates import Direction, GateName, Stage
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, GroundTruthErrors, Segment
@@ -29,10 +27,13 @@ _Record = TypeVar("_Record", bound="DataclassInstance")
 
 
 def record(kind: type[_Record], *things: object, **others: Any) -> _Record:
-    """Make a record whose other fields are attributes of things by the same names."""
-    names = [item.name for item in dataclasses.fields(kind) if item.name not in others]
-    owners = {name: next(thing for thing in things if hasattr(thing, name)) for name in names}
-    return kind(**{name: getattr(owner, name) for name, owner in owners.items()}, **others)
+    """Make a record of others by name, and of attributes of things by the same names; further others are left out."""
+    values = {}
+    for name in (item.name for item in dataclasses.fields(kind)):
+        values[name] = (
+            others[name] if name in others else next(getattr(one, name) for one in things if hasattr(one, name))
+        )
+    return kind(**values)
 
 
 @dataclass(frozen=True)
@@ -71,11 +72,6 @@ class CameraRecord:
     #: ``down``, ``up``, ``right`` or ``left``.
     readout_direction: str = "down"
 
-    @staticmethod
-    def describe(camera: Camera) -> CameraRecord:
-        """Make the record of a camera."""
-        return record(CameraRecord, camera)
-
 
 @dataclass(frozen=True)
 class KeyframeRecord:
@@ -93,9 +89,8 @@ class KeyframeRecord:
     @staticmethod
     def describe(keyframe: Keyframe) -> KeyframeRecord:
         """Make the record of a keyframe."""
-        pose = keyframe.world_from_cam
-        q, t = (tuple(map(float, values)) for values in (pose.q_wxyz, pose.t))
-        return KeyframeRecord(int(keyframe.frame), float(keyframe.timestamp_s), q, t)
+        q, t = keyframe.world_from_cam.q_wxyz, keyframe.world_from_cam.t
+        return KeyframeRecord(int(keyframe.frame), float(keyframe.timestamp_s), tuple(q.tolist()), tuple(t.tolist()))
 
 
 @dataclass(frozen=True)
@@ -108,12 +103,6 @@ class HypothesisRecord:
     landmarks: int
     #: Root mean square of the reprojection errors, in pixels.
     reprojection_rmse_px: float
-
-    @staticmethod
-    def describe(map_: InitialMap) -> HypothesisRecord:
-        """Make the record of an undecided map."""
-        keyframes = tuple(KeyframeRecord.describe(keyframe) for keyframe in map_.keyframes)
-        return HypothesisRecord(keyframes, len(map_.points), map_.reprojection_rmse_px)
 
 
 @dataclass(frozen=True)
@@ -135,11 +124,6 @@ class GateRecord:
     reason: Verdict
     #: What the person who moves the camera should do then.
     advice: str
-
-    @staticmethod
-    def describe(gate: Gate) -> GateRecord:
-        """Make the record of a gate."""
-        return record(GateRecord, gate, passes=gate.passes())
 
 
 @dataclass(frozen=True)
@@ -174,7 +158,8 @@ class AttemptRecord:
     @staticmethod
     def describe(attempt: Attempt) -> AttemptRecord:
         """Make the record of an attempt."""
-        return record(AttemptRecord, attempt, gates=tuple(GateRecord.describe(gate) for gate in attempt.gates))
+        gates = tuple(record(GateRecord, gate, passes=gate.passes()) for gate in attempt.gates)
+        return record(AttemptRecord, attempt, gates=gates)
 
 
 @dataclass(frozen=True)
@@ -222,11 +207,6 @@ class ScaleRecord:
     #: Why no scale was found; empty where one was.
     reason: str
 
-    @staticmethod
-    def describe(scale: Scale | None) -> ScaleRecord | None:
-        """Make the record of a scale."""
-        return None if scale is None else record(ScaleRecord, scale)
-
 
 @dataclass(frozen=True)
 class GravityRecord:
@@ -237,13 +217,18 @@ class GravityRecord:
     #: Standard deviation of each of its two angles.
     sigma_deg: float
 
-    @staticmethod
-    def describe(gravity: Gravity | None) -> GravityRecord | None:
-        """Make the record of a direction."""
-        if gravity is None:
-            return None
-        x, y, z = gravity.down.tolist()
-        return GravityRecord((x, y, z), gravity.sigma_deg)
+
+def map_figures(map_: InitialMap | None, scale: Scale | None) -> dict[str, Any]:
+    """The fields of a run or a segment about its map, if there is one, and its scale, if one was looked for."""
+    gravity = None if map_ is None else map_.gravity
+    return {
+        "keyframes": () if map_ is None else tuple(KeyframeRecord.describe(keyframe) for keyframe in map_.keyframes),
+        "landmarks": 0 if map_ is None else len(map_.points),
+        "scale": None if scale is None else scale.metres_per_unit,
+        "scale_sigma": None if scale is None else scale.sigma,
+        "scale_origin": None if scale is None else record(ScaleRecord, scale),
+        "gravity": None if gravity is None else GravityRecord(tuple(gravity.down.tolist()), gravity.sigma_deg),
+    }
 
 
 @dataclass(frozen=True)
@@ -284,18 +269,6 @@ class SegmentRecord:
         folder: str, segment: Segment, continued: ContinuationRecord, ground_truth: GroundTruthErrors | None
     ) -> SegmentRecord:
         """Make the record of a segment."""
-        map_, scale = segment.map, segment.scale
-        return record(
-            SegmentRecord,
-            segment,
-            map_,
-            folder=folder,
-            keyframes=tuple(KeyframeRecord.describe(keyframe) for keyframe in map_.keyframes),
-            landmarks=len(map_.points),
-            scale=None if scale is None else scale.metres_per_unit,
-            scale_sigma=None if scale is None else scale.sigma,
-            scale_origin=ScaleRecord.describe(scale),
-            gravity=GravityRecord.describe(map_.gravity),
-            ground_truth=ground_truth,
-            continued=continued,
-        )
+        figures = map_figures(segment.map, segment.scale)
+        found = {"folder": folder, "ground_truth": ground_truth, "continued": continued}
+        return record(SegmentRecord, segment, segment.map, **figures, **found)

@@ -12,10 +12,15 @@ from slam_init.output.summary import Summary
 from slam_init.types.result import Result, report_facts
 
 
-def report_text(result: Result, summary: Summary, out: str | os.PathLike[str]) -> str:
-    """Write a few aligned lines: the verdict, the quality of the map, and the folder of the results."""
+def report_text(result: Result, summary: Summary, out: str | os.PathLike[str], replaced: str | None = None) -> str:
+    """Write a few aligned lines: the verdict, the quality of the map, and the folder of the results.
+
+    * ``replaced``: The earlier result that was in the folder.
+    """
     title, facts = report_facts(result, _run_facts(summary))
     folder = plain_line(str(Path(out)))
+    if replaced is not None:
+        facts = [*facts, ("replaced", plain_line(replaced))]
     return aligned(title, [*facts, ("results", f"{folder}/ (look at it: slam-init view {folder})")]) + "\n"
 
 

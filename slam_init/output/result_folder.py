@@ -6,13 +6,12 @@ of one line.
 
 from __future__ import annotations
 
+import json
 import math
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from contextlib import suppress
 from pathlib import Path
-
-from pydantic import TypeAdapter, ValidationError
+from typing import Any
 
 from slam_init.errors import SourceError, plain_line
 from slam_init.output.folder import read_marker
@@ -25,53 +24,6 @@ _SUMMARY = "summary.json"
 _LIMIT_BYTES = 64_000_000
 #: More keyframes are cut in the text, never in the facts.
 _SHOWN_KEYFRAMES = 20
-
-
-@dataclass(frozen=True)
-class _Keyframe:
-    frame: int
-
-
-@dataclass(frozen=True)
-class _Window:
-    risk: float | None = None
-
-
-@dataclass(frozen=True)
-class _Attempt:
-    window: _Window | None = None
-
-
-@dataclass(frozen=True)
-class _Source:
-    name: str = ""
-
-
-@dataclass(frozen=True)
-class _Provenance:
-    packages: Mapping[str, str] = field(default_factory=dict)
-    command: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class _Summary:
-    """What is read of ``summary.json``. Versions before this one may lack the keys that have a default."""
-
-    status: str
-    method: str
-    seed: int
-    frames_read: int
-    landmarks: int
-    frames_to_init: int | None
-    reason: str | None = None
-    advice: str = ""
-    source: _Source = _Source()
-    keyframes: tuple[_Keyframe, ...] = ()
-    hypotheses: tuple[object, ...] = ()
-    attempts: tuple[_Attempt, ...] = ()
-    provenance: _Provenance | None = None
-    notes: tuple[str, ...] = ()
-    wrong_focal: Mapping[str, object] | None = None
 
 
 def is_result_folder(path: str | os.PathLike[str]) -> bool:
@@ -93,97 +45,100 @@ def is_result_folder(path: str | os.PathLike[str]) -> bool:
         return False
 
 
-@dataclass(frozen=True)
-class ResultFolder:
-    """A folder of results that was read.
+def earlier_result(folder: Path) -> str | None:
+    """Name the result that a run will replace; None where there is none."""
+    with suppress(SourceError):
+        if is_result_folder(folder):
+            facts = read_result(folder)
+            return f"the result of {facts['source'] or 'an earlier run'}, {_outcome(facts)}"
+    return None
 
-    * ``files``: The size of each file of the run that is there, by its relative path with slashes.
+
+def read_result(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Read a folder of results.
+
+    * Returns: The facts in the order of ``slam-init info --json``. The risk is that of the last judged window.
     """
-
-    path: str
-    summary: _Summary
-    files: Mapping[str, int]
-
-    @staticmethod
-    def read(path: str | os.PathLike[str]) -> ResultFolder:
-        """Read a folder of results."""
-        folder = Path(path)
-        there = (name for name in RUN_FILES if (folder / name).is_file() and not (folder / name).is_symlink())
-        return ResultFolder(
-            str(folder), _read_summary(folder), {name: (folder / name).stat().st_size for name in there}
-        )
-
-    def facts(self) -> dict[str, object]:
-        """Return the facts in the order of ``slam-init info --json``. The risk is that of the last judged window."""
-        summary, provenance = self.summary, self.summary.provenance or _Provenance()
+    folder = Path(path)
+    summary = _read_summary(folder)
+    there = [name for name in RUN_FILES if (folder / name).is_file() and not (folder / name).is_symlink()]
+    try:
+        provenance = summary.get("provenance") or {}
+        windows = [window for attempt in summary["attempts"] if (window := attempt.get("window"))]
+        risk = windows[-1]["risk"] if windows else None
         return {
-            "folder": self.path,
-            "status": summary.status,
-            "reason": summary.reason,
-            "advice": summary.advice,
-            "risk": self._risk,
-            "source": summary.source.name,
-            "method": summary.method,
-            "seed": summary.seed,
-            "frames_read": summary.frames_read,
-            "frames_to_init": summary.frames_to_init,
-            "keyframes": [one.frame for one in summary.keyframes],
-            "landmarks": summary.landmarks,
-            "hypotheses": len(summary.hypotheses),
-            "attempts": len(summary.attempts),
-            "files": [{"name": name, "bytes": size} for name, size in self.files.items()],
-            "version": provenance.packages.get("slam-init"),
-            "command": provenance.command,
-            "notes": summary.notes,
+            "folder": str(folder),
+            "status": summary["status"],
+            "reason": summary.get("reason"),
+            "advice": summary.get("advice", ""),
+            "risk": None if risk is None else float(risk),
+            "source": summary.get("source", {}).get("name", ""),
+            "method": summary["method"],
+            "seed": summary["seed"],
+            "frames_read": summary["frames_read"],
+            "frames_to_init": summary["frames_to_init"],
+            "keyframes": [int(keyframe["frame"]) for keyframe in summary["keyframes"]],
+            "landmarks": summary["landmarks"],
+            "hypotheses": len(summary["hypotheses"]),
+            "attempts": len(summary["attempts"]),
+            "files": [{"name": name, "bytes": (folder / name).stat().st_size} for name in there],
+            "version": provenance.get("packages", {}).get("slam-init"),
+            "command": [str(word) for word in provenance.get("command", ())],
+            "notes": [str(note) for note in summary.get("notes", ())],
+            "wrong_focal": summary.get("wrong_focal"),
         }
-
-    def text(self) -> str:
-        """Format the facts for people, one per line."""
-        summary, provenance = self.summary, self.summary.provenance or _Provenance()
-        if summary.reason is None:
-            title, count = f"initialized after {summary.frames_to_init} frames", len(summary.keyframes)
-            frames = ", ".join(str(one.frame) for one in summary.keyframes[:_SHOWN_KEYFRAMES])
-            more = ", ..." if count > _SHOWN_KEYFRAMES else ""
-            facts = [("keyframes", f"{count} (frames {frames}{more})"), ("landmarks", str(summary.landmarks))]
-        else:
-            title = (
-                f"not initialized after {summary.frames_read} frames: {why_no_map(summary.reason, summary.wrong_focal)}"
-            )
-            facts = [("advice", summary.advice)]
-            if summary.hypotheses:
-                facts.append(("kept", f"{len(summary.hypotheses)} maps, one of them is right"))
-        if self._risk is not None:
-            facts.append(("risk", f"{self._risk:.2g} that the map is wrong"))
-        sizes = [f"{name}  {_size(size)}" for name, size in self.files.items()]
-        facts += [
-            ("source", summary.source.name),
-            ("method", f"{summary.method}, seed {summary.seed}, {len(summary.attempts)} attempts"),
-            ("version", provenance.packages.get("slam-init", "unknown")),
-            ("command", " ".join(provenance.command) or "unknown"),
-            *(("note", note) for note in summary.notes),
-            *(("" if k else "files", size) for k, size in enumerate(sizes)),
-        ]
-        lines = [f"{self.path}: {title}", *(f"  {name:<12}{text}" for name, text in facts)]
-        return "\n".join(plain_line(line) for line in lines) + "\n"
-
-    @property
-    def _risk(self) -> float | None:
-        windows = [attempt.window for attempt in self.summary.attempts if attempt.window is not None]
-        risk = windows[-1].risk if windows else None
-        return risk if risk is not None and math.isfinite(risk) else None
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise SourceError(f"{folder / _SUMMARY} is damaged ({error}): run again") from None
 
 
-def _read_summary(folder: Path) -> _Summary:
+def result_text(facts: dict[str, Any]) -> str:
+    """Format the facts of a folder of results for people, one per line."""
+    lines = [("advice", facts["advice"])] if facts["reason"] else _map_lines(facts)
+    if facts["hypotheses"]:
+        lines.append(("kept", f"{facts['hypotheses']} maps, one of them is right"))
+    if facts["risk"] is not None:
+        lines.append(("risk", f"{facts['risk']:.2g} that the map is wrong"))
+    lines += [
+        ("source", facts["source"]),
+        ("method", f"{facts['method']}, seed {facts['seed']}, {facts['attempts']} attempts"),
+        ("version", facts["version"] or "unknown"),
+        ("command", " ".join(facts["command"]) or "unknown"),
+        *(("note", note) for note in facts["notes"]),
+        *(("" if k else "files", f"{one['name']}  {_size(one['bytes'])}") for k, one in enumerate(facts["files"])),
+    ]
+    title = f"{facts['folder']}: {_outcome(facts)}"
+    return "\n".join(plain_line(line) for line in (title, *(f"  {name:<12}{text}" for name, text in lines))) + "\n"
+
+
+def _outcome(facts: dict[str, Any]) -> str:
+    if facts["reason"] is None:
+        return f"initialized after {facts['frames_to_init']} frames"
+    return f"not initialized after {facts['frames_read']} frames: {why_no_map(facts['reason'], facts['wrong_focal'])}"
+
+
+def _map_lines(facts: dict[str, Any]) -> list[tuple[str, str]]:
+    frames = facts["keyframes"]
+    shown = ", ".join(map(str, frames[:_SHOWN_KEYFRAMES])) + (", ..." if len(frames) > _SHOWN_KEYFRAMES else "")
+    return [("keyframes", f"{len(frames)} (frames {shown})"), ("landmarks", str(facts["landmarks"]))]
+
+
+def _read_summary(folder: Path) -> dict[str, Any]:
     path = folder / _SUMMARY
     check_inside(path, folder)
     if not path.exists():
         raise SourceError(f"{folder} holds no {_SUMMARY}: the run was interrupted, or is not complete; run again")
     data = read_regular(path, _LIMIT_BYTES, "the summary of a run", SourceError)
     try:
-        return TypeAdapter(_Summary).validate_json(data, strict=True)
-    except ValidationError as error:
-        where = ".".join(map(str, error.errors()[0]["loc"]))
-        raise SourceError(f"{path} is damaged{f' at {where}' if where else ''}: run again") from None
+        summary = json.loads(data, parse_float=_finite, parse_constant=_finite)
+        assert isinstance(summary, dict)
+    except (ValueError, RecursionError, AssertionError):
+        raise SourceError(f"{path} is damaged: run again") from None
+    return summary
+
+
+def _finite(text: str) -> float | None:
+    number = float(text)
+    return number if math.isfinite(number) else None
 
 
 def _size(count: int) -> str:

@@ -40,12 +40,12 @@ from slam_init.output.handover import handover_bytes
 from slam_init.output.names import COLMAP_FILES, OVERVIEW, segment_folder
 from slam_init.output.nerfstudio import transforms_text
 from slam_init.output.ply import coloured_points
+from slam_init.output.provenance import provenance_of
 from slam_init.output.records import SourceRecord
 from slam_init.output.summary import Summary, summary_of, summary_text
 from slam_init.system.regular_file import read_regular, user_path
 from slam_init.types.initial_map import Descriptors, InitialMap, Keyframe
-from slam_init.types.result import Result
-from slam_init.types.segments import MAX_SEGMENTS
+from slam_init.types.result import MAX_SEGMENTS, Result
 
 #: A map of 100,000 observations takes 20 MB.
 _MAX_ARCHIVE_BYTES = 500_000_000
@@ -176,7 +176,7 @@ def load_graph(out: str | os.PathLike[str]) -> tuple[Any, Any]:
     if not (out / _GRAPH).exists():
         if (out / segment_folder(1)).is_dir():
             raise SourceError(f"{out} has a graph for each map: give {out / segment_folder(1)}")
-        raise SourceError(f"no graph in {out}: give the --out folder of a run that initialized")
+        raise SourceError(f"no graph in {out}: give the folder of a run that initialized")
     texts = [_archive(out / name) for name in (_GRAPH, _VALUES)]
     # gtsam believes each count and class of an archive: damaged ones end the process. So a child reads it first.
     command = [sys.executable, "-c", _READ_BY_CHILD, str(_CHILD_BYTES)]
@@ -234,8 +234,15 @@ def save(thing: object, folder: str | os.PathLike[str]) -> None:
     elif isinstance(thing, Result):
         if thing.camera is None:
             raise OutputError(f"{folder}: the result has no camera: take that of an Initializer, or save its map")
-        source = SourceRecord("python", "frames")
-        write_results(folder, thing, summary_of(thing, source, thing.camera, thing.method, thing.seed))
+        summary = summary_of(
+            thing,
+            SourceRecord("python", "frames"),
+            thing.camera,
+            thing.method,
+            thing.seed,
+            provenance=provenance_of(["Result.save"], {}),
+        )
+        write_results(folder, thing, summary)
 
 
 def write_colmap(map_: InitialMap, folder: str | os.PathLike[str]) -> None:

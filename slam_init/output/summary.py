@@ -24,6 +24,7 @@ from slam_init.output.records import (
     ScaleRecord,
     SegmentRecord,
     SourceRecord,
+    map_figures,
     record,
 )
 from slam_init.types.camera import Camera
@@ -125,7 +126,9 @@ def summary_of(
 
     * ``ground_truth``: From :func:`slam_init.evaluation.metrics.compare_with_groundtruth`.
     """
-    map_, scale = result.map, result.scale
+    map_ = result.map
+    # The hypotheses of an initialized run are the map itself, which other keys describe.
+    kept = () if map_ is not None else result.hypotheses
     return record(
         Summary,
         result,
@@ -133,25 +136,19 @@ def summary_of(
         source=source,
         method=method,
         seed=int(seed),
-        camera=CameraRecord.describe(camera),
-        keyframes=() if map_ is None else tuple(KeyframeRecord.describe(keyframe) for keyframe in map_.keyframes),
-        landmarks=0 if map_ is None else len(map_.points),
+        camera=record(CameraRecord, camera),
         median_parallax_deg=None if map_ is None else _known(map_.median_parallax_deg),
         depth_sigma=None if map_ is None else _known(map_.depth_sigma),
         reprojection_rmse_px=None if map_ is None else _known(map_.reprojection_rmse_px),
         scene=None if map_ is None else map_.scene,
         focal_length=None if map_ is None else FocalLengthRecord.describe(map_),
-        scale=None if scale is None else scale.metres_per_unit,
-        scale_sigma=None if scale is None else scale.sigma,
-        scale_origin=ScaleRecord.describe(scale),
-        gravity=None if map_ is None else GravityRecord.describe(map_.gravity),
-        # The hypotheses of an initialized run are the map itself, which the keys above describe.
-        hypotheses=() if map_ is not None else tuple(HypothesisRecord.describe(kept) for kept in result.hypotheses),
+        hypotheses=tuple(record(HypothesisRecord, one, **map_figures(one, None)) for one in kept),
         attempts=tuple(AttemptRecord.describe(attempt) for attempt in result.attempts),
         ground_truth=ground_truth,
         continued=continued,
         segments=segments,
         provenance=provenance,
+        **map_figures(map_, result.scale),
     )
 
 

@@ -76,8 +76,6 @@ ARROWS, ARROW_FACTOR = "world/camera/image/readout", 4
 TWINS = "twins"
 #: The verdict and the advice of the run.
 ADVICE = "advice"
-#: The colours of all views, and what they mean.
-LEGEND = "legend"
 #: The smallest risk that is plotted. The plot is of powers of ten, because the bound would lie on the axis otherwise.
 LEAST_RISK = 1e-4
 #: The figures that show the progress of an initialization. First the parallax grows. Then the standard deviation of the
@@ -183,8 +181,6 @@ def _texts() -> Any:
         rrb.TextDocumentView(origin="pairs/verdict", name="verdict on the pair"),
         log,
         rrb.TextDocumentView(origin="pairs/evidence", name="evidence"),
-        rrb.TextDocumentView(origin="summary", name="summary"),
-        rrb.TextDocumentView(origin=LEGEND, name="legend"),
         name="text",
     )
 
@@ -193,7 +189,7 @@ def _plots() -> Any:
     """Make the plots: the risk in front, its parts, the time of a frame, and the rest side by side.
 
     The parts of the risk are a tab of their own: over a hundred frames without a map they hide the risk. A legend would
-    hide a part of a plot of this size. The names tell the colours, and so does the view "legend".
+    hide a part of a plot of this size. The names of the lines tell the colours.
     """
     import rerun.blueprint as rrb
 

@@ -23,7 +23,6 @@ CONJUGATE_NAMES = ("a", "b")
 #: Size of the frustum of the camera in units of the map, whose median depth is 1. On a short path the frusta of the
 #: keyframes would hide the path. Their size is then a tenth of the path, so that five of them do not overlap.
 FRUSTUM, _SMALLEST_FRUSTUM, _FRUSTUM_OF_PATH = 0.08, 0.005, 0.1
-_CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 #: Colours of the better one of two undecided maps, and of its rival.
 _COLORS: tuple[Color, ...] = ((190, 120, 255), (130, 110, 150))
 
@@ -45,7 +44,7 @@ def log_undecided(rec: Any, maps: Sequence[InitialMap]) -> None:
     """Log the paths of up to two maps, and each map in a space of its own; clear those of maps that do not exist."""
     import rerun as rr
 
-    thin, thick = rr.Radius.ui_points(1.0), rr.Radius.ui_points(1.5)
+    thick = rr.Radius.ui_points(1.5)
     for k, (name, color) in enumerate(zip(CONJUGATE_NAMES, _COLORS, strict=True)):
         hypothesis, twin = f"world/trajectory/hypothesis{k + 1}", f"{TWINS}/{name}"
         if k >= len(maps):
@@ -57,8 +56,10 @@ def log_undecided(rec: Any, maps: Sequence[InitialMap]) -> None:
         rec.log(hypothesis, rr.LineStrips3D(path, colors=[color], radii=thick, labels=[label], show_labels=True))
         rec.log(twin, rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
         _log_points(rec, f"{twin}/points", map_, map_.points)
-        strips = [strip for keyframe in map_.keyframes for strip in _frustum(map_, keyframe.world_from_cam)]
-        rec.log(f"{twin}/keyframes", rr.LineStrips3D(strips, colors=[ESTIMATE_COLOR], radii=thin))
+        for keyframe in map_.keyframes:
+            entity = f"{twin}/keyframes/{keyframe.frame}"
+            rec.log(entity, _transform(keyframe.world_from_cam))
+            log_pinhole(rec, entity, map_.camera, ESTIMATE_COLOR, FRUSTUM)
         rec.log(f"{twin}/path", rr.LineStrips3D(path, colors=[_COLORS[0]], radii=thick))
 
 
@@ -66,15 +67,6 @@ def _log_points(rec: Any, entity: str, map_: InitialMap, points: Floats) -> None
     import rerun as rr
 
     rec.log(entity, rr.Points3D(points, colors=map_.colors, radii=rr.Radius.ui_points(2.5)))
-
-
-def _frustum(map_: InitialMap, world_from_cam: Pose) -> list[Floats]:
-    """The outline of the image and the edges from the centre to its corners, as line strips."""
-    camera = map_.camera
-    x, y = FRUSTUM * camera.width / (2 * camera.fx), FRUSTUM * camera.height / (2 * camera.fy)
-    corners = world_from_cam.apply(np.array([[sx * x, sy * y, FRUSTUM] for sx, sy in _CORNERS]))
-    centre = world_from_cam.t
-    return [corners[[0, 1, 2, 3, 0]], *(np.stack([centre, corner]) for corner in corners)]
 
 
 #: The entity of the bar.

@@ -11,11 +11,11 @@ from types import TracebackType
 from typing import Self
 
 from slam_init.types.arrays import Floats
-from slam_init.types.camera_pose import CameraPose
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.result import Attempt
 from slam_init.types.scale import Scale
+from slam_init.types.status import CameraPose
 
 
 class Recorder:

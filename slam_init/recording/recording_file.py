@@ -58,56 +58,41 @@ class RecordingFile:
     def __init__(
         self, path: Path, recording: rr.RecordingStream, layout: rrb.Blueprint, viewer: str | None = None
     ) -> None:
+        import rerun as rr
+
         self._path, self._partial = path, path.with_suffix(UNFINISHED)
-        self._recording = recording
-        self._open = True
+        self._recording, self._open = recording, True
         with self._told():
             if path.is_dir():
                 raise IsADirectoryError(f"{path} is a folder")
+            _check_room(path.parent)
             self._partial.touch()
-        try:
-            self.check()
-        except OutputError:
-            self._remove()
-            raise
-        if viewer is None:
-            recording.save(self._partial, default_blueprint=layout)
-            return
-        import rerun as rr
-
-        recording.set_sinks(rr.FileSink(str(self._partial)), rr.GrpcSink(viewer), default_blueprint=layout)
+        sinks = [] if viewer is None else [rr.GrpcSink(viewer)]
+        recording.set_sinks(rr.FileSink(str(self._partial)), *sinks, default_blueprint=layout)
 
     def check(self) -> None:
         """Raise an error where the disk is full, or the file is gone."""
         with self._told():
             if self._open and not self._partial.exists():
                 raise FileNotFoundError("the file is gone")
-            if shutil.disk_usage(self._path.parent).free < _RESERVE_BYTES:
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            _check_room(self._path.parent)
 
     def complete(self) -> None:
         """Write the rest, close the file, and give it its name. It may be called twice."""
-        if not self._open:
-            return
-        try:
-            self.check()
-            self._close()
-            with self._told():
-                self._partial.replace(self._path)
-        finally:
-            self.discard()
+        if self._open:
+            try:
+                self.check()
+                self._recording.disconnect()
+                with self._told():
+                    self._partial.replace(self._path)
+            finally:
+                self.discard()
 
     def discard(self) -> None:
         """Close the file, and remove it unless it is complete."""
         if self._open:
-            self._close()
-        self._remove()
-
-    def _close(self) -> None:
+            self._recording.disconnect()
         self._open = False
-        self._recording.disconnect()
-
-    def _remove(self) -> None:
         with suppress(OSError):
             self._partial.unlink(missing_ok=True)
 
@@ -119,3 +104,8 @@ class RecordingFile:
         except OSError as error:
             cause = f"{error.strerror or error}: {remedy(error)}, or give another --out"
             raise OutputError(f"cannot write the recording {self._path}: {cause}") from error
+
+
+def _check_room(folder: Path) -> None:
+    if shutil.disk_usage(folder).free < _RESERVE_BYTES:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -17,8 +17,8 @@ entity                      content
                             verdict and evidence
 ``stats``                   number of tracks; figures of the attempts; the risk, its terms and its
                             bound as powers of ten; time of a frame; error of bundle adjustment
-``log``, ``summary``        one line for each attempt; the summary of the run
-``advice``                  the result of the run in large letters
+``log``                     one line for each attempt
+``advice``                  the result of the run in large letters, and its notes
 ==========================  =======================================================================
 
 Timelines: ``frame`` (absolute index), ``sensor_time`` or, where the stamps are dates, ``sensor_date`` and
@@ -46,13 +46,13 @@ from slam_init.recording.recorder import Recorder
 from slam_init.recording.recording_file import RecordingFile, open_stream
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
-from slam_init.types.camera_pose import CameraPose
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Trajectory
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
 from slam_init.types.scale import Scale
+from slam_init.types.status import CameraPose
 from slam_init.types.time_stamps import is_date
 
 _NOWHERE = np.zeros((0, 2))
@@ -119,7 +119,6 @@ class RerunRecorder(Recorder):
         self._map_view = map_view.MapView(self._rec, groundtruth, self._scale)
         self._file = RecordingFile(path, self._rec, start, viewer)
         self._rec.send_recording_name(f"slam-init {source_name}")
-        self._log_text(layout.LEGEND, text.legend_markdown(), static=True)
         self._rec.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
         for series in layout.SERIES:
             # Points are drawn as well, since a single attempt makes no line.
@@ -236,8 +235,7 @@ class RerunRecorder(Recorder):
         self._map_view.clear()
 
     def summary(self, summary: Summary) -> None:
-        """Log the summary as a table. Times and provenance are left out, since they differ between equal runs."""
-        self._log_text("summary", text.summary_markdown(summary), static=True)
+        """Log the result of the run, with its notes."""
         self._log_text(layout.ADVICE, text.advice_markdown(summary), static=True)
         if summary.reason is not None and self._end is End.MAP:
             self._end = End.NO_MAP

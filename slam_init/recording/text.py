@@ -1,35 +1,15 @@
-"""Texts of attempts and summaries for the recording."""
+"""Texts of attempts and of the result for the recording."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping
 
 from slam_init.errors import plain_line
 from slam_init.output.plain_json import Json, plain_fields
 from slam_init.output.summary import Summary
-from slam_init.recording.layout import ARROW_FACTOR
 from slam_init.types.gates import Direction, Gate, GateName
 from slam_init.types.reasons import Verdict, in_words
 from slam_init.types.result import Attempt, why_no_map
-
-#: Fields of the summary that have one line each.
-_FIGURES = (
-    "schema",
-    "reason",
-    "advice",
-    "method",
-    "seed",
-    "frames_read",
-    "frames_to_init",
-    "landmarks",
-    "median_parallax_deg",
-    "depth_sigma",
-    "reprojection_rmse_px",
-    "scene",
-)
-#: Fields that have a table each. Times and provenance are left out, since they differ between equal runs.
-_TABLES = ("margin", "ground_truth", "camera", "focal_length", "source", "continued")
 
 
 def attempt_line(attempt: Attempt) -> str:
@@ -51,8 +31,6 @@ def attempt_markdown(attempt: Attempt) -> str:
     lines = [f"**{verdict}**, frames {_frames(attempt)}", ""]
     if attempt.advice:
         lines += [attempt.advice, ""]
-    if attempt.free_focal is not None and attempt.free_focal.contradicts:
-        lines += [f"**{attempt.free_focal.note}**", ""]
     if attempt.gates:
         lines += ["| gate | value | needs | |", "|---|---:|---:|---|", *map(_gate_row, attempt.gates), ""]
     if attempt.window is not None and not accepted:
@@ -85,7 +63,8 @@ def evidence_markdown(attempt: Attempt) -> str:
             figures |= statistics
         rows |= {f"{prefix}{name}": value for name, value in figures.items()}
     known = {name: value for name, value in rows.items() if value is not None}
-    return "\n".join(_table(f"frames {_frames(attempt)}", known))
+    rows_of_table = (f"| {name} | {_shown(value)} |" for name, value in known.items())
+    return "\n".join([f"| frames {_frames(attempt)} | |", "|---|---:|", *rows_of_table])
 
 
 def conjugate_maps_markdown(attempt: Attempt | None) -> str:
@@ -102,30 +81,6 @@ def conjugate_maps_markdown(attempt: Attempt | None) -> str:
     return "\n".join(lines)
 
 
-def legend_markdown() -> str:
-    """Write what the colours of the views mean."""
-    rows = (
-        ("map, keyframes", "blue", "estimated cameras and path"),
-        ("map, keyframes", "orange", "true path, aligned"),
-        ("map", "yellow", "camera of the newest frame, with its image"),
-        ("map, keyframes", "purple", "paths of map A and map B"),
-        ("frame", "green", "tracks"),
-        ("frame", "yellow", "motion over three frames"),
-        ("frame, pair", "purple", "on a body that moves"),
-        ("pair", "green, red", "inliers, outliers"),
-        ("pair", "yellow", "no motion was estimated"),
-        ("shutter", "yellow", "pixels as read"),
-        ("shutter", "purple", f"corrected; arrows are {ARROW_FACTOR} times as long"),
-        ("log10 risk", "red", "bound; below it the map is handed over"),
-        ("log10 risk", "purple", "the risk that the map is wrong"),
-        ("parts", "light blue, pink, grey, brown", "its parts: direction, other motion, rotation, moving bodies"),
-        ("counts", "blue, green", "tracks, landmarks"),
-        ("ms", "blue", "time of a frame"),
-        ("ms", "red", "time between two frames at 30 Hz"),
-    )
-    return "\n".join(["| view | colour | |", "|---|---|---|", *(f"| {' | '.join(row)} |" for row in rows)])
-
-
 def headline(summary: Summary) -> str:
     """Write in one line whether there is a map, and why not."""
     if summary.reason is None:
@@ -134,30 +89,15 @@ def headline(summary: Summary) -> str:
 
 
 def advice_markdown(summary: Summary) -> str:
-    """Write the result of a run in large letters: initialized, or why not and what to do."""
-    title = f"# {headline(summary)}"
-    if summary.reason is None:
-        return title if summary.wrong_focal is None else f"{title}\n\n# {summary.wrong_focal.note}"
-    said, _, advice = summary.advice.partition(": ")
-    return f"{title}\n\n{said}\n\n# {advice or said}"
-
-
-def summary_markdown(summary: Summary) -> str:
-    """Write the figures of a summary as tables, with a list of its keyframes."""
-    fields = summary.as_dict()
-    reason = f": {summary.reason}" if summary.reason else ""
-    lines = [f"# {summary.status}{reason}", *_table("figure", {name: fields[name] for name in _FIGURES})]
-    for name in _TABLES:
-        table = fields[name]
-        if isinstance(table, Mapping):
-            lines += ["", *_table(name, table)]
-    if summary.keyframes:
-        frames = ", ".join(str(keyframe.frame) for keyframe in summary.keyframes)
-        lines += ["", f"Keyframes: {frames}"]
-    counts = Counter(str(attempt.verdict) for attempt in summary.attempts)
-    if counts:
-        lines += ["", *_table("attempts", counts)]
-    return "\n".join([*lines, "", *(f"- {plain_line(note)}" for note in summary.notes)])
+    """Write the result of a run in large letters: initialized, or why not and what to do. Then its notes."""
+    parts = [f"# {headline(summary)}"]
+    if summary.reason is not None:
+        said, _, advice = summary.advice.partition(": ")
+        parts += [said, f"# {advice or said}"]
+    elif summary.wrong_focal is not None:
+        parts.append(f"# {summary.wrong_focal.note}")
+    notes = [f"- {plain_line(note)}" for note in summary.notes if f"# {note}" not in parts]
+    return "\n\n".join([*parts, *notes])
 
 
 def _frames(attempt: Attempt) -> str:
@@ -168,10 +108,6 @@ def _gate_row(gate: Gate) -> str:
     sign = "≥" if gate.direction is Direction.AT_LEAST else "≤"
     mark = "" if gate.passes() else "**fails**"
     return f"| {gate.name} | {_shown(gate.value)} | {sign} {_shown(gate.threshold)} | {mark} |"
-
-
-def _table(title: str, rows: Mapping[str, Json] | Mapping[str, int]) -> list[str]:
-    return [f"| {title} | |", "|---|---:|", *(f"| {name} | {_shown(value)} |" for name, value in rows.items())]
 
 
 def _shown(value: Json) -> str:

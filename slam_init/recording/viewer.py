@@ -1,7 +1,7 @@
-"""Starts Rerun's viewer on a recording: in a window, for a browser, or without a display for screenshots.
+"""Rerun's viewer: in a window, for a browser, without a display for screenshots, or beside a run.
 
-The viewer is the program of the package ``rerun-sdk``. It runs in a process group of its own, which ends with the
-command. It listens on this machine only.
+The viewer is the command ``rerun`` of the package ``rerun-sdk``. It listens on this machine only. A viewer of a file
+runs in a process group of its own, which ends with the command; that of a run stays open.
 """
 
 from __future__ import annotations
@@ -13,25 +13,28 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
+from urllib.parse import urlsplit
 
-from slam_init.errors import SourceError, ViewerError, plain_line
-from slam_init.recording.live_viewer import answers
+from slam_init.errors import OutputError, SourceError, ViewerError, plain_line
 from slam_init.system.regular_file import open_regular
 
 if TYPE_CHECKING:
     from rerun.experimental import ViewerClient
 
+#: Given instead of an address, it means that a viewer is started on this machine.
+SPAWN = "spawn"
+_SCHEMES = ("rerun+http", "rerun+https", "rerun")
 _HOST = "127.0.0.1"
-#: Rerun's own port of web pages, where it is free. The system chooses all other ports: a viewer sends its recording to
-#: another one that has begun to use its port, and a screenshot would show that of somebody else.
-_WEB_PORT = 9090
+#: Rerun's own ports, of its data and of its page for browsers.
+VIEWER_PORT, WEB_PORT = 9876, 9090
 #: A viewer on a software renderer takes 3 s to start on a machine with idle cores.
 _START_S, _PAINT_S, _POLL_S = 60.0, 20.0, 0.25
+#: A program on the same network answers within this time.
+_ANSWER_S = 3.0
 #: A viewer that has closed its connection ends within this time, if it does.
 _END_S = 2.0
 #: A viewer that loads nothing for this long has found nothing in the file.
@@ -59,48 +62,39 @@ def has_display() -> bool:
 
 def show(path: Path) -> None:
     """Open a recording in a window, and return when the window is closed."""
-    with _viewer(_free_port(), str(path)) as running:
-        running.wait("viewer", ": try --web or --screenshot")
+    _run(path, advice="try --web or --screenshot")
 
 
-@dataclass(frozen=True)
-class Served:
-    """A recording that is served to browsers."""
-
-    #: The address for a browser on this machine.
-    url: str
-    #: Waits until the server ends.
-    wait: Callable[[], None]
+def serve(path: Path, port: int) -> None:
+    """Serve a recording and the viewer as a web page on this machine; the viewer prints the address."""
+    _run(path, "--serve-web", "--web-viewer-port", str(port), advice="try another --port")
 
 
-@contextmanager
-def serve(path: Path, port: int | None = None) -> Iterator[Served]:
-    """Serve a recording and the viewer as a web page, on this machine only.
+def _run(path: Path, *options: str, advice: str) -> None:
+    with _viewer(str(path), "--port", "auto", *options) as process:
+        if code := process.wait():
+            raise ViewerError(f"the viewer ended with code {code}: {advice}")
 
-    * Returns: Once the page answers. The server ends with the ``with`` block.
-    """
-    web, data = port or _free_port(_WEB_PORT), _free_port()
-    with _viewer(data, str(path), "--serve-web", "--web-viewer-port", str(web)) as running:
-        running.wait_for(web)
-        yield Served(
-            f"http://{_HOST}:{web}/?url=rerun%2Bhttp%3A%2F%2F{_HOST}%3A{data}%2Fproxy",
-            lambda: running.wait("web viewer"),
-        )
+
+# -- screenshots -----------------------------------------------------------------------------------
 
 
 def screenshots(path: Path, frames: Sequence[int], window: str = _WINDOW) -> dict[int, bytes]:
     """Draw a recording without a display."""
-    port = _free_port()
-    with _viewer(port, "--headless", "--hide-welcome-screen", "--window-size", window) as running:
-        running.wait_for(port)
+    with socket.create_server((_HOST, 0)) as free:
+        port = int(free.getsockname()[1])
+    options = ("--headless", "--hide-welcome-screen", "--window-size", window, "--port", str(port))
+    with tempfile.TemporaryFile() as log, _viewer(*options, output=log) as process:
         try:
+            if not _answers(_HOST, port, _START_S, process):
+                raise ConnectionError(f"it did not start within {_START_S:.0f} s")
             return _screenshots_at(_client(port), path, frames)
         except (AttributeError, ImportError):
             raise ViewerError("the installed viewer takes no screenshots: pip install -U 'rerun-sdk>=0.41'") from None
         except (RuntimeError, OSError) as error:  # OSError: the viewer ended, or was ended, in between
             with suppress(subprocess.TimeoutExpired):
-                running.process.wait(_END_S)
-                raise running.failure() from None
+                process.wait(_END_S)
+                raise _failure(process.returncode, log) from None
             raise ViewerError(f"the viewer took no screenshot: {plain_line(str(error))}: try again") from None
 
 
@@ -157,92 +151,85 @@ def _settled(client: ViewerClient, frame: int) -> bytes:
         before = after if there else None
 
 
-class _Running:
-    """The program of the viewer, and its messages."""
+def _failure(code: int, log: BinaryIO) -> ViewerError:
+    """Why the viewer has ended by itself, by its last messages."""
+    log.seek(max(0, log.seek(0, os.SEEK_END) - 10_000))
+    text = log.read().decode(errors="replace")
+    # With a driver of OpenGL alone the viewer starts and ends without a render context.
+    if any(told in text for told in ("raphics adapter", "Vulkan", "render context")):
+        return ViewerError("the viewer found no Vulkan driver: install one, on Debian and Ubuntu mesa-vulkan-drivers")
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    return ViewerError(f"the viewer ended with code {code} ({plain_line(lines[-1][:300]) if lines else 'no message'})")
 
-    def __init__(self, process: subprocess.Popen[bytes], log: BinaryIO) -> None:
-        self.process, self._log = process, log
 
-    def wait(self, name: str, advice: str = "") -> None:
-        """Wait until it ends."""
-        if self.process.wait():
-            raise self._ended(name, advice)
+# -- a viewer beside a run -------------------------------------------------------------------------
 
-    def wait_for(self, port: int) -> None:
-        """Wait until a port answers."""
-        end = time.monotonic() + _START_S
-        while self.process.poll() is None and time.monotonic() < end:
-            if answers(_HOST, port):
-                return
-            time.sleep(_POLL_S)
-        if self.process.returncode is not None:
-            raise self.failure()
-        raise ViewerError(f"the viewer did not start within {_START_S:.0f} s{self._last_line()}")
 
-    def failure(self) -> ViewerError:
-        """Why it has ended by itself."""
-        text = self._text()
-        # With a driver of OpenGL alone the viewer starts and ends without a render context.
-        if any(told in text for told in ("raphics adapter", "Vulkan", "render context")):
-            return ViewerError(
-                "the viewer found no Vulkan driver: install one, on Debian and Ubuntu mesa-vulkan-drivers"
+def viewer_url(text: str) -> str:
+    """Find a viewer, or start one, which stays open when the run ends. One that runs on this machine is used.
+
+    * ``text``: ``spawn``, or an address as ``rerun+http://127.0.0.1:9876/proxy``.
+    """
+    if text == SPAWN:
+        return _spawned()
+    try:
+        parts = urlsplit(text)
+        host, port = parts.hostname, parts.port or VIEWER_PORT
+    except ValueError:
+        host, port, parts = None, 0, urlsplit("")
+    if parts.scheme not in _SCHEMES or not host:
+        raise OutputError(
+            f"--live={text}: give the address of a viewer, as in --live=rerun+http://127.0.0.1:9876/proxy"
+        )
+    if not _answers(host, port):
+        raise OutputError(f"--live={text}: no viewer answers there: start one (rerun), or leave the address out")
+    return text
+
+
+def _spawned() -> str:
+    if not _answers(_HOST, VIEWER_PORT):
+        process = _started("--port", str(VIEWER_PORT), "--expect-data-soon", output=subprocess.DEVNULL)
+        if not _answers(_HOST, VIEWER_PORT, _START_S, process):
+            raise OutputError(
+                "--live: the viewer does not start here, for example without a display: give the address of one "
+                "that runs elsewhere (--live=rerun+http://HOST:9876/proxy), or leave --live out"
             )
-        if "No module named" in text:
-            return ViewerError("the viewer is not installed: pip install rerun-sdk")
-        return self._ended("viewer")
+    return f"rerun+http://{_HOST}:{VIEWER_PORT}/proxy"
 
-    def _ended(self, name: str, advice: str = "") -> ViewerError:
-        return ViewerError(f"the {name} ended with code {self.process.returncode}{self._last_line()}{advice}")
 
-    def _text(self) -> str:
-        """The last messages of the viewer."""
-        self._log.seek(max(0, self._log.seek(0, os.SEEK_END) - 10_000))
-        return self._log.read().decode(errors="replace")
-
-    def _last_line(self) -> str:
-        lines = [line.strip() for line in self._text().split("\n") if line.strip()]
-        return f" ({lines[-1][:300]})" if lines else ""
+# -- processes -------------------------------------------------------------------------------------
 
 
 @contextmanager
-def _viewer(port: int, *options: str) -> Iterator[_Running]:
-    """Run the viewer in a process group of its own, and end it with the ``with`` block."""
-    command = [sys.executable, "-m", "rerun", *options, "--port", str(port), "--bind", _HOST]
-    environment = {"RERUN_ANALYTICS": "false", "NO_COLOR": "1"} | dict(os.environ)
-    null = subprocess.DEVNULL
-    with tempfile.TemporaryFile() as log:
-        try:
-            process = subprocess.Popen(
-                command, stdin=null, stdout=log, stderr=log, env=environment, start_new_session=True
-            )
-        except OSError as error:
-            raise ViewerError(f"the viewer cannot be started ({error.strerror}): pip install rerun-sdk") from None
-        try:
-            yield _Running(process, log)
-        finally:
-            _end(process)
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """End a process and its children: the module ``rerun`` starts the program, and ends before it."""
-    for number in (signal.SIGTERM, signal.SIGKILL):
+def _viewer(*options: str, output: BinaryIO | None = None) -> Iterator[subprocess.Popen[bytes]]:
+    """Run the viewer in a process group of its own, and end the group with the ``with`` block."""
+    process = _started(*options, output=output)
+    try:
+        yield process
+    finally:
+        # The module ``rerun`` starts the program, and may have ended before it.
         with suppress(OSError):
-            os.killpg(process.pid, number)
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(timeout=5)
-            break
-    end = time.monotonic() + _END_S
-    with suppress(OSError):  # none of the group is left
-        while time.monotonic() < end:
-            os.killpg(process.pid, 0)
-            time.sleep(0.01)
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
 
 
-def _free_port(preferred: int = 0) -> int:
-    for port in dict.fromkeys((preferred, 0)):
-        with suppress(OSError), socket.socket() as probe:
-            # Without the option a port counts as taken for a minute after its last use.
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            probe.bind((_HOST, port))
-            return int(probe.getsockname()[1])
-    raise ViewerError(f"no free port on {_HOST}")
+def _started(*options: str, output: BinaryIO | int | None) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "rerun", *options, "--bind", _HOST],
+        stdin=subprocess.DEVNULL,
+        stdout=output,
+        stderr=subprocess.STDOUT,  # the command line drops what libraries write to stderr
+        env={"RERUN_ANALYTICS": "false", "NO_COLOR": "1"} | dict(os.environ),
+        start_new_session=True,
+    )
+
+
+def _answers(host: str, port: int, patience_s: float = 0.0, process: subprocess.Popen[bytes] | None = None) -> bool:
+    """Whether a connection to a port is accepted within a time, and before a process ends."""
+    end = time.monotonic() + patience_s
+    while True:
+        with suppress(OSError), socket.create_connection((host, port), _ANSWER_S):
+            return True
+        if time.monotonic() >= end or (process is not None and process.poll() is not None):
+            return False
+        time.sleep(_POLL_S)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import get_args
+from typing import TypeAlias, get_args
 
 import numpy as np
 
 from slam_init.bundle.metric_graph import joint_pose_covariance
 from slam_init.errors import check_type
-from slam_init.evaluation.metrics import align_positions
-from slam_init.scale.ground import Ground, find_ground
+from slam_init.evaluation.metrics import align_positions, positions_of, with_true_poses
+from slam_init.scale.ground import find_ground
 from slam_init.scale.measured_motion import scale_of_motion
 from slam_init.scale.planar_target import TargetSize, fit_target
 from slam_init.scale.requests import (
@@ -20,9 +20,9 @@ from slam_init.scale.requests import (
     KnownDistance,
     KnownMarkers,
     MeasuredMotion,
+    NoScaleError,
     ScaleRequest,
     TrueTrajectory,
-    origin_of,
 )
 from slam_init.scale.sensitivity import inverse_depths
 from slam_init.scale.sightings import Sighting, find_board, find_markers
@@ -67,39 +67,42 @@ def find_scale(
     """
     InitialMap.check(map_)
     check_type(request, get_args(ScaleRequest), "the request", "parse_scale(TEXT), as in parse_scale('height:1.65')")
-    if images is not None:
-        check_type(images, Mapping, "images", "a dict of images by frame")
-        for frame, image in _of_keyframes(map_, images).items():
-            as_image(image, f"the image of frame {frame}", (map_.camera.width, map_.camera.height))
+    check_type(images or {}, Mapping, "images", "a dict of images by frame")
+    frames = {keyframe.frame for keyframe in map_.keyframes}
+    images = {frame: image for frame, image in (images or {}).items() if frame in frames}
+    for frame, image in images.items():
+        as_image(image, f"the image of frame {frame}", (map_.camera.width, map_.camera.height))
     for one in located:
         check_type(one, Keyframe, "a located frame", "the Keyframes of frames with known poses")
     if groundtruth is not None:
         check_type(groundtruth, Trajectory, "groundtruth", "a Trajectory")
     if imu is not None:
         check_type(imu, InertialRecord, "imu", "an InertialRecord")
-    match request:
-        case KnownMarkers():
-            return _from_targets(map_, request, find_markers(_of_keyframes(map_, images), request))
-        case KnownBoard():
-            return _from_targets(map_, request, find_board(_of_keyframes(map_, images), request))
-        case CameraHeight():
-            return _from_height(map_, request)
-        case KnownDistance():
-            return _from_distance(map_, request, located)
-        case TrueTrajectory():
-            return _from_truth(map_, request, located, groundtruth)
-        case MeasuredMotion():
-            return scale_of_motion(map_, imu, grown)
+    try:
+        match request:
+            case MeasuredMotion():
+                return scale_of_motion(map_, imu, grown)
+            case KnownMarkers():
+                found = _from_targets(map_, request, find_markers(images, request))
+            case KnownBoard():
+                found = _from_targets(map_, request, find_board(images, request))
+            case CameraHeight():
+                found = _from_height(map_, request)
+            case KnownDistance():
+                found = _from_distance(map_, request, located)
+            case TrueTrajectory():
+                found = _from_truth(map_, (*map_.keyframes, *located), groundtruth)
+        metres_per_unit, sigma, evidence = found
+        if not (math.isfinite(metres_per_unit) and metres_per_unit > 0 and sigma <= _WORST_SIGMA):
+            known = f"to +- {sigma:.0%} only" if math.isfinite(sigma) else "not at all"
+            raise NoScaleError(f"the scale would be known {known} ({evidence}): move the camera farther")
+    except NoScaleError as why:
+        return Scale(request.origin, reason=str(why))
+    return Scale(request.origin, float(metres_per_unit), max(float(sigma), _LEAST_SIGMA), evidence)
 
 
-def _found(request: ScaleRequest, metres_per_unit: float, sigma: float, evidence: str) -> Scale:
-    """The scale, unless it is too uncertain."""
-    if not (math.isfinite(metres_per_unit) and metres_per_unit > 0 and sigma <= _WORST_SIGMA):
-        known = f"to +- {sigma:.0%} only" if math.isfinite(sigma) else "not at all"
-        return Scale(
-            origin_of(request), reason=f"the scale would be known {known} ({evidence}): move the camera farther"
-        )
-    return Scale(origin_of(request), float(metres_per_unit), max(float(sigma), _LEAST_SIGMA), evidence)
+#: Metres for a unit of the map, the relative standard deviation, and what it was found from.
+_Found: TypeAlias = tuple[float, float, str]
 
 
 def _covariance(map_: InitialMap) -> Floats:
@@ -109,27 +112,15 @@ def _covariance(map_: InitialMap) -> Floats:
 # -- markers and boards -----------------------------------------------------------------------------
 
 
-def _of_keyframes(map_: InitialMap, images: Mapping[int, Image] | None) -> dict[int, Image]:
-    frames = {keyframe.frame for keyframe in map_.keyframes}
-    return {frame: image for frame, image in (images or {}).items() if frame in frames}
-
-
-def _from_targets(map_: InitialMap, request: KnownMarkers | KnownBoard, sightings: Sequence[Sighting]) -> Scale:
+def _from_targets(map_: InitialMap, request: KnownMarkers | KnownBoard, sightings: Sequence[Sighting]) -> _Found:
     """The common scale of all targets, by generalized least squares on the logarithms of their sizes."""
-    what = f"marker of {request.dictionary[:40]}" if isinstance(request, KnownMarkers) else (
-        f"board of {request.columns}x{request.rows} inner corners"
-    )  # fmt: skip
-    length = request.side if isinstance(request, KnownMarkers) else request.square
-    origin = origin_of(request)
     if not sightings:
-        return Scale(origin, reason=f"no {what} is in the keyframes")
+        raise NoScaleError(f"no {request} is in the keyframes")
     numbers = sorted({sighting.target for sighting in sightings})
     fits = (fit_target(map_, [one for one in sightings if one.target == number]) for number in numbers)
     sizes = [size for size in fits if size is not None]
     if not sizes:
-        return Scale(
-            origin, reason=f"no {what} is seen twice in the same place ({len(sightings)} sightings): does it move?"
-        )
+        raise NoScaleError(f"no {request} is seen twice in the same place ({len(sightings)} sightings): does it move?")
     covariance = _covariance(map_)
     while True:
         log_units, variance, odd = _combined(sizes, covariance)
@@ -137,15 +128,13 @@ def _from_targets(map_: InitialMap, request: KnownMarkers | KnownBoard, sighting
             break
         if len(sizes) == 2:
             first, second = (f"{size.target}: {math.exp(-size.log_units):.3g} m a unit" for size in sizes)
-            return Scale(
-                origin, reason=f"two markers tell different scales ({first}, {second}): is their side the same?"
-            )
+            raise NoScaleError(f"two markers tell different scales ({first}, {second}): is their side the same?")
         del sizes[odd]
     used = sum(len(size.frames) for size in sizes)
     frames = {frame for size in sizes for frame in size.frames}
     targets = f"{len(sizes)} target{'s' * (len(sizes) > 1)}"
     evidence = f"{used} of {len(sightings)} sightings of {targets} in {len(frames)} keyframes"
-    return _found(request, math.exp(-log_units), math.hypot(math.sqrt(variance), length.relative_sigma), evidence)
+    return math.exp(-log_units), math.hypot(math.sqrt(variance), request.length.relative_sigma), evidence
 
 
 def _combined(sizes: Sequence[TargetSize], covariance: Floats) -> tuple[float, float, int | None]:
@@ -166,32 +155,26 @@ def _combined(sizes: Sequence[TargetSize], covariance: Floats) -> tuple[float, f
 # -- ground, distance, truth ------------------------------------------------------------------------
 
 
-def _from_height(map_: InitialMap, request: CameraHeight) -> Scale:
+def _from_height(map_: InitialMap, request: CameraHeight) -> _Found:
     ground = find_ground(map_, nadir=request.nadir)
-    if not isinstance(ground, Ground):
-        return Scale(origin_of(request), reason=ground.reason)
     variance = ground.variance + float(ground.by_poses @ _covariance(map_) @ ground.by_poses)
+    sigma = math.hypot(math.sqrt(variance), request.length.relative_sigma)
     evidence = f"plane of {ground.landmarks} landmarks, tilted by {ground.tilt_deg:.0f} deg"
-    sigma = math.hypot(math.sqrt(variance), request.height.relative_sigma)
-    return _found(request, request.height.metres / ground.height, sigma, evidence)
+    return request.length.metres / ground.height, sigma, evidence
 
 
-def _from_distance(map_: InitialMap, request: KnownDistance, located: Sequence[Keyframe]) -> Scale:
+def _from_distance(map_: InitialMap, request: KnownDistance, located: Sequence[Keyframe]) -> _Found:
     known = {keyframe.frame: keyframe for keyframe in (*located, *map_.keyframes)}
-    frames = request.frames or (map_.keyframes[0].frame, map_.keyframes[-1].frame)
-    for frame in frames:
+    first, second = request.frames or (map_.keyframes[0].frame, map_.keyframes[-1].frame)
+    for frame in (first, second):
         if frame not in known:
-            return Scale(
-                origin_of(request), reason=f"frame {frame} is neither a keyframe nor a located one: add --continue N"
-            )
-    a, b = (known[frame] for frame in frames)
+            raise NoScaleError(f"frame {frame} is neither a keyframe nor a located one: add --continue N")
+    a, b = known[first], known[second]
     length = float(np.linalg.norm(b.world_from_cam.t - a.world_from_cam.t))
     if length <= 0:
-        return Scale(
-            origin_of(request), reason=f"the camera is at the same place in frames {frames[0]} and {frames[1]}"
-        )
-    sigma = math.hypot(_distance_sigma(map_, a, b), request.distance.relative_sigma)
-    return _found(request, request.distance.metres / length, sigma, f"positions of frames {frames[0]} and {frames[1]}")
+        raise NoScaleError(f"the camera is at the same place in frames {first} and {second}")
+    sigma = math.hypot(_distance_sigma(map_, a, b), request.length.relative_sigma)
+    return request.length.metres / length, sigma, f"positions of frames {first} and {second}"
 
 
 def _distance_sigma(map_: InitialMap, a: Keyframe, b: Keyframe) -> float:
@@ -215,25 +198,21 @@ def _distance_sigma(map_: InitialMap, a: Keyframe, b: Keyframe) -> float:
     return math.sqrt(max(float(gradient @ covariance @ gradient), 0.0))
 
 
-def _from_truth(
-    map_: InitialMap, request: TrueTrajectory, located: Sequence[Keyframe], groundtruth: Trajectory | None
-) -> Scale:
-    origin = origin_of(request)
-    if groundtruth is None:
-        return Scale(origin, reason="the source has no true trajectory")
-    keyframes = (*map_.keyframes, *located)
-    pairs = [(k, pose.t) for k in keyframes if (pose := groundtruth.at(k.timestamp_s)) is not None]
+def _from_truth(map_: InitialMap, keyframes: Sequence[Keyframe], truth: Trajectory | None) -> _Found:
+    if truth is None:
+        raise NoScaleError("the source has no true trajectory")
+    pairs = with_true_poses(keyframes, truth)
     if len(pairs) < 2:
-        return Scale(origin, reason=f"the true trajectory has {len(pairs)} of the keyframes: two are needed")
-    estimated, true = np.array([k.world_from_cam.t for k, _ in pairs]), np.array([t for _, t in pairs])
+        raise NoScaleError(f"the true trajectory has {len(pairs)} of the keyframes: two are needed")
+    estimated, true = positions_of(pairs)
     aligned = align_positions(estimated, true)
     spread = aligned.scale * float(np.linalg.norm(estimated - estimated.mean(axis=0)))
     if not spread > 0:
-        return Scale(origin, reason="the true camera does not move")
+        raise NoScaleError("the true camera does not move")
     excess = 3 * len(pairs) - _ALIGNED_UNKNOWNS
     if excess >= 3:
         residuals = true - aligned.apply(estimated)
         sigma = math.sqrt(float(np.sum(residuals**2)) / excess) / spread
     else:
         sigma = _distance_sigma(map_, pairs[0][0], pairs[-1][0])
-    return _found(request, aligned.scale, sigma, f"similarity of {len(pairs)} positions")
+    return aligned.scale, sigma, f"similarity of {len(pairs)} positions"

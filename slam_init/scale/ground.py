@@ -33,6 +33,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slam_init.scale.requests import NoScaleError
 from slam_init.scale.sensitivity import InverseDepths, inverse_depths
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.initial_map import InitialMap
@@ -80,19 +81,8 @@ class Ground:
     tilt_deg: float
 
 
-@dataclass(frozen=True)
-class NoGround:
-    """Why no ground was found."""
-
-    #: One sentence.
-    reason: str
-
-    def __bool__(self) -> bool:
-        return False
-
-
-def find_ground(map_: InitialMap, *, nadir: bool = False) -> Ground | NoGround:
-    """Find the ground plane.
+def find_ground(map_: InitialMap, *, nadir: bool = False) -> Ground:
+    """Find the ground plane, or raise why no plane is certain.
 
     * ``nadir``: Whether the camera looks down, so that the ground lies ahead of it and not below.
     """
@@ -100,17 +90,17 @@ def find_ground(map_: InitialMap, *, nadir: bool = False) -> Ground | NoGround:
     where = "ahead of" if nadir else "below"
     best = _best_plane(seen, nadir) if len(seen.values) > 3 else None
     if best is None:
-        return NoGround(f"no plane lies {where} the camera with nothing beneath it")
+        raise NoScaleError(f"no plane lies {where} the camera with nothing beneath it")
     count = int(best.inliers.sum())
     if best.log_false_alarms > math.log(_FALSE_ALARMS):
-        return NoGround(
+        raise NoScaleError(
             f"no plane {where} the camera is certain: the best one has {count} of {len(best.inliers)} landmarks"
         )
     if not _faces(best.k, nadir):
-        return NoGround(f"the plane of {count} landmarks does not lie {where} the camera: it is tilted too far")
+        raise NoScaleError(f"the plane of {count} landmarks does not lie {where} the camera: it is tilted too far")
     ground = _ground(map_, seen, best, nadir)
     if ground is None:
-        return NoGround(f"the camera does not stay on one side of the plane {where} it")
+        raise NoScaleError(f"the camera does not stay on one side of the plane {where} it")
     return ground
 
 
@@ -159,11 +149,7 @@ def _judged(k: Floats, seen: InverseDepths, nadir: bool, waves_rad: float = _FIR
         within = np.searchsorted(depths, predicted[hit] + reach) - np.searchsorted(depths, predicted[hit] - reach)
         by_chance = float(np.sum(within)) / len(depths)
     rarity = count * math.log(count / by_chance) - count + by_chance if count > by_chance else 0.0
-    return _Plane(k, inliers, _log_triples(len(seen.values)) - rarity, waves_rad)
-
-
-def _log_triples(count: int) -> float:
-    return math.log(count * (count - 1) * (count - 2) / 6)
+    return _Plane(k, inliers, math.log(math.comb(len(seen.values), 3)) - rarity, waves_rad)
 
 
 def _best_plane(seen: InverseDepths, nadir: bool) -> _Plane | None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from slam_init.bundle.inertial import VisualMotion, align, turning_misfit
 from slam_init.bundle.metric_graph import joint_pose_covariance
+from slam_init.scale.requests import NoScaleError
 from slam_init.types.inertial import Gravity, InertialRecord
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.scale import Scale, ScaleOrigin
@@ -29,47 +30,49 @@ _LEAST_PROBABILITY = 1e-3
 
 
 def scale_of_motion(map_: InitialMap, record: InertialRecord | None, grown: InitialMap | None = None) -> Scale:
-    """Find the scale of a map.
+    """Find the scale of a map, or raise why there is none.
 
     * ``grown``: The same map with more keyframes. It is used where it still has those of the map.
-    * Returns: With the direction of gravity in the world of the map. Falsy with a reason where there is no scale.
+    * Returns: With the direction of gravity in the world of the map.
     """
+    from scipy.special import chdtrc  # the probability that a sum of squares is larger by chance
+
     ends = _ends(map_)
     source = grown if grown is not None and ends <= {keyframe.frame for keyframe in grown.keyframes} else map_
     count = len(source.keyframes)
     if record is None:
-        return _none("the source has no record of an inertial sensor")
+        raise NoScaleError("the source has no record of an inertial sensor")
     if count < _LEAST_KEYFRAMES:
-        return _none(
+        raise NoScaleError(
             f"the map has {count} keyframes, and {_LEAST_KEYFRAMES} are needed: add --refine 30 or --continue 30"
         )
     if source.graph is None:
-        return _none("the map has no covariance of its poses")
+        raise NoScaleError("the map has no covariance of its poses")
     frames = tuple(keyframe.frame for keyframe in source.keyframes)
     poses = tuple(keyframe.world_from_cam for keyframe in source.keyframes)
     times_s = np.array([keyframe.timestamp_s for keyframe in source.keyframes])
     motion = VisualMotion.of_poses(times_s, poses, joint_pose_covariance(source.graph, source.values, frames))
     turning = turning_misfit(motion, record)
     if turning is None:
-        return _none(
+        raise NoScaleError(
             f"{record.name} does not cover the keyframes from {times_s[0]:.3f} to {times_s[-1]:.3f} s without gaps"
         )
-    if _probability(*turning) < _LEAST_PROBABILITY:
-        return _none(
+    if chdtrc(turning[1], turning[0]) < _LEAST_PROBABILITY:
+        raise NoScaleError(
             f"{record.name} does not belong to the camera: it turned otherwise (chi-square {turning[0]:.0f} of "
             f"{turning[1]} rotations): check the pose of the sensor in the camera and the clocks"
         )
     far = frames.index(max(ends - {frames[0]}, default=frames[-1]))
     found = align(motion, record, far)
     if found is None:
-        return _none("no scale fits the accelerations: move the camera to and fro, or add --refine 30")
-    if _probability(found.chi_square, found.freedom) < _LEAST_PROBABILITY:
-        return _none(
+        raise NoScaleError("no scale fits the accelerations: move the camera to and fro, or add --refine 30")
+    if chdtrc(found.freedom, found.chi_square) < _LEAST_PROBABILITY:
+        raise NoScaleError(
             f"{record.name} does not belong to the camera: it moved otherwise (chi-square {found.chi_square:.0f} with "
             f"{found.freedom} degrees of freedom): check the pose of the sensor in the camera and the clocks"
         )
     if not found.sigma <= _WORST_SIGMA:
-        return _none(
+        raise NoScaleError(
             f"the accelerations tell the scale to +- {found.sigma:.0%} only: move the camera to and fro, or add "
             "--refine 30"
         )
@@ -91,14 +94,3 @@ def _ends(map_: InitialMap) -> set[int]:
     first = map_.keyframes[0]
     far = max(map_.keyframes, key=lambda keyframe: np.linalg.norm(keyframe.world_from_cam.t - first.world_from_cam.t))
     return {first.frame, far.frame}
-
-
-def _probability(chi_square: float, freedom: int) -> float:
-    """That a sum of squares is larger by chance."""
-    from scipy.special import gammaincc
-
-    return float(gammaincc(0.5 * freedom, 0.5 * chi_square))
-
-
-def _none(reason: str) -> Scale:
-    return Scale(ScaleOrigin.IMU, reason=reason)

@@ -63,11 +63,9 @@ def _covariances(map_: InitialMap, factor: float, sigma: float) -> Floats:
     """
     unit = np.repeat([1.0, factor], 3)
     covariances = map_.pose_covariances * np.outer(unit, unit)
-    first = map_.keyframes[0].world_from_cam
-    for k, keyframe in enumerate(map_.keyframes):
-        pose = keyframe.world_from_cam
-        moved = factor * pose.R.T @ (pose.t - first.t)
-        covariances[k, 3:, 3:] += _of_scale(sigma, moved)
+    poses = [keyframe.world_from_cam for keyframe in map_.keyframes]
+    moved = np.array([factor * pose.R.T @ (pose.t - poses[0].t) for pose in poses])
+    covariances[:, 3:, 3:] += _of_scale(sigma, moved)
     return np.asarray(covariances)
 
 

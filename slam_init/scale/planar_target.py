@@ -2,7 +2,7 @@
 
 The target is a rigid set of points ``X = c + a R m`` with the points m in metres. Its pose (R, c) and its size a, the
 units of the map in a metre, are fitted to all pixels by least squares. Start: a view tells R and the direction of c
-from the homography of the target (IPPE [1]_), and a is then a linear unknown of the other views.
+from the homography of the target (IPPE [1]_), and a is the path of the camera in the map over that by the homographies.
 
 References
 ----------
@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
-from slam_init.scale.sensitivity import by_pose, projection_derivatives, skew
+from slam_init.scale.sensitivity import by_pose, projection_derivatives
 from slam_init.scale.sightings import Sighting
 from slam_init.types.arrays import Floats
 from slam_init.types.initial_map import InitialMap
@@ -51,7 +51,7 @@ class TargetSize:
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """A sighting from a keyframe."""
+    """A sighting from a keyframe, which has a position in the map."""
 
     position: int
     world_from_cam: Pose
@@ -60,15 +60,15 @@ class _View:
 
 
 @dataclass(frozen=True, eq=False)
-class _Target:
-    """Pose and size of a target: ``X = centre + exp(log_units) R m``."""
+class _Fit:
+    """A fitted target: the views with their corners in its order, and its points in the camera of each."""
 
-    R: Floats
-    centre: Floats
+    views: list[_View]
+    in_cameras: list[Floats]
     log_units: float
-
-    def points(self, points_m: Floats) -> Floats:
-        return np.asarray(self.centre + np.exp(self.log_units) * points_m @ self.R.T)
+    #: (V, P, 2) and its derivatives (2 V P, 7) by rotation, position and logarithm of the size.
+    residuals_px: Floats
+    J: Floats
 
 
 def fit_target(map_: InitialMap, sightings: Sequence[Sighting]) -> TargetSize | None:
@@ -79,12 +79,15 @@ def fit_target(map_: InitialMap, sightings: Sequence[Sighting]) -> TargetSize | 
     """
     views = _views(map_, sightings)
     while len(views) >= 2:
-        found = _fitted(map_, views)
-        if found is None:
+        largest = max(views, key=lambda view: float(np.ptp(view.sighting.pixels, axis=0).prod()))
+        fits = [_fitted(map_, views, largest, start) for start in _planar_poses(largest)]
+        best = min((fit for fit in fits if fit), key=lambda fit: float(np.sum(fit.residuals_px**2)), default=None)
+        if best is None:
             return None
-        target, errors_px = found
-        if max(errors_px) <= _WORST_PX:
-            return _size(map_, views, target)
+        errors_px = np.sqrt(np.mean(np.sum(best.residuals_px**2, axis=2), axis=1))
+        if errors_px.max() <= _WORST_PX:
+            return _size(map_, best)
+        views = best.views
         del views[int(np.argmax(errors_px))]
     return None
 
@@ -100,32 +103,7 @@ def _views(map_: InitialMap, sightings: Sequence[Sighting]) -> list[_View]:
         # The homography needs rays on the plane z = 1.
         if np.isfinite(rays).all() and (rays[:, 2] > 0.05).all():
             views.append(_View(k, map_.keyframes[k].world_from_cam, sighting, rays))
-    return views
-
-
-def _fitted(map_: InitialMap, views: Sequence[_View]) -> tuple[_Target, list[float]] | None:
-    """The best fit from all starts of the largest view, and the root mean square error of each view."""
-    largest = max(views, key=lambda view: float(np.ptp(view.sighting.pixels, axis=0).prod()))
-    best: tuple[float, list[_View], _Target] | None = None
-    for start in _planar_poses(largest):
-        turned = [_same_way(view, largest, start) for view in views]
-        units = _units_of_start(largest, start, turned)
-        if not units > 0:
-            continue
-        world = largest.world_from_cam
-        target = _refined(map_, turned, _Target(world.R @ start.R, world.apply(units * start.t), float(np.log(units))))
-        if target is None:
-            continue
-        cost = float(sum(np.sum(_residuals(map_, view, target) ** 2) for view in turned))
-        if np.isfinite(cost) and (best is None or cost < best[0]):
-            best = cost, turned, target
-    if best is None:
-        return None
-    _, turned, target = best
-    if isinstance(views, list):
-        views[:] = turned
-    errors = [float(np.sqrt(np.mean(np.sum(_residuals(map_, view, target) ** 2, axis=1)))) for view in turned]
-    return target, errors
+    return [view for view in views if _planar_poses(view)]
 
 
 def _planar_poses(view: _View) -> list[Pose]:
@@ -133,16 +111,40 @@ def _planar_poses(view: _View) -> list[Pose]:
     import cv2
 
     xy = view.rays[:, :2] / view.rays[:, 2:]
-    found, rotations, translations, _ = cv2.solvePnPGeneric(
+    _, rotations, translations, _ = cv2.solvePnPGeneric(
         view.sighting.points_m, xy, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_IPPE
     )
-    if not found:
-        return []
     return [
         Pose(rotation_from_vector(np.ravel(rotation)), np.asarray(translation, float).ravel())
         for rotation, translation in zip(rotations, translations, strict=True)
         if np.isfinite(rotation).all() and np.isfinite(translation).all()
     ]
+
+
+def _fitted(map_: InitialMap, views: Sequence[_View], largest: _View, start: Pose) -> _Fit | None:
+    """The best fit near the pose ``cam_from_target`` of the largest view; None where the start leaves a view."""
+    from scipy.optimize import least_squares
+
+    views = [_same_way(view, largest, start) for view in views]
+    units = _units_of_start(views)
+    if not units > 0:
+        return None
+    R, centre = largest.world_from_cam.R @ start.R, largest.world_from_cam.apply(units * start.t)
+
+    def in_cameras(x: Floats) -> list[Floats]:
+        turned, size = rotation_from_vector(x[:3]) @ R, np.exp(np.log(units) + x[6])
+        world = (centre + x[3:6] + size * view.sighting.points_m @ turned.T for view in views)
+        return [view.world_from_cam.inverse().apply(points) for view, points in zip(views, world, strict=True)]
+
+    def residuals(x: Floats) -> Floats:
+        seen = [map_.camera.project(points) for points in in_cameras(x)]
+        return np.concatenate([np.ravel(px - view.sighting.pixels) for px, view in zip(seen, views, strict=True)])
+
+    if not np.isfinite(residuals(np.zeros(7))).all():
+        return None
+    found = least_squares(residuals, np.zeros(7), x_scale="jac", xtol=_CONVERGED)
+    shaped = found.fun.reshape(len(views), -1, 2)
+    return _Fit(views, in_cameras(found.x), float(np.log(units) + found.x[6]), shaped, np.asarray(found.jac))
 
 
 def _same_way(view: _View, largest: _View, start: Pose) -> _View:
@@ -151,79 +153,38 @@ def _same_way(view: _View, largest: _View, start: Pose) -> _View:
         return view
     world = largest.world_from_cam.R @ start.R
     reversed_ = replace(view, sighting=replace(view.sighting, pixels=view.sighting.pixels[::-1]), rays=view.rays[::-1])
-    turned_by = [
-        min((rotation_angle(world.T @ one.world_from_cam.R @ pose.R) for pose in _planar_poses(one)), default=np.inf)
-        for one in (view, reversed_)
-    ]
-    return view if turned_by[0] <= turned_by[1] else reversed_
+
+    def turned_by(one: _View) -> float:
+        poses = _planar_poses(one)
+        return min(float(rotation_angle(world.T @ one.world_from_cam.R @ pose.R)) for pose in poses)
+
+    return min((view, reversed_), key=turned_by)
 
 
-def _units_of_start(largest: _View, start: Pose, views: Sequence[_View]) -> float:
-    """Units of the map in a metre, by linear least squares on the other views: ``n x (e + a f) = 0``."""
-    total = gain = 0.0
-    for view in views:
-        if view.position == largest.position:
-            continue
-        other = view.world_from_cam.inverse() @ largest.world_from_cam
-        f = start.apply(view.sighting.points_m) @ other.R.T
-        across, offset = np.cross(view.rays, f), np.cross(view.rays, other.t)
-        total -= float(np.sum(across * offset))
-        gain += float(np.sum(across**2))
-    return total / gain if gain > 0 else 0.0
+def _units_of_start(views: Sequence[_View]) -> float:
+    """Units of the map in a metre, by the paths of the camera in the map and by the homographies."""
+    path = np.array([view.world_from_cam.t for view in views])
+    to_target_m = np.array([view.world_from_cam.R @ _planar_poses(view)[0].t for view in views])
+    path, to_target_m = path - path.mean(axis=0), to_target_m - to_target_m.mean(axis=0)
+    metres = -float(np.sum(path * to_target_m))
+    return float(np.sum(path**2)) / metres if metres > 0 else 0.0
 
 
-def _residuals(map_: InitialMap, view: _View, target: _Target) -> Floats:
-    in_camera = view.world_from_cam.inverse().apply(target.points(view.sighting.points_m))
-    return np.asarray(map_.camera.project(in_camera) - view.sighting.pixels)
-
-
-def _jacobians(map_: InitialMap, view: _View, target: _Target) -> tuple[Floats, Floats]:
-    """Derivatives of the residuals by the target (2 P, 7) and by the pose of the view (2 P, 6)."""
-    cam_from_world = view.world_from_cam.inverse()
-    sized = np.exp(target.log_units) * view.sighting.points_m @ target.R.T
-    in_camera = cam_from_world.apply(target.centre + sized)
-    derivatives = projection_derivatives(map_.camera, in_camera)
-    by_target = np.concatenate(
-        [-skew(sized), np.broadcast_to(np.eye(3), (len(sized), 3, 3)), sized[:, :, None]], axis=2
-    )
-    own = derivatives @ cam_from_world.R @ by_target
-    return own.reshape(-1, 7), by_pose(derivatives, in_camera).reshape(-1, 6)
-
-
-def _refined(map_: InitialMap, views: Sequence[_View], target: _Target) -> _Target | None:
-    """The target with the least residuals near a start; None where the start leaves the view."""
-    from scipy.optimize import least_squares
-
-    def moved(step: Floats) -> _Target:
-        R = rotation_from_vector(step[:3]) @ target.R
-        return _Target(R, target.centre + step[3:6], target.log_units + float(step[6]))
-
-    def residuals(step: Floats) -> Floats:
-        return np.concatenate([_residuals(map_, view, moved(step)).ravel() for view in views])
-
-    start = np.zeros(7)
-    if not np.isfinite(residuals(start)).all():
-        return None
-    return moved(least_squares(residuals, start, x_scale="jac", xtol=_CONVERGED).x)
-
-
-def _size(map_: InitialMap, views: Sequence[_View], target: _Target) -> TargetSize | None:
+def _size(map_: InitialMap, fit: _Fit) -> TargetSize | None:
     """The size of a fitted target, with its variance and its derivatives by the poses."""
-    blocks = [_jacobians(map_, view, target) for view in views]
-    J = np.concatenate([own for own, _ in blocks])
-    r = np.concatenate([_residuals(map_, view, target).ravel() for view in views])
-    H = J.T @ J
+    H = fit.J.T @ fit.J
     if np.linalg.matrix_rank(H) < 7:
         return None
-    inverse = np.linalg.inv(H)
-    noise_px = max(_LEAST_NOISE_PX, float(np.sqrt(np.sum(r**2) / max(len(r) - 7, 1))))
+    inverse, count = np.linalg.inv(H), fit.residuals_px.size
+    noise_px = max(_LEAST_NOISE_PX, float(np.sqrt(np.sum(fit.residuals_px**2) / max(count - 7, 1))))
     by_poses = np.zeros(6 * len(map_.keyframes))
-    for view, (own, pose) in zip(views, blocks, strict=True):
+    for view, points, own in zip(fit.views, fit.in_cameras, np.split(fit.J, len(fit.views)), strict=True):
+        pose = by_pose(projection_derivatives(map_.camera, points), points).reshape(-1, 6)
         by_poses[6 * view.position : 6 * view.position + 6] -= inverse[6] @ own.T @ pose
     return TargetSize(
-        target=views[0].sighting.target,
-        log_units=target.log_units,
+        target=fit.views[0].sighting.target,
+        log_units=fit.log_units,
         variance=noise_px**2 * float(inverse[6, 6]),
         by_poses=by_poses,
-        frames=tuple(view.sighting.frame for view in views),
+        frames=tuple(view.sighting.frame for view in fit.views),
     )

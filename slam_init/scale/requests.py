@@ -14,10 +14,9 @@ A length may state its standard deviation, as in ``height:1.65+-0.02``. All leng
 
 from __future__ import annotations
 
-import math
 import re
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 from slam_init.errors import ConfigError, check_type
 from slam_init.types.scale import ScaleOrigin
@@ -60,35 +59,45 @@ class KnownLength:
 class KnownMarkers:
     """Square markers, all of one dictionary and size."""
 
+    origin: ClassVar = ScaleOrigin.MARKER
+
     #: A dictionary of OpenCV: ``tag36h11``, ``tag25h9``, ``4x4_50``, ``DICT_5X5_100``, in upper or lower case.
     dictionary: str
     #: Side of the black square, without the white margin.
-    side: KnownLength
+    length: KnownLength
+
+    def __str__(self) -> str:
+        return f"marker of {self.dictionary[:40]}"
 
 
 @dataclass(frozen=True)
 class KnownBoard:
     """A checkerboard."""
 
+    origin: ClassVar = ScaleOrigin.BOARD
+
     #: columns, rows: Number of inner corners.
     columns: int
     rows: int
     #: Side of a square.
-    square: KnownLength
+    length: KnownLength
 
     def __post_init__(self) -> None:
         least, most = _BOARD_CORNERS
         if not (least <= self.columns <= most and least <= self.rows <= most):
-            raise ConfigError(
-                f"board of {self.columns}x{self.rows} inner corners: give {least} to {most} in each direction"
-            )
+            raise ConfigError(f"{self}: give {least} to {most} in each direction")
+
+    def __str__(self) -> str:
+        return f"board of {self.columns}x{self.rows} inner corners"
 
 
 @dataclass(frozen=True)
 class CameraHeight:
     """The height of the camera above the ground, on average over the keyframes."""
 
-    height: KnownLength
+    origin: ClassVar = ScaleOrigin.HEIGHT
+
+    length: KnownLength
     #: Whether the camera looks down, so that the ground lies ahead of it. By default the ground lies below it, in the
     #: direction of the lower border of the image.
     nadir: bool = False
@@ -98,7 +107,9 @@ class CameraHeight:
 class KnownDistance:
     """The distance between the positions of the camera at two frames."""
 
-    distance: KnownLength
+    origin: ClassVar = ScaleOrigin.DISTANCE
+
+    length: KnownLength
     #: (int, int) Absolute indices of the frames: keyframes, or frames that were located after the initialization.
     #: None for the first and the last keyframe.
     frames: tuple[int, int] | None = None
@@ -112,31 +123,22 @@ class KnownDistance:
 class TrueTrajectory:
     """The true trajectory of the source, in metres."""
 
+    origin: ClassVar = ScaleOrigin.GROUNDTRUTH
+
 
 @dataclass(frozen=True)
 class MeasuredMotion:
     """The record of an inertial sensor that is fixed to the camera."""
+
+    origin: ClassVar = ScaleOrigin.IMU
 
 
 #: Everything that may be known.
 ScaleRequest: TypeAlias = KnownMarkers | KnownBoard | CameraHeight | KnownDistance | TrueTrajectory | MeasuredMotion
 
 
-def origin_of(request: ScaleRequest) -> ScaleOrigin:
-    """Name the origin of the scale of a request."""
-    match request:
-        case KnownMarkers():
-            return ScaleOrigin.MARKER
-        case KnownBoard():
-            return ScaleOrigin.BOARD
-        case CameraHeight():
-            return ScaleOrigin.HEIGHT
-        case KnownDistance():
-            return ScaleOrigin.DISTANCE
-        case TrueTrajectory():
-            return ScaleOrigin.GROUNDTRUTH
-        case MeasuredMotion():
-            return ScaleOrigin.IMU
+class NoScaleError(Exception):
+    """The map and what came with it do not tell a scale. The text is the reason, for the user."""
 
 
 def parse_scale(text: str) -> ScaleRequest:
@@ -149,8 +151,6 @@ def parse_scale(text: str) -> ScaleRequest:
         raise ConfigError(f"--scale {text[:100]!r}: {error}") from None
     if request is None:
         raise ConfigError(f"--scale is {text[:100]!r}: give {_FORMS}")
-    if isinstance(request, KnownMarkers):
-        marker_dictionary(request.dictionary)
     return request
 
 
@@ -163,6 +163,7 @@ def _parsed(kind: str, rest: str) -> ScaleRequest | None:
         case "imu", [] if not rest:
             return MeasuredMotion()
         case "marker", [side] if first:
+            marker_dictionary(first)
             return KnownMarkers(first, _length(side))
         case "board", [square] if size := re.fullmatch(rf"(\d{{1,{_DIGITS}}})[xX](\d{{1,{_DIGITS}}})", first):
             return KnownBoard(int(size[1]), int(size[2]), _length(square))
@@ -179,12 +180,9 @@ def _length(text: str) -> KnownLength:
     """A length, with or without a standard deviation."""
     metres, _, sigma = text.partition("+-")
     try:
-        numbers = float(metres), float(sigma or 0)
+        return KnownLength(float(metres), float(sigma or 0))
     except ValueError:
         raise ConfigError(f"{text[:40]!r} is no length: give metres, as in 1.65 or 1.65+-0.02") from None
-    if not all(map(math.isfinite, numbers)):
-        raise ConfigError(f"{text[:40]!r} is no length: give metres, as in 1.65 or 1.65+-0.02")
-    return KnownLength(*numbers)
 
 
 def marker_dictionary(name: str) -> Any:
@@ -193,11 +191,9 @@ def marker_dictionary(name: str) -> Any:
 
     known = {key.upper(): key for key in sorted(vars(cv2.aruco)) if key.startswith("DICT_")}
     wanted = name.strip().upper().removeprefix("DICT_").removeprefix("APRILTAG_")
-    wanted = (
-        f"APRILTAG_{wanted.removeprefix('TAG')}" if f"DICT_APRILTAG_{wanted.removeprefix('TAG')}" in known else wanted
+    for key in (f"DICT_APRILTAG_{wanted.removeprefix('TAG')}", f"DICT_{wanted}"):
+        if key in known:
+            return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, known[key]))
+    raise ConfigError(
+        f"unknown marker dictionary {name[:40]!r}: give tag36h11, tag25h9, tag16h5, 4x4_50, 5x5_100, 6x6_250, ..."
     )
-    if f"DICT_{wanted}" not in known:
-        raise ConfigError(
-            f"unknown marker dictionary {name[:40]!r}: give tag36h11, tag25h9, tag16h5, 4x4_50, 5x5_100, 6x6_250, ..."
-        )
-    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, known[f"DICT_{wanted}"]))

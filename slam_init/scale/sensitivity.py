@@ -18,17 +18,6 @@ from slam_init.types.initial_map import InitialMap
 _STEP = 1e-4
 
 
-def skew(vectors: Floats) -> Floats:
-    """Make the matrices of cross products.
-
-    Shapes: ``vectors`` (..., 3), returns (..., 3, 3).
-    """
-    x, y, z = np.moveaxis(np.asarray(vectors, float), -1, 0)
-    zero = np.zeros_like(x)
-    rows = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1)
-    return rows.reshape(*x.shape, 3, 3)
-
-
 def projection_derivatives(camera: Camera, in_camera: Floats) -> Floats:
     """Differentiate the projection of points.
 
@@ -47,9 +36,8 @@ def by_pose(derivatives: Floats, in_camera: Floats) -> Floats:
 
     Shapes: ``derivatives`` (N, 2, 3), ``in_camera`` (N, 3), returns (N, 2, 6).
     """
-    return np.asarray(
-        derivatives @ np.concatenate([skew(in_camera), -np.broadcast_to(np.eye(3), (len(in_camera), 3, 3))], -1)
-    )
+    crossed = np.cross(np.eye(3), in_camera[:, None, :])  # [X]x
+    return np.concatenate([derivatives @ crossed, -derivatives], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)

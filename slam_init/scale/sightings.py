@@ -40,7 +40,7 @@ def find_markers(images: Mapping[int, Image], markers: KnownMarkers) -> list[Sig
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     detector = cv2.aruco.ArucoDetector(marker_dictionary(markers.dictionary), parameters)
-    points_m = 0.5 * markers.side.metres * _CORNERS
+    points_m = 0.5 * markers.length.metres * _CORNERS
     sightings = []
     for frame, image in sorted(images.items()):
         corners, numbers, _ = detector.detectMarkers(image)
@@ -62,7 +62,7 @@ def find_board(images: Mapping[int, Image], board: KnownBoard) -> list[Sighting]
     import cv2
 
     x, y = np.meshgrid(np.arange(float(board.columns)), np.arange(float(board.rows)))
-    points_m = board.square.metres * np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+    points_m = board.length.metres * np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
     points_m = np.asarray(points_m - points_m.mean(axis=0), float)
     sightings = []
     for frame, image in sorted(images.items()):

@@ -7,7 +7,6 @@ without waiting, because the file may have been replaced in between.
 
 from __future__ import annotations
 
-import errno
 import os
 import stat
 from pathlib import Path
@@ -43,11 +42,10 @@ def kind_problem(path: str | os.PathLike[str]) -> str | None:
     path = Path(path)
     try:
         mode = path.stat().st_mode
+    except FileNotFoundError as error:
+        dangling = "a link to a file that does not exist"
+        return f"cannot be read: it is {dangling}" if path.is_symlink() else f"cannot be read ({error.strerror})"
     except OSError as error:
-        if error.errno == errno.ELOOP:
-            return "cannot be read: it is a link that leads back to itself"
-        if error.errno == errno.ENOENT and path.is_symlink():
-            return "cannot be read: it is a link to a file that does not exist"
         return f"cannot be read ({error.strerror})"
     except ValueError as error:  # a null byte in the name
         return f"cannot be read ({error})"
@@ -66,15 +64,15 @@ def open_regular(path: str | os.PathLike[str], error: type[SlamInitError]) -> Bi
 
     * ``error``: Raised where this is no regular file, or where it cannot be opened.
     """
-    path = Path(path)
     if problem := kind_problem(path):
         raise error(f"{path}: {problem}")
     try:
         # Opening a pipe that has come since must not wait for its writer.
-        file = os.fdopen(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb")
-    except OSError as problem_:
-        raise error(f"{path}: cannot be read ({problem_.strerror})") from None
-    if problem := _mode_problem(os.fstat(file.fileno()).st_mode):
+        descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    except OSError as cause:
+        raise error(f"{path}: cannot be read ({cause.strerror})") from None
+    file = os.fdopen(descriptor, "rb")
+    if problem := _mode_problem(os.fstat(descriptor).st_mode):
         file.close()
         raise error(f"{path}: {problem}")
     return file
@@ -88,11 +86,11 @@ def read_regular(path: str | os.PathLike[str], limit_bytes: int, what: str, erro
     """
     with open_regular(path, error) as file:
         try:
-            data = b"" if os.fstat(file.fileno()).st_size > limit_bytes else file.read(limit_bytes + 1)
-            too_large = os.fstat(file.fileno()).st_size > limit_bytes or len(data) > limit_bytes
+            size = os.fstat(file.fileno()).st_size
+            data = b"" if size > limit_bytes else file.read(limit_bytes + 1)
         except OSError as problem:
             raise error(f"{path}: cannot be read ({problem.strerror})") from None
-    if too_large:
+    if max(size, len(data)) > limit_bytes:
         limit = f"{limit_bytes // 10**6} MB" if limit_bytes >= 10**6 else f"{limit_bytes // 1000} kB"
         raise error(f"{path}: has more than {limit}: this is not {what}")
     return data

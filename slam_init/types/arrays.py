@@ -90,3 +90,9 @@ def as_number(value: object, what: str, give: str, error: type[SlamInitError] = 
         if math.isfinite(number):
             return number
     raise error(f"{what} is {value!r:.60}: give {give}")
+
+
+def set_fields(thing: object, **values: object) -> None:
+    """Set fields of a frozen dataclass while it is made."""
+    for name, value in values.items():
+        object.__setattr__(thing, name, value)

@@ -1,13 +1,13 @@
 """The camera model, which maps pixels to bearings and points to pixels.
 
-The models and their coefficients are those of :mod:`slam_init.types.lenses.models`. Pixels are converted to unit
+The models and their coefficients are those of :mod:`slam_init.types.lenses.lens`. Pixels are converted to unit
 bearings once; all later stages work on bearings. Bearings may point behind the image plane.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -16,13 +16,16 @@ from numpy.typing import ArrayLike
 
 from quest.display import Described
 from slam_init.errors import CalibrationError
-from slam_init.types.arrays import Floats, as_array, as_number
-from slam_init.types.lenses.lens import Lens
-from slam_init.types.lenses.models import COEFFICIENTS, bent_coefficients, check_coefficients, lens_of
-from slam_init.types.lenses.planar import (
+from slam_init.types.arrays import Floats, as_array, as_number, set_fields
+from slam_init.types.lenses.lens import (
+    COEFFICIENTS,
     MAX_PLANAR_ANGLE_RAD,
     FisheyeLens,
+    Lens,
     RadialTangentialLens,
+    bent_coefficients,
+    check_coefficients,
+    lens_of,
     polynomial,
     turning_radius,
 )
@@ -64,7 +67,7 @@ class Camera(Described):
     Attributes
     ----------
     model : str
-        A name of :mod:`slam_init.types.lenses.models`: ``pinhole``, ``radtan``, ``fisheye``, ``double-sphere``, ...
+        A name of :mod:`slam_init.types.lenses.lens`: ``pinhole``, ``radtan``, ``fisheye``, ``double-sphere``, ...
     width, height : int
         Image size in pixels.
     fx, fy, cx, cy : float
@@ -107,22 +110,23 @@ class Camera(Described):
     notes: tuple[str, ...] = field(default=(), compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.model, str) or self.model not in COEFFICIENTS:
-            raise CalibrationError(f"unknown camera model {self.model!r:.60}: use one of {', '.join(COEFFICIENTS)}")
+        _check_word(self.model, COEFFICIENTS, "camera model")
+        _check_word(self.source, _SOURCES, "source of a camera")
+        _check_word(self.readout_direction, _READOUT_DIRECTIONS, "readout direction")
         for name in ("width", "height", "fx", "fy", "cx", "cy"):
             value = as_number(getattr(self, name), f"{name} of the camera", "a number of pixels", CalibrationError)
-            if name in ("width", "height") and not value.is_integer():
-                raise CalibrationError(f"{name} of the camera is {value:g}: give a whole number of pixels")
-            object.__setattr__(self, name, int(value) if name in ("width", "height") else value)
+            if name in ("width", "height"):
+                if not value.is_integer():
+                    raise CalibrationError(f"{name} of the camera is {value:g}: give a whole number of pixels")
+                value = int(value)
+            set_fields(self, **{name: value})
         _check_intrinsics(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
-        object.__setattr__(self, "distortion", _as_coefficients(self.distortion))
+        set_fields(self, distortion=_as_coefficients(self.distortion))
         check_coefficients(self.model, self.distortion)
         for name, unit in (("focal_sigma", "a relative standard deviation"), ("readout_ms", "milliseconds")):
-            if getattr(self, name) is not None:
-                number = as_number(getattr(self, name), f"{name} of the camera", f"{unit}, or None", CalibrationError)
-                object.__setattr__(self, name, number)
-        if self.source not in _SOURCES:
-            raise CalibrationError(f"unknown source {self.source!r} of a camera: use one of {', '.join(_SOURCES)}")
+            if (given := getattr(self, name)) is not None:
+                number = as_number(given, f"{name} of the camera", f"{unit}, or None", CalibrationError)
+                set_fields(self, **{name: number})
         if self.focal_sigma is not None and not 0 < self.focal_sigma <= _MAX_FOCAL_SIGMA:
             raise CalibrationError(
                 f"focal_sigma is {self.focal_sigma!r}: give the relative standard deviation, up to {_MAX_FOCAL_SIGMA:g}"
@@ -131,10 +135,6 @@ class Camera(Described):
             raise CalibrationError(
                 f"readout is {self.readout_ms!r} ms: give milliseconds from 0 to {_MAX_READOUT_MS:g}, and for rows "
                 "that are read upwards the direction 'up'"
-            )
-        if not isinstance(self.readout_direction, str) or self.readout_direction not in _READOUT_DIRECTIONS:
-            raise CalibrationError(
-                f"unknown readout direction {self.readout_direction!r}: use one of {', '.join(_READOUT_DIRECTIONS)}"
             )
 
     @staticmethod
@@ -390,6 +390,22 @@ class Camera(Described):
         return f"{self.model} camera, {self.width}x{self.height}{known}", facts
 
 
+def orthonormal_polynomials(camera: Camera, pixels: Floats) -> Floats:
+    """Products (..., 6) of Legendre polynomials at pixels (..., 2).
+
+    Each has a mean square of 1 over the image, so that none is preferred.
+    """
+    x, y = np.moveaxis(2 * pixels / (camera.width - 1, camera.height - 1) - 1, -1, 0)
+    linear_x, linear_y = np.sqrt(3) * x, np.sqrt(3) * y
+    quadratic_x, quadratic_y = (np.sqrt(5) / 2 * (3 * u * u - 1) for u in (x, y))
+    return np.stack([np.ones_like(x), linear_x, linear_y, quadratic_x, linear_x * linear_y, quadratic_y], axis=-1)
+
+
+def _check_word(word: object, known: Collection[str], what: str) -> None:
+    if not isinstance(word, str) or word not in known:
+        raise CalibrationError(f"unknown {what} {word!r:.60}: use one of {', '.join(known)}")
+
+
 def _as_coefficients(distortion: object) -> tuple[float, ...]:
     """Make the coefficients of what a caller gave, or tell why they are none."""
     give = "a tuple of numbers, () for none"
@@ -401,15 +417,14 @@ def _as_coefficients(distortion: object) -> tuple[float, ...]:
 
 def _check_intrinsics(width: int, height: int, fx: float, fy: float, cx: float, cy: float) -> None:
     """Refuse numbers that no camera has."""
-    for name, value in (("fx", fx), ("fy", fy)):
-        if value <= 0:
-            raise CalibrationError(f"focal length {name} is {value!r}: it must be a positive number of pixels")
+    side = max(width, height)
     if min(width, height) < _MIN_SIDE:
         raise CalibrationError(f"image size {width}x{height}: both sides must have at least {_MIN_SIDE} pixels")
-    side = max(width, height)
     if side > _MAX_SIDE:
         raise CalibrationError(f"the image size has more than {_MAX_SIDE} pixels a side: give that of the images")
     for name, value in (("fx", fx), ("fy", fy)):
+        if value <= 0:
+            raise CalibrationError(f"focal length {name} is {value!r}: it must be a positive number of pixels")
         if not _FOCAL_RANGE[0] * side <= value <= _FOCAL_RANGE[1] * side:
             raise CalibrationError(f"focal length {name} is {value!r} for {width}x{height} images: give pixels")
     if not 1 / _MAX_ASPECT <= fx / fy <= _MAX_ASPECT:

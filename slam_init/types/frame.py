@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from slam_init.errors import SlamInitError, check_type
-from slam_init.types.arrays import Floats, Image, Ints, as_array, as_number
+from slam_init.types.arrays import Floats, Image, Ints, as_array, as_number, set_fields
 from slam_init.types.inertial import Gravity
 from slam_init.types.pose import Trajectory
 
@@ -61,14 +61,13 @@ class Frame:
         check_type(self.name, str, f"the name of {what}", "text")
         Gravity.check(self.gravity)
         image = as_image(self.image, f"the image of {what}")
-        given = {
-            "index": int(self.index),  # an integer of 8 bits would overflow
-            "timestamp_s": as_number(self.timestamp_s, f"the time stamp of {what}", "finite seconds"),
-            "image": image,
-            "mask": None if self.mask is None else _as_mask(self.mask, f"the mask of {what}", image.shape[:2]),
-        }
-        for name, value in given.items():
-            object.__setattr__(self, name, value)
+        set_fields(
+            self,
+            index=int(self.index),  # an integer of 8 bits would overflow
+            timestamp_s=as_number(self.timestamp_s, f"the time stamp of {what}", "finite seconds"),
+            image=image,
+            mask=None if self.mask is None else _as_mask(self.mask, f"the mask of {what}", image.shape[:2]),
+        )
 
     @cached_property
     def gray(self) -> Image:
@@ -231,28 +230,27 @@ class Observations:
         check_type(self.name, str, f"the name of frame {self.frame}", "text")
         what = f"of frame {self.frame}"
         ids = as_array(self.track_ids, np.int64, (None,), f"track_ids {what}")
-        count = len(ids)
-        given = {
-            "frame": int(self.frame),
-            "track_ids": ids,
-            "pixels": as_array(self.pixels, np.float64, (count, 2), f"pixels {what}"),
-            "bearings": as_array(self.bearings, np.float64, (count, 3), f"bearings {what}"),
-            "colors": as_array(self.colors, np.uint8, (None, 3), f"colors {what}"),
-            "drifts": as_array(self.drifts, np.float64, (None, 2, 2), f"drifts {what}"),
-        }
-        given["timestamp_s"] = as_number(self.timestamp_s, f"the time stamp {what}", "finite seconds")
-        for name in ("turn_error", "readout_s", "step_px", "exposure_s"):
-            given[name] = as_number(getattr(self, name), f"{name} {what}", "a finite number")
+        set_fields(
+            self,
+            frame=int(self.frame),
+            timestamp_s=as_number(self.timestamp_s, f"the time stamp {what}", "finite seconds"),
+            track_ids=ids,
+            pixels=as_array(self.pixels, np.float64, (len(ids), 2), f"pixels {what}"),
+            bearings=as_array(self.bearings, np.float64, (len(ids), 3), f"bearings {what}"),
+            colors=as_array(self.colors, np.uint8, (None, 3), f"colors {what}"),
+            drifts=as_array(self.drifts, np.float64, (None, 2, 2), f"drifts {what}"),
+            readout_s=as_number(self.readout_s, f"readout_s {what}", "a finite number"),
+        )
         if self.turn_rad_s is not None:
-            given["turn_rad_s"] = as_array(self.turn_rad_s, np.float64, (3,), f"turn_rad_s {what}")
-        for name, value in given.items():
-            object.__setattr__(self, name, value)
+            set_fields(self, turn_rad_s=as_array(self.turn_rad_s, np.float64, (3,), f"turn_rad_s {what}"))
         for name in ("colors", "drifts"):
-            if len(getattr(self, name)) not in (0, count):
-                raise SlamInitError(f"{name} {what} are not of {count} tracks: give one for each, or none")
+            if len(getattr(self, name)) not in (0, len(ids)):
+                raise SlamInitError(f"{name} {what} are not of {len(ids)} tracks: give one for each, or none")
         for name in ("turn_error", "step_px", "exposure_s"):
-            if getattr(self, name) < 0:
+            number = as_number(getattr(self, name), f"{name} {what}", "a finite number")
+            if number < 0:
                 raise SlamInitError(f"{name} {what} is negative: give a number from 0 on")
+            set_fields(self, **{name: number})
         if (np.diagonal(self.drifts, axis1=1, axis2=2) < 0).any():
             raise SlamInitError(f"drifts {what} must be covariances: give variances from 0 on")
         if not (ids[1:] > ids[:-1]).all():

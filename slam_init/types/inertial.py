@@ -1,4 +1,4 @@
-"""The record of an inertial sensor that is fixed to the camera, and the direction of gravity."""
+"""What moves with the camera and is no camera: an inertial sensor, the direction of gravity, measured rotations."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from quest.display import Described
 from slam_init.errors import SlamInitError, SourceError
-from slam_init.types.arrays import Floats, as_array, as_number
+from slam_init.types.arrays import Floats, as_array, as_number, set_fields
 from slam_init.types.pose import Pose
 
 #: Standard gravity in m/s^2. On the earth it differs by 0.27 % at most at sea level.
@@ -28,6 +28,11 @@ ACCELEROMETER_BIAS_M_S2 = 0.12
 _REST_S, _REST_BIASES = 0.2, 3.0
 #: Where the lever arm would be longer, it is not in metres: no phone, drone or car has its sensor so far away.
 _FARTHEST_M = 10.0
+#: A matrix that is farther from a rotation was not meant as one: numbers of four digits are nearer.
+_NOT_A_ROTATION = 1e-3
+#: Standard deviations of a measured rotation, in radians: nothing measures better than the least; more than the most is
+#: no measurement.
+_SIGMAS_RAD = (1e-6, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,8 +154,7 @@ class Gravity(Described):
         sigma_deg = as_number(self.sigma_deg, "the deviation of gravity", "degrees from 0.001 to 45")
         if not 1e-3 <= sigma_deg <= 45:
             raise SlamInitError(f"the deviation of gravity is {sigma_deg!r}: give degrees from 0.001 to 45")
-        object.__setattr__(self, "down", down / length)
-        object.__setattr__(self, "sigma_deg", sigma_deg)
+        set_fields(self, down=down / length, sigma_deg=sigma_deg)
 
     @staticmethod
     def check(thing: object) -> None:
@@ -171,6 +175,40 @@ class Gravity(Described):
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
         x, y, z = self.down.tolist()
         return f"gravity along ({x:.3f}, {y:.3f}, {z:.3f}), +- {self.sigma_deg:.2g} deg", []
+
+
+@dataclass(frozen=True, eq=False)
+class Attitude:
+    """The rotation of the camera since some frame, by a gyroscope, a robot's arm or another tracker."""
+
+    #: (3, 3)
+    cam_from_start: Floats
+    #: Of each component of its rotation vector; the sum of those of the steps.
+    variance_rad2: float
+    #: Frame since which the rotation of every frame was measured.
+    start: int
+
+    def after(self, rotation: Floats, sigma_rad: float) -> Attitude:
+        """The attitude in the next frame.
+
+        Shapes: ``rotation`` (3, 3).
+        """
+        return Attitude(rotation @ self.cam_from_start, self.variance_rad2 + sigma_rad**2, self.start)
+
+
+def checked_rotation(rotation: object, sigma_rad: float) -> Floats:
+    """Check a measured rotation.
+
+    Shapes: ``rotation`` (3, 3), returns (3, 3).
+    """
+    R = as_array(rotation, np.float64, (3, 3), "rotation", "a 3x3 matrix from the axes of the last camera to these")
+    U, _, Vt = np.linalg.svd(R)
+    nearest = np.asarray(U @ np.diag([1.0, 1.0, float(np.sign(np.linalg.det(U @ Vt)))]) @ Vt)
+    if not np.abs(nearest - R).max() <= _NOT_A_ROTATION:  # nor NaN, of numbers that are too large
+        raise SlamInitError("rotation: the matrix is no rotation: its columns must be orthonormal, its determinant 1")
+    if not _SIGMAS_RAD[0] <= as_number(sigma_rad, "rotation_sigma_rad", "radians from 1e-6 to 1") <= _SIGMAS_RAD[1]:
+        raise SlamInitError(f"rotation_sigma_rad is {sigma_rad!r}: give radians from 1e-6 to 1")
+    return nearest
 
 
 def knots_between(timestamps_s: Floats, t0_s: float, t1_s: float) -> Floats | None:

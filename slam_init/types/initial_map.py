@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from slam_init.types.inertial import Gravity
 from slam_init.types.pose import Pose
 from slam_init.types.savable import Savable
 from slam_init.types.scale import Scale
-from slam_init.types.unit_error import UnitError
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +45,33 @@ class Descriptors(NamedTuple):
 
     orb: Image
     described: Bools
+
+
+@dataclass(frozen=True, eq=False)
+class UnitError:
+    """The error of the mean distance of the landmarks, relative to the baselines. Errors of single ones average out.
+
+    Attributes
+    ----------
+    own : float
+        Relative standard deviation by the noise, the poses and the smooth errors of the views. NaN where nobody states
+        it.
+    by_lens : (4,) float
+        How far four independent errors of unit variance move it: those of the focal length, of the principal point and
+        of k1, as the map knows them. Maps with the same lens have these errors in common.
+    """
+
+    own: float = math.nan
+    by_lens: Floats = field(default_factory=lambda: np.zeros(4))
+
+    @property
+    def sigma(self) -> float:
+        """Relative standard deviation by all errors."""
+        return math.hypot(self.own, *self.by_lens)
+
+    def with_scale(self, variance: float) -> Self:
+        """The same with a scale that is as uncertain besides."""
+        return type(self)(math.sqrt(max(self.own**2 + variance, 0.0)), self.by_lens)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -59,7 +59,7 @@ class Verdict(StrEnum):
     TOO_FEW_LANDMARKS = "too_few_landmarks", "too few points can be triangulated well: keep translating"
     BUNDLE_ADJUSTMENT_FAILED = "bundle_adjustment_failed", "bundle adjustment found no consistent map: keep moving"
     EXTERNAL_METHOD = "external_method", "the external program gave no map: its own output may tell why"
-    TOO_FEW_FRAMES = "too_few_frames", "fewer than two frames were read: give a longer sequence"
+    TOO_FEW_FRAMES = "too_few_frames", "a map needs two frames or more: give further ones"
     ACCEPTED = "accepted", ""
 
 

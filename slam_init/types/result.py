@@ -23,7 +23,6 @@ from slam_init.types.evidence import (
     TwoViewEvidence,
     WindowEvidence,
 )
-from slam_init.types.frame import Observations
 from slam_init.types.gates import Gate, Stage
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.reasons import Verdict, in_words
@@ -161,20 +160,9 @@ class ProvisionalMap:
     map: InitialMap
     risk: float
 
-    @property
-    def depth_sigma(self) -> float:
-        """Median of the relative standard deviations of the depths of the landmarks."""
-        return self.map.depth_sigma
 
-    @property
-    def point_covariances(self) -> Floats:
-        """(L, 3, 3) covariances of the landmarks."""
-        return self.map.point_covariances
-
-    @property
-    def open_tracks(self) -> Observations:
-        """The tracks of the newest keyframe that have no landmark yet."""
-        return self.map.open_tracks
+#: Largest number of maps of a run that starts anew after a loss: a map takes some megabytes of memory.
+MAX_SEGMENTS = 99
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,14 +6,12 @@ import os
 from collections.abc import Callable
 from typing import ClassVar
 
-#: Writes an object to a folder.
-Writer = Callable[[object, str | os.PathLike[str]], None]
-
 
 class Savable:
     """Base of what :meth:`save` writes."""
 
-    _writer: ClassVar[Writer | None] = None
+    #: Writes an object to a folder; set by :mod:`slam_init`.
+    writer: ClassVar[Callable[[object, str | os.PathLike[str]], None]]
 
     def save(self, folder: str | os.PathLike[str]) -> None:
         """Write the files that ``slam-init run`` writes for it; ``docs/reference/files.md`` lists them.
@@ -23,10 +21,4 @@ class Savable:
 
         * ``folder``: A folder that is new, empty, or was written by an earlier call or run.
         """
-        assert Savable._writer is not None, "slam_init/__init__.py sets it"
-        Savable._writer(self, folder)
-
-
-def set_writer(writer: Writer) -> None:
-    """Choose what :meth:`Savable.save` calls."""
-    Savable._writer = staticmethod(writer)
+        Savable.writer(self, folder)

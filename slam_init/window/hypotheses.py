@@ -21,7 +21,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from quest.estimate import Hypothesis, RelativePose
+from quest.estimate import Hypothesis, NoPose, RelativePose, estimate_relative_pose
+from quest.noise import GATE_SIGMAS
 from slam_init.types.arrays import Floats, Ints, evenly_spaced
 from slam_init.types.lens_in_use import UNKNOWN_K1_SIGMA, UNKNOWN_PRINCIPAL_SIGMA
 from slam_init.types.pose import Pose
@@ -159,15 +160,16 @@ class WindowHypotheses:
 
 def motions_of_pair(
     pose: RelativePose,
-    frames: tuple[int, int],
+    frames: tuple[int, ...],
     rays1: Floats,
     rays2: Floats,
     readout_s: float = 0.0,
 ) -> list[Motion]:
     """The motions that explain the matches of a pair.
 
-    Shapes: ``frames`` (int, int), ``rays1, rays2`` (N, 3).
+    Shapes: ``rays1, rays2`` (N, 3).
 
+    * ``frames``: The pair first.
     * ``pose``: ``cam2_from_cam1`` with its alternatives. If its kind is "rotation", only the alternatives have a
       translation. They are worth trying where a rotation-only camera would show as much parallax once in twenty pairs.
       So little parallax shows no relief either: the points start on a plane then.
@@ -188,6 +190,22 @@ def motions_of_pair(
     return motions
 
 
+def motions_at_focal(hypotheses: WindowHypotheses, log_scale: float) -> list[Motion]:
+    """The motions of the pair as quest proposes them at another focal length, in all views that they locate.
+
+    * ``log_scale``: Logarithm of this focal length over that of the lens in use.
+    """
+    tracks, R = hypotheses.tracks, hypotheses.rotation_only.state.R
+    lens = LensOffset(log_scale, readout_s=tracks.readout_s)
+    bearings = tracks.bearings(lens)
+    m, n = bearings[:2, np.isfinite(bearings[:2]).all(axis=(0, 2))]
+    noise_rad = tracks.noise_px / (tracks.camera.focal_px * math.exp(log_scale))
+    pose = estimate_relative_pose(m, n, threshold_rad=min(GATE_SIGMAS * noise_rad, 1.0))
+    motions = [] if isinstance(pose, NoPose) else motions_of_pair(pose, tracks.frames[:2], m, n)
+    located = (locate_views(tracks, replace(one, lens=lens), bearings, R) for one in motions)
+    return [one for one in located if one is not None]
+
+
 def fit_hypotheses(
     tracks: WindowTracks, motions: Sequence[Motion], priors: Priors, living: Sequence[Motion] = ()
 ) -> WindowHypotheses | None:
@@ -202,7 +220,6 @@ def fit_hypotheses(
     """
     first = motions[0] if motions else Motion({}, lens=LensOffset(readout_s=tracks.readout_s))
     bearings = tracks.bearings(_with_stated_focal(first.lens))
-    bearings[~tracks.seen] = np.nan
     rotations = align_views(bearings, motions, tracks.frames[:2])
     poses: list[Motion] = []
     for motion in motions:
@@ -233,7 +250,6 @@ def with_rotation_anew(hypotheses: WindowHypotheses) -> WindowHypotheses:
     """The same hypotheses with the camera that only rotates fitted from afar, where that costs less."""
     tracks, best = hypotheses.tracks, hypotheses.motions[0]
     bearings = tracks.bearings(_with_stated_focal(best.fit.state.lens))
-    bearings[~tracks.seen] = np.nan
     rotations = align_views(bearings, [best.motion], tracks.frames[:2])
     anew = _fit_rotation(tracks, rotations, hypotheses.priors, best)
     if anew.fit.cost >= hypotheses.rotation_only.cost:

@@ -10,15 +10,14 @@ import numpy as np
 from quest.estimate import RelativePose
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Floats
-from slam_init.types.attitude import Attitude
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
-from slam_init.types.inertial import Gravity
+from slam_init.types.inertial import Attitude, Gravity
 from slam_init.types.lens_in_use import LensInUse
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
 from slam_init.window.motion import Motion
 from slam_init.window.state import Priors
-from slam_init.window.tracks import WindowTracks, gather_tracks
+from slam_init.window.tracks import gather_tracks
 
 #: Number of motions that are carried from frame to frame: both motions of a plane, and two that other pairs found.
 #: Class: budget.
@@ -105,7 +104,22 @@ class LiveHypotheses:
             tracks = gather_tracks(
                 camera, views, self._noise_px, self._least_noise_px, attitudes=attitudes, gravities=gravities
             )
-            return self._fitted(tracks, priors)
+            # Where no turning is known, the readout moves no pixel.
+            priors = priors if tracks.sweep_px_s.any() else replace(priors, readout_sigma_s=0.0)
+            hypotheses = fit_hypotheses(tracks, [*self._motions, *self._proposed], priors, self._rotations)
+        if hypotheses is None:
+            self._proposed = []
+            self._motions, self._rotations = [], ()
+            return None
+        self._noise_px = hypotheses.tracks.noise_px
+        gain, freedom = hypotheses.gain_over_rotation
+        # Twice the gain is as large as this by chance alone: there is nothing to carry on.
+        if 2 * gain < freedom:
+            self._motions, self._proposed, self._rotations = [], [], hypotheses.rotations
+            return hypotheses
+        self.keep(hypotheses)
+        self._proposed = []
+        return hypotheses
 
     def without_gravity(self, hypotheses: WindowHypotheses) -> WindowHypotheses | None:
         """The same hypotheses by the tracks alone: a wrong gravity would make a wrong motion certain."""
@@ -133,22 +147,3 @@ class LiveHypotheses:
             self._barren = 0 if any(fitted.is_new for fitted in kept) else self._barren + 1
             self._rest = min(self._barren, _LONGEST_REST)
         self._rotations = hypotheses.rotations
-
-    def _fitted(self, tracks: WindowTracks, priors: Priors) -> WindowHypotheses | None:
-        motions = [*self._motions, *self._proposed]
-        # Where no turning is known, the readout moves no pixel.
-        priors = priors if tracks.sweep_px_s.any() else replace(priors, readout_sigma_s=0.0)
-        hypotheses = fit_hypotheses(tracks, motions, priors, self._rotations)
-        if hypotheses is None:
-            self._proposed = []
-            self._motions, self._rotations = [], ()
-            return None
-        self._noise_px = hypotheses.tracks.noise_px
-        gain, freedom = hypotheses.gain_over_rotation
-        # Twice the gain is as large as this by chance alone: there is nothing to carry on.
-        if 2 * gain < freedom:
-            self._motions, self._proposed, self._rotations = [], [], hypotheses.rotations
-            return hypotheses
-        self.keep(hypotheses)
-        self._proposed = []
-        return hypotheses

@@ -80,7 +80,6 @@ def _resected(tracks: WindowTracks, motion: Motion, bearings: Floats, rotations:
         usable = np.asarray(np.isfinite(points).all(axis=1))
         # Its points are seen through its lens.
         bearings = tracks.bearings(motion.lens)
-        bearings[~tracks.seen] = np.nan
     for row in range(len(bearings)):
         visible = usable & np.isfinite(bearings[row, :, 0])
         if row in known or visible.sum() < MIN_RESECTED:

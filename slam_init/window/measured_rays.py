@@ -9,7 +9,7 @@ from slam_init.types.camera import Camera
 from slam_init.window.compiler import compiled
 
 #: Newton's method ends where it moves a point of the plane z = 1 by less, or after so many steps; a point whose pixel
-#: is still off by more has no ray. As :func:`slam_init.types.lenses.planar.RadialTangentialLens.undistort`.
+#: is still off by more has no ray. As :func:`slam_init.types.lenses.lens.RadialTangentialLens.undistort`.
 _CONVERGED, _STEPS, _SOLVED = 1e-13, 30, 1e-10
 
 

@@ -306,10 +306,7 @@ def _odds(tracks: float, of_other: float, of_best: float) -> float:
 
 def bearings_of_best(hypotheses: WindowHypotheses) -> Floats:
     """The measured rays (V, T, 3) by the lens of the best motion; NaN where a view does not see a track."""
-    state, tracks = hypotheses.motions[0].fit.state, hypotheses.tracks
-    bearings = tracks.bearings(state.lens.centred())
-    bearings[~tracks.seen] = np.nan
-    return bearings
+    return hypotheses.tracks.bearings(hypotheses.motions[0].fit.state.lens.centred())
 
 
 def _extent(places: Floats) -> float:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from slam_init.types.arrays import Floats, Ints
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import MAX_STEPS, JointFit, fit_window
@@ -27,9 +25,7 @@ def rotation_of(
     * ``lens``: Where the fit starts.
     """
     tracks = hypotheses.tracks.of_tracks(chosen)
-    bearings = tracks.bearings(lens)
-    bearings[~tracks.seen] = np.nan
-    R = align_views(bearings, [hypotheses.motions[0].motion], tracks.frames[:2])
+    R = align_views(tracks.bearings(lens), [hypotheses.motions[0].motion], tracks.frames[:2])
     start = start_at(tracks, R, hypotheses.rotation_only.state.t, lens=lens, at_infinity=True)
     return fit_window(
         tracks, start, hypotheses.rotation_priors, rotation_only=True, max_steps=max_steps, hopeless=hopeless

@@ -88,12 +88,15 @@ def _of_pair(motion: Motion, frames: tuple[int, ...]) -> dict[int, Pose]:
 
 def _poses_to_start_from(hypotheses: WindowHypotheses, both: Bools, bearings: Floats) -> Iterator[Pose]:
     """Motions of the pair: conjugates, of all tracks, of other tracks, of a second pair, and in all directions."""
+    from quest.robust import kernels
+
     noise_rad = hypotheses.tracks.noise_px / hypotheses.tracks.camera.focal_px
     m, n = bearings[0, both], bearings[1, both]
     for one in hypotheses.motions:
         pose = one.cam2_from_cam1
         model = np.concatenate([quaternion_from_matrix(pose.R), pose.t])
-        yield from _poses(fit_plane(model, m, n, noise_rad).poses)
+        for conjugate in fit_plane(model, m, n, noise_rad).poses:
+            yield Pose(kernels.rotation_of_model(conjugate), conjugate[4:])
     # The window knows the noise better than the frame that proposed its motions.
     yield from _proposed(m, n, noise_rad)
     rest = both & ~explained_tracks(hypotheses)
@@ -126,10 +129,3 @@ def _proposed(m: Floats, n: Floats, noise_rad: float) -> Iterator[Pose]:
     for one in proposed:
         if np.any(one.t):
             yield Pose(one.R, one.t)
-
-
-def _poses(models: Sequence[Floats]) -> Iterator[Pose]:
-    from quest.robust import kernels
-
-    for model in models:
-        yield Pose(kernels.rotation_of_model(model), model[4:])

@@ -10,11 +10,9 @@ import numpy as np
 
 from slam_init.frontend.rolling_shutter import corrected_pixels, readout_places, turning_flow
 from slam_init.types.arrays import Bools, Floats, Ints
-from slam_init.types.attitude import Attitude
-from slam_init.types.camera import Camera
+from slam_init.types.camera import Camera, orthonormal_polynomials
 from slam_init.types.frame import Observations
-from slam_init.types.image_polynomials import orthonormal_polynomials
-from slam_init.types.inertial import Gravity
+from slam_init.types.inertial import Attitude, Gravity
 from slam_init.window.lens_offset import LensOffset
 from slam_init.window.measured_rays import measured_rays
 
@@ -180,9 +178,11 @@ class WindowTracks:
         Shapes: returns (V, T, 3).
 
         * ``lens``: Beside ``camera``.
-        * Returns: Unit rays in the cameras; any rays where a view does not see a track.
+        * Returns: Unit rays in the cameras; NaN where a view does not see a track.
         """
-        return self._rays_of(self.pixels, self.sweep_px_s, self.seen, lens)
+        rays = self._rays_of(self.pixels, self.sweep_px_s, self.seen, lens)
+        rays[~self.seen] = np.nan
+        return rays
 
     def anchor_rays(self, lens: LensOffset) -> Floats:
         """The measured rays in the anchor views, see :meth:`bearings`.

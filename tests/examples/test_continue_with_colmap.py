@@ -1,25 +1,13 @@
 """COLMAP continues from the map: on a real sequence it registers all images, from our poses and in our world."""
 
 import continue_with_colmap as example
-import numpy as np
 import pytest
-from continue_with_colmap import Registered, continue_with_colmap, main
+from continue_with_colmap import continue_with_colmap, main
 from paths import DATA
-
-from slam_init.types.pose import Pose
 
 pytestmark = pytest.mark.process
 
 SEQUENCE = DATA / "middlebury" / "templeRing_19"
-
-
-def test_the_error_is_a_share_of_the_true_path():
-    truth = {str(k): Pose(np.eye(3), np.array([float(k), 0.0, 0.0])) for k in range(4)}
-    doubled = {name: Pose(np.eye(3), 2 * pose.t) for name, pose in truth.items()}
-    assert Registered(doubled, 4, 0, 0.0).relative_error(truth) == pytest.approx(0.0, abs=1e-12)
-    bent = doubled | {"3": Pose(np.eye(3), np.array([6.0, 1.0, 0.0]))}
-    assert 0.01 < Registered(bent, 4, 0, 0.0).relative_error(truth) < 0.2
-    assert Registered({}, 4, 0, 0.0).relative_error(truth) is None
 
 
 def test_wrong_arguments_and_a_refusal_end_in_one_line(capsys):

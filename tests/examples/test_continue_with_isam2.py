@@ -1,21 +1,15 @@
 """The example continues from the graph of a map with ISAM2."""
 
 import continue_with_isam2 as continue_with_isam2_module
-import numpy as np
 import pytest
 from continue_with_isam2 import continue_with_isam2, main, position_errors
 
 from slam_init.bundle.graph import calibration_key, pose_key
-from slam_init.types.frame import Frame
 
 pytestmark = pytest.mark.process
 
 #: After the map.
 FRAMES = 8
-
-
-def blank(index):
-    return Frame(index, index / 30, "", np.full((480, 640), 90, np.uint8))
 
 
 def test_isam2_continues_from_the_graph_of_the_map(room_fed):
@@ -25,18 +19,6 @@ def test_isam2_continues_from_the_graph_of_the_map(room_fed):
     assert [keyframe.frame for keyframe in poses] == [frame.index for frame in frames]
     assert position_errors([*map_.keyframes, *poses], room_fed.source.groundtruth).max() < 0.02
     assert not map_.values.exists(pose_key(poses[0].frame))  # the map itself is not changed
-
-
-def test_isam2_leaves_out_a_frame_that_it_cannot_locate(room_fed):
-    first = room_fed.following[0].index
-    assert continue_with_isam2(room_fed.result.map, room_fed.tracker, [blank(first)]) == []
-
-
-def test_the_landmarks_in_the_values_have_the_order_of_the_map(room_fed):
-    import gtsam
-
-    map_ = room_fed.result.map
-    np.testing.assert_allclose(gtsam.utilities.extractPoint3(map_.values), map_.points)
 
 
 def test_the_example_prints_the_reason_of_a_refusal_or_an_error(capsys):

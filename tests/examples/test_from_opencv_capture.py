@@ -4,7 +4,6 @@ import cv2
 import from_opencv_capture
 import pytest
 from from_opencv_capture import initialize_from_capture
-from make_scene import texture
 
 from slam_init.calibration.files import load_camera
 
@@ -51,13 +50,3 @@ def test_the_program_prints_the_result_and_reports_wrong_arguments(video, capsys
     assert from_opencv_capture.main([f"{path}.missing", calibration]) == 2
     assert from_opencv_capture.main([path]) == 2
     assert capsys.readouterr().err.count("\n") == 2
-
-
-def test_the_advice_for_a_static_camera_is_printed(video, tmp_path, capsys):
-    writer = cv2.VideoWriter(str(tmp_path / "static.avi"), cv2.VideoWriter.fourcc(*"MJPG"), RATE_HZ, (640, 480))
-    image = cv2.cvtColor(texture(0, 480, 640), cv2.COLOR_GRAY2BGR)
-    for _ in range(4):
-        writer.write(image)
-    writer.release()
-    assert from_opencv_capture.main([str(tmp_path / "static.avi"), str(video[1])]) == 3
-    assert "static_camera: the camera stands still" in capsys.readouterr().out

@@ -1,15 +1,13 @@
-"""The lifecycle node of docs/ros2: with a fake of rclpy, and with rclpy itself where it is installed."""
+"""The lifecycle node of docs/ros2, with a fake of rclpy."""
 
 from __future__ import annotations
-
-from importlib.util import find_spec
 
 import cv2
 import numpy as np
 import pytest
 from make_bag import Messages
 from make_files import picture
-from ros_graph import graph_of
+from ros_graph import fake_graph
 from slam_init_ros.ros_messages import ros_covariance
 
 from quest.geometry.quaternion import rotation_from_vector
@@ -21,25 +19,13 @@ from slam_init.types.pose import Pose
 pytestmark = pytest.mark.process
 
 pytest.importorskip("rosbags")
-RCLPY = pytest.param(
-    "rclpy",
-    marks=pytest.mark.skipif(
-        find_spec("rclpy") is None or find_spec("tf2_msgs") is None, reason="rclpy and tf2_msgs are not installed"
-    ),
-)
 #: A date of today's size: as a float of seconds it has steps of 240 ns.
 START_NS = 1_700_000_000_123_456_789
 
 
-@pytest.fixture(params=["fake", RCLPY])
-def graph(request):
-    with graph_of(request.param) as made:
-        yield made
-
-
 @pytest.fixture
-def fake(monkeypatch):
-    with graph_of("fake") as made:
+def graph():
+    with fake_graph() as made:
         yield made
 
 
@@ -81,7 +67,7 @@ def test_a_run_publishes_the_map_of_the_api_with_the_stamps_of_the_images(graph,
     stamps = [START_NS + k * 10**9 // 30 for k in range(1, len(frames) + 1)]
 
     node = active(graph.node(out=str(tmp_path / "out"), recording=str(tmp_path / "run.rrd")))
-    graph.send("/camera_info", info(source.camera), answered=False)
+    graph.send("/camera_info", info(source.camera))
     for frame, time_ns in zip(frames, stamps, strict=True):
         graph.send("/image", image(frame.image, time_ns))
     sent = graph.received
@@ -117,7 +103,7 @@ def test_a_run_publishes_the_map_of_the_api_with_the_stamps_of_the_images(graph,
     assert not (tmp_path / "run.rrd").exists()
     assert "SUCCESS" in str(node.trigger_deactivate())
     assert (tmp_path / "run.rrd").stat().st_size > 10_000 and (tmp_path / "out" / "summary.json").exists()
-    graph.send("/image", image(frames[0].image, stamps[-1] + 2 * 10**8), answered=False)
+    graph.send("/image", image(frames[0].image, stamps[-1] + 2 * 10**8))
     assert len(statuses) == len(frames) + 1, "an inactive node takes no image"
     for transition in ("activate", "deactivate", "cleanup", "configure"):
         assert "SUCCESS" in str(getattr(node, f"trigger_{transition}")()), transition
@@ -126,32 +112,32 @@ def test_a_run_publishes_the_map_of_the_api_with_the_stamps_of_the_images(graph,
 CAMERA = Camera("pinhole", 64, 48, 60.0, 61.0, 31.5, 23.5)
 
 
-def test_images_wait_for_a_calibration_and_those_that_come_late_or_do_not_fit_are_left_out(fake):
-    active(fake.node(tf="none"))
-    statuses = fake.received["/slam_init/status"]
-    fake.send("/image", image(picture(), START_NS))
-    fake.send("/camera_info", info(CAMERA, k=np.zeros(9)))
-    fake.send("/image", image(picture(), START_NS))
+def test_images_wait_for_a_calibration_and_those_that_come_late_or_do_not_fit_are_left_out(graph):
+    active(graph.node(tf="none"))
+    statuses = graph.received["/slam_init/status"]
+    graph.send("/image", image(picture(), START_NS))
+    graph.send("/camera_info", info(CAMERA, k=np.zeros(9)))
+    graph.send("/image", image(picture(), START_NS))
     assert statuses == [], "a driver without a calibration sends zeros"
-    fake.send("/camera_info", info(CAMERA))
+    graph.send("/camera_info", info(CAMERA))
     for time_s, size in ((1.0, (64, 48)), (0.5, (64, 48)), (1.1, (32, 24)), (1.2, (64, 48))):
-        fake.send("/image", image(picture(0, size), START_NS + round(1e9 * time_s)))
+        graph.send("/image", image(picture(0, size), START_NS + round(1e9 * time_s)))
     assert [(stamp(one) - START_NS) / 1e9 for one in statuses] == [1.0, 1.2]
-    assert ["does not come after" in text for text in fake.warnings] == [True, False]
-    assert set(fake.received) == {"/slam_init/status"}, "tf is none"
+    assert ["does not come after" in text for text in graph.warnings] == [True, False]
+    assert set(graph.received) == {"/slam_init/status"}, "tf is none"
 
 
-def test_compressed_images_and_a_calibration_by_parameter(fake):
-    node = active(fake.node(compressed=True, camera="auto", tf="map", world_frame="odom"))
+def test_compressed_images_and_a_calibration_by_parameter(graph):
+    node = active(graph.node(compressed=True, camera="auto", tf="map", world_frame="odom"))
     messages = Messages("mcap")
     messages.compressed("", 0.0, cv2.imencode(".png", picture())[1].tobytes(), "png", frame="")
-    fake.send("/image/compressed", messages.sent[0][3])
-    (status,), (static,) = fake.received["/slam_init/status"], fake.received["/tf_static"]
+    graph.send("/image/compressed", messages.sent[0][3])
+    (status,), (static,) = graph.received["/slam_init/status"], graph.received["/tf_static"]
     assert status.status[0].hardware_id == "camera", "the images name no frame"
     assert (static.transforms[0].header.frame_id, static.transforms[0].child_frame_id) == ("map", "odom")
     node.trigger_deactivate()
-    fake.send("/image/compressed", messages.sent[0][3])
-    assert len(fake.received["/slam_init/status"]) == 1
+    graph.send("/image/compressed", messages.sent[0][3])
+    assert len(graph.received["/slam_init/status"]) == 1
 
 
 @pytest.mark.parametrize(
@@ -169,10 +155,10 @@ def test_compressed_images_and_a_calibration_by_parameter(fake):
         ({"recording": "absent/run.rrd"}, "in a folder that exists"),
     ],
 )
-def test_a_node_with_a_wrong_parameter_stays_unconfigured_and_says_why(fake, parameters, said):
-    node = fake.node(**parameters)
+def test_a_node_with_a_wrong_parameter_stays_unconfigured_and_says_why(graph, parameters, said):
+    node = graph.node(**parameters)
     assert "FAILURE" in str(node.trigger_configure()) and node.state == "unconfigured"
-    assert len(fake.warnings) == 1 and said in fake.warnings[0]
+    assert len(graph.warnings) == 1 and said in graph.warnings[0]
 
 
 def test_a_covariance_in_ros_is_that_of_small_motions_in_the_axes_of_the_map():

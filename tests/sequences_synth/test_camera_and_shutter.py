@@ -18,28 +18,27 @@ from sequences_synth.trajectory import (
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-def camera(k1=0.0):
-    return PinholeCamera(640, 480, 458.0, 458.0, 319.5, 239.5, k1)
+CAMERA = PinholeCamera(640, 480, 458.0, 458.0, 319.5, 239.5)
 
 
 @settings(max_examples=15)
 @given(SEEDS, st.floats(-0.2, 1.0))
 def test_the_ray_of_a_pixel_projects_to_the_pixel(seed, k1):
-    lens = camera(k1)
+    lens = CAMERA.bent(k1)
     pixels = np.random.default_rng(seed).uniform((0, 0), (639, 479), (50, 2))
-    distorted = np.linalg.norm((pixels - [319.5, 239.5]) / 458, axis=1)
+    rays = lens.rays(pixels)
+    seen = rays[:, 2] > 0
     # A strong barrel distortion leaves the corners of the image black.
-    inside = distorted < lens.largest_radius * (1 + k1 * lens.largest_radius**2) - 1e-3 if k1 < 0 else distorted >= 0
-    np.testing.assert_allclose(lens.project(lens.rays(pixels))[inside], pixels[inside], atol=1e-6)
+    assert seen[np.linalg.norm(pixels - [319.5, 239.5], axis=1) < 0.8 * 458].all()
+    np.testing.assert_allclose(lens.project(rays[seen]), pixels[seen], atol=1e-6)
 
 
-def test_the_stated_camera_has_the_errors_of_the_options_and_no_distortion():
-    stated = stated_camera(camera(0.1), 0.05, 0.02, np.random.default_rng(0))
-    assert stated.k1 == 0
+def test_the_stated_camera_has_the_errors_of_the_options():
+    stated = stated_camera(CAMERA, 0.05, 0.02, np.random.default_rng(0))
     assert stated.fx == stated.fy == pytest.approx(1.05 * 458)
     assert abs(stated.cx - 319.5) == pytest.approx(0.02 * 640)
     assert abs(stated.cy - 239.5) == pytest.approx(0.02 * 480)
-    assert stated_camera(camera(), 0, 0, np.random.default_rng(0)) == camera()
+    assert stated_camera(CAMERA, 0, 0, np.random.default_rng(0)) == CAMERA
 
 
 def test_the_shutter_runs_in_its_direction_and_the_middle_has_the_time_of_the_frame():

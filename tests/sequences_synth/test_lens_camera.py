@@ -49,29 +49,3 @@ def test_a_lens_without_distortion_renders_what_a_pinhole_camera_renders():
     plain, bent = sensor.expose(1), through.expose(1)
     np.testing.assert_allclose(through.depth(bent), sensor.depth(plain), rtol=1e-3)
     assert np.abs(plain.image.astype(float) - bent.image).mean() < 1.0
-
-
-@pytest.mark.parametrize("readout_ms", [0.0, 30.0])
-def test_a_pixel_and_its_depth_are_a_point_that_another_frame_sees_at_the_same_depth(readout_ms):
-    options = SynthOptions(**SMALL, lens="fisheye", noise=0.0, motion_blur=0.0, readout_ms=readout_ms, slow_start=0)
-    sequence = make_sequence("room", 1, options)
-    lens = sequence.true_camera
-    depth, other = sequence.render(0)[1], sequence.render(2)[1]
-    rows, columns = np.mgrid[8:64:4, 8:88:4].reshape(2, -1)
-    pixels = np.column_stack([columns, rows]).astype(float)
-    rays = lens.rays(pixels)
-    poses = sequence.pixel_poses(0, pixels)
-    ahead = (rays[:, 2] > 0.1) & (depth[rows, columns] > 0)
-    points = rays / np.where(ahead, rays[:, 2], 1.0)[:, None] * depth[rows, columns][:, None]
-    world = np.einsum("nij,nj->ni", poses[:, :3, :3], points) + poses[:, :3, 3]
-    # The pose of the row in which the point appears: that of the row where a first projection puts it.
-    seen_at = pixels
-    for _ in range(3):
-        later = np.linalg.inv(sequence.pixel_poses(2, seen_at))
-        local = np.einsum("nij,nj->ni", later[:, :3, :3], world) + later[:, :3, 3]
-        seen_at = lens.project(local)
-    column, row = np.round(seen_at).astype(int).T
-    inside = ahead & (local[:, 2] > 0.1) & (column >= 0) & (column < 96) & (row >= 0) & (row < 72)
-    errors = np.abs(other[row[inside], column[inside]] / local[inside, 2] - 1)
-    assert inside.sum() > 100
-    assert np.median(errors) < 0.01

@@ -55,8 +55,15 @@ OF_BOTH = [
     {"k1": -1.0}, {"readout_ms": -1.0}, {"readout_ms": 400.0}, {"readout_direction": "in"}, {"principal_error": 0.6},
     {"turning_deg_s": float("nan")},
 ]  # fmt: skip
-OF_POINTS = [{"cut": 1}, {"cut": 13}, {"fps": 0.0}, {"field_px": -1.0}, {"moving": 2.0}, {"bodies": 0}]
-OF_RENDERED = [{"cut": 100}, {"frames": 0}, {"noise": -1.0}, {"lens": "glass"}, {"lens": "fisheye", "k1": 0.1}]
+OF_POINTS = [{"fps": 0.0}, {"field_px": -1.0}, {"moving": 2.0}, {"bodies": 0}]
+OF_RENDERED = [
+    {"cut": 100},
+    {"readout_direction": "left"},
+    {"frames": 0},
+    {"noise": -1.0},
+    {"lens": "glass"},
+    {"lens": "fisheye", "k1": 0.1},
+]
 
 
 def test_options_out_of_range_are_refused_by_name():
@@ -87,12 +94,12 @@ def test_calibration_errors_change_only_the_stated_camera(kind):
     for wrong in (scaled, shifted):
         assert same(kind, right, 5, wrong, 5) and np.array_equal(right.poses, wrong.poses)
     bent = kind.make("wall", 0, frames=6, k1=0.1)
-    assert bent.camera == right.camera and bent.true_camera.k1 == 0.1
+    assert bent.camera == right.camera and bent.true_camera.coefficients[0] == 0.1
 
 
 @pytest.mark.parametrize("scene", ["room", "rotate-then-move"])
 def test_options_that_do_not_apply_change_no_pixel(kind, scene):
-    neutral = {"turning_deg_s": 90.0, "speed": 1.0, "readout_direction": "left"}
+    neutral = {"turning_deg_s": 90.0, "speed": 1.0, "readout_direction": "up"}
     a, b = (kind.make(scene, 4, frames=12, **options) for options in ({}, neutral))
     assert same(kind, a, 9, b, 9) and np.array_equal(a.poses, b.poses)
 
@@ -112,9 +119,8 @@ def test_a_hand_held_camera_translates_at_a_constant_speed(kind, scene):
     assert 0.1 < steps[0] < 0.5
 
 
-def test_the_first_scene_of_a_cut_is_a_scene_of_its_own_length(kind):
-    whole, part = kind.make("handheld", 3, frames=10, cut=6), kind.make("handheld", 3, frames=6)
+def test_the_first_scene_of_a_cut_is_a_scene_of_its_own_length():
+    whole, part = Rendered.make("handheld", 3, frames=10, cut=6), Rendered.make("handheld", 3, frames=6)
     np.testing.assert_array_equal(whole.poses[:6], part.poses)
-    count = len(kind.shown(part, 5)[0])
-    assert all(np.array_equal(a[:count], b) for a, b in zip(kind.shown(whole, 5), kind.shown(part, 5), strict=True))
+    assert same(Rendered, whole, 5, part, 5)
     assert np.abs(whole.poses[6] - whole.poses[5]).max() > 1e-3

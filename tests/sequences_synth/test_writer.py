@@ -1,4 +1,4 @@
-"""Sequences on disk: files hold what was rendered, and an incomplete folder is never left behind."""
+"""Sequences on disk: files hold what was rendered."""
 
 from __future__ import annotations
 
@@ -40,16 +40,6 @@ def test_a_written_folder_holds_images_depths_poses_and_camera_of_the_sequence(t
     assert (camera["model"], camera["distortion_model"], camera["distortion"]) == ("pinhole", "none", [])
     for key in ("width", "height", "fx", "fy", "cx", "cy"):
         assert camera[key] == getattr(sequence.camera, key)
-
-
-def test_an_interrupted_write_leaves_no_file_behind(tmp_path):
-    def crash(done):
-        if done == 2:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        write_tum(make_sequence("wall", 0, SMALL), tmp_path / "out", crash)
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_existing_files_are_not_overwritten(tmp_path):

@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from slam_init.config import RANGES, AcceptanceConfig, Config, config_toml, load_config
+from slam_init.config import AcceptanceConfig, Config, config_toml, load_config
 from slam_init.errors import ConfigError
 
 
@@ -32,6 +32,12 @@ def as_toml(path, value):
 
 
 OPTIONS = dict(leaves(Config()))
+SECTIONS = {"": Config()} | {f"{f.name}.": getattr(Config(), f.name) for f in dataclasses.fields(Config)}
+RANGES = {
+    section + field.name: field.metadata["range"]
+    for section, options in SECTIONS.items() if dataclasses.is_dataclass(options)
+    for field in dataclasses.fields(options) if "range" in field.metadata
+}  # fmt: skip
 NUMBERS = {path: value for path, value in OPTIONS.items() if type(value) in (int, float)}
 SWITCHES = {path: value for path, value in OPTIONS.items() if type(value) is bool}
 

@@ -156,6 +156,22 @@ def test_a_frame_of_another_thread_is_refused_while_one_is_processed():
     assert initializer.frames_read == 2
 
 
+def test_a_camera_that_contradicts_the_metadata_of_photographs_is_told_once(tmp_path):
+    from PIL import Image
+
+    tags = Image.Exif()
+    tags.get_ifd(0x8769)[0xA405] = 28  # FocalLengthIn35mmFilm: 51 px of 66
+    for k in range(3):
+        Image.new("L", (66, 44), 90 + k).save(tmp_path / f"{k}.jpg", exif=tags)
+    photographs = open_source(tmp_path)
+    for focal_px, told in ((20.0, 1), (52.0, 0), (1250.0, 1)):
+        matrix = [[focal_px, 0, 32.5], [0, focal_px, 21.5], [0, 0, 1]]
+        result, _ = run(photographs, Camera.from_K(matrix, (66, 44)))
+        notes = [note for note in result.notes if "metadata" in note]
+        assert len(notes) == told and all(f"{focal_px:.0f} px" in note for note in notes)
+    assert not any("metadata of the images" in note for note in run(photographs)[0].notes)
+
+
 def test_the_camera_txt_beside_images_is_read_or_named_unless_a_camera_is_given(tmp_path):
     for k in range(2):
         write_image(tmp_path / "images" / f"{k}.png")

@@ -10,7 +10,7 @@ from make_window import WINDOW_CONFIG, point_source
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.errors import SlamInitError
 from slam_init.initializer import Initializer
-from slam_init.types.attitude import Attitude, checked_rotation
+from slam_init.types.inertial import Attitude, checked_rotation
 
 SIGMA_RAD = 1e-3
 

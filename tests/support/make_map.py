@@ -10,11 +10,10 @@ from slam_init.types.camera import Camera
 from slam_init.types.evidence import PreviewEvidence, WindowEvidence
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.gates import GateName, Stage, at_least, at_most
-from slam_init.types.initial_map import InitialMap, Keyframe
+from slam_init.types.initial_map import InitialMap, Keyframe, UnitError
 from slam_init.types.pose import Pose, Trajectory
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, Result
-from slam_init.types.unit_error import UnitError
 
 CAMERAS = {
     "pinhole": Camera("pinhole", 640, 480, 500.0, 510.0, 321.5, 238.25),
@@ -205,7 +204,6 @@ def make_result(map_: InitialMap | None, reason: Verdict | None = None) -> Resul
                 "largest": 8.0,
                 "total": 130.0,
                 "calls": 32.0,
-                "histogram": [0, 0, 20, 12, 0, 0, 0, 0, 0, 0, 0, 0],
             }
         },
         notes=(),

@@ -1,15 +1,13 @@
-"""A graph of ROS 2 with one node and a peer that sends it messages: rclpy's own, or a fake with the calls of rclpy.
+"""A graph of ROS 2 with one node and a peer that sends it messages: a fake with the calls of rclpy.
 
-Both pass messages as CDR, serialized and read by the message definitions of ``rosbags``: a field of a wrong name or
-type fails in either. The fake resolves names, and keeps the states and managed publishers of a lifecycle node. It has
-no quality of service, no threads and no discovery.
+Messages pass as CDR, serialized and read by the message definitions of ``rosbags``: a field of a wrong name or type
+fails. The fake resolves names, and keeps the states and managed publishers of a lifecycle node. It has no quality of
+service, no threads and no discovery.
 """
 
 from __future__ import annotations
 
 import sys
-import time
-from abc import ABC, abstractmethod
 from array import array
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -20,40 +18,6 @@ from typing import Any
 
 import numpy as np
 
-OUTPUTS = {
-    "/slam_init/status": "diagnostic_msgs/msg/DiagnosticArray",
-    "/slam_init/keyframes": "geometry_msgs/msg/PoseWithCovarianceStamped",
-    "/slam_init/path": "nav_msgs/msg/Path",
-    "/slam_init/points": "sensor_msgs/msg/PointCloud2",
-    "/tf": "tf2_msgs/msg/TFMessage",
-    "/tf_static": "tf2_msgs/msg/TFMessage",
-}
-#: The longest wait for a message of rclpy; one within a machine takes milliseconds, a judgement a second.
-_PATIENCE_S = 30.0
-
-
-def _store() -> Any:
-    from rosbags.typesys import Stores, get_typestore
-
-    return get_typestore(Stores.ROS2_HUMBLE)
-
-
-class Graph(ABC):
-    """Sends messages to a node, and keeps what it publishes by topic."""
-
-    def __init__(self) -> None:
-        self.store = _store()
-        self.received: dict[str, list[Any]] = defaultdict(list)
-        self.warnings: list[str] = []
-
-    @abstractmethod
-    def node(self, **parameters: Any) -> Any:
-        """Make the node."""
-
-    @abstractmethod
-    def send(self, topic: str, message: Any, *, answered: bool = True) -> None:
-        """Send a message, and wait until the node has answered by a status."""
-
 
 class _Success(Enum):
     SUCCESS = "success"
@@ -61,11 +25,15 @@ class _Success(Enum):
     ERROR = "error"
 
 
-class FakeGraph(Graph):
-    """Calls the node directly."""
+class FakeGraph:
+    """Calls the node directly, and keeps what it publishes by topic."""
 
     def __init__(self) -> None:
-        super().__init__()
+        from rosbags.typesys import Stores, get_typestore
+
+        self.store = get_typestore(Stores.ROS2_HUMBLE)
+        self.received: dict[str, list[Any]] = defaultdict(list)
+        self.warnings: list[str] = []
         self.listeners: dict[str, Callable[[Any], None]] = {}
 
     def node(self, **parameters: Any) -> Any:
@@ -74,7 +42,7 @@ class FakeGraph(Graph):
 
         return InitializerNode(graph=self, parameters=parameters)
 
-    def send(self, topic: str, message: Any, *, answered: bool = True) -> None:
+    def send(self, topic: str, message: Any) -> None:
         """Send a message; the answer is there at once."""
         listener = self.listeners.get(topic)
         if listener is not None:
@@ -188,72 +156,9 @@ class FakeLifecycleNode:
     on_configure = on_activate = on_deactivate = on_cleanup = on_shutdown = on_error = _succeed
 
 
-class RealGraph(Graph):
-    """A peer node of rclpy, in the same process, that talks to the node through the middleware."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        import rclpy
-        from rclpy.executors import SingleThreadedExecutor
-
-        rclpy.init()
-        self.peer = rclpy.create_node("peer")
-        self.executor = SingleThreadedExecutor()
-        self.executor.add_node(self.peer)
-        self.publishers: dict[str, Any] = {}
-        for topic, kind in OUTPUTS.items():
-            self.peer.create_subscription(_type(kind), topic, self._keep(topic, kind), 100, raw=True)
-
-    def _keep(self, topic: str, kind: str) -> Callable[[bytes], None]:
-        return lambda raw: self.received[topic].append(self.store.deserialize_cdr(raw, kind))
-
-    def node(self, **parameters: Any) -> Any:
-        """Make the node."""
-        from rclpy.parameter import Parameter
-        from slam_init_ros.node import InitializerNode
-
-        given = [Parameter(name, value=value) for name, value in parameters.items()]
-        node = InitializerNode(parameter_overrides=given)
-        self.executor.add_node(node)
-        return node
-
-    def send(self, topic: str, message: Any, *, answered: bool = True) -> None:
-        """Publish, and spin until a status has come and what came with it; without an answer, for half a second."""
-        if topic not in self.publishers:
-            self.publishers[topic] = self.peer.create_publisher(_type(message.__msgtype__), topic, 10)
-            self.spin(lambda: self.publishers[topic].get_subscription_count() > 0 or not answered)
-        before = len(self.received["/slam_init/status"])
-        self.publishers[topic].publish(bytes(self.store.serialize_cdr(message, message.__msgtype__)))
-        if answered:
-            self.spin(lambda: len(self.received["/slam_init/status"]) > before)
-        self.spin(lambda: False, 0.05 if answered else 0.5)
-
-    def spin(self, done: Callable[[], bool], patience_s: float = _PATIENCE_S) -> None:
-        """Spin until something is done, or the patience has ended."""
-        end = time.monotonic() + patience_s
-        while not done() and time.monotonic() < end:
-            self.executor.spin_once(timeout_sec=0.02)
-
-
-def _type(kind: str) -> Any:
-    from importlib import import_module
-
-    package, _, name = kind.split("/")
-    return getattr(import_module(f"{package}.msg"), name)
-
-
 @contextmanager
-def graph_of(kind: str) -> Iterator[Graph]:
-    """Make a graph: ``fake`` or ``rclpy``."""
-    if kind == "rclpy":
-        import rclpy
-
-        graph = RealGraph()
-        try:
-            yield graph
-        finally:
-            rclpy.shutdown()
-        return
+def fake_graph() -> Iterator[FakeGraph]:
+    """A graph whose node imports the fake of rclpy."""
     fake = FakeGraph()
     modules = fake.modules()
     saved = {name: sys.modules.get(name) for name in modules}

@@ -22,7 +22,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slam_init.datasets.image_files import ImageFileSource, image_size, images_of, stored_camera
+from slam_init.datasets.image_files import ImageFileSource, image_size, list_images, stored_camera
 from slam_init.datasets.posed_images import Layout, image_sequence, with_axes
 from slam_init.datasets.stamps import stamp_of
 from slam_init.datasets.text import (
@@ -61,7 +61,7 @@ def open_kitti(folder: Path, found: Path) -> ImageFileSource:
     sequence = images.parent
     if found.parent == folder:  # the sequence is named, and not its images
         check_inside(found, folder)
-    paths = images_of(images)
+    paths = list_images(images)
     times, stamps = sequence / "times.txt", []
     if times.exists():
         stamps = [(row[0], stamp_of(row, fields_of(row), "a time in seconds")) for row in read_rows(times, sequence)]
@@ -122,7 +122,7 @@ def find_tartanair(folder: Path) -> tuple[Path, Path] | None:
 
 def open_tartanair(folder: Path, found: tuple[Path, Path]) -> ImageFileSource:
     """Open a TartanAir sequence."""
-    paths = images_of(found[0])
+    paths = list_images(found[0])
     rows = read_poses(found[1], folder, "tx ty tz qx qy qz qw")
     poses = [with_axes(row.pose, "forward, right, down") for row in rows]
     check_count(found[1], poses, "poses", paths)

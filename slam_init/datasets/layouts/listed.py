@@ -33,7 +33,7 @@ from pathlib import Path
 import numpy as np
 
 from slam_init.calibration.files import load_camera, load_yaml
-from slam_init.datasets.image_files import MAX_FRAMES, ImageFileSource, image_size, stored_camera
+from slam_init.datasets.image_files import ImageFileSource, image_size, stored_camera
 from slam_init.datasets.inertial import InertialSensor, read_densities, read_samples
 from slam_init.datasets.posed_images import Layout, file_of, image_sequence
 from slam_init.datasets.stamps import stamp_of
@@ -76,8 +76,6 @@ def _read_list(
         if len(fields) < 2 or not fields[1]:
             raise SourceError(f"{row[0]}: expected {what}, found {row[1][:60]!r}")
         paths.append(path.parent / fields[1])
-        if len(paths) > MAX_FRAMES:
-            raise SourceError(f"{path}: lists more than {MAX_FRAMES} images: split the sequence")
     if not paths:
         raise SourceError(f"{path}: lists no image")
     return paths, stamps

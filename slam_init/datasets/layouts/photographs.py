@@ -34,13 +34,14 @@ import numpy as np
 
 from slam_init.calibration.files import camera_of
 from slam_init.datasets.bounded import JsonObject, json_array, json_number, read_json
-from slam_init.datasets.colmap import ColmapImage, model_files, read_cameras, read_images
+from slam_init.datasets.colmap import model_files, read_model
 from slam_init.datasets.image_files import (
     IMAGE_SUFFIXES,
     NOMINAL_RATE_HZ,
     ImageFileSource,
-    find_images,
+    image_folder,
     image_size,
+    list_images,
     stored_camera,
 )
 from slam_init.datasets.posed_images import Layout, PosedImage, file_of, image_sequence, photographs, with_axes
@@ -76,24 +77,14 @@ def find_colmap(folder: Path) -> Path | None:
 def open_colmap(folder: Path, model: Path) -> ImageFileSource:
     """Open a folder of images with a COLMAP model."""
     check_inside(model, folder)
-    cameras_file, images_file = model_files(model) or (model / "cameras.txt", model / "images.txt")
-    cameras, listed = read_cameras(cameras_file, folder), read_images(images_file, folder)
-    for image in listed:
-        if image.camera_id not in cameras:
-            raise SourceError(
-                f"{images_file}: image {image.name[:100]} has camera {image.camera_id}, which is not stated"
-            )
-    home = _folder_of_images(folder, listed)
+    listed, cameras = read_model(model, folder)
+    # The folder where most of the first images are.
+    places = (folder / "images", folder)
+    home = max(places, key=lambda place: sum((place / image.name).is_file() for image in listed[:20]))
     images = [
         PosedImage(home / image.name, image.cam_from_world.inverse(), cameras[image.camera_id]) for image in listed
     ]
     return photographs("colmap", folder, images)
-
-
-def _folder_of_images(folder: Path, images: list[ColmapImage]) -> Path:
-    """The folder where most of the first images are."""
-    places = (folder / "images", folder)
-    return max(places, key=lambda place: sum((place / image.name).is_file() for image in images[:20]))
 
 
 def open_transforms(folder: Path, path: Path) -> ImageFileSource:
@@ -176,9 +167,7 @@ def _named(folder: Path, word: str) -> Path | None:
 
 def open_trakmark(folder: Path, extrinsics: Path) -> ImageFileSource:
     """Open a sequence in the manner of TrakMark."""
-    paths = find_images(folder)
-    if not paths:
-        raise SourceError(f"{folder}: holds no image")
+    paths = list_images(image_folder(folder) or folder)
     poses = []
     for row in read_rows(extrinsics, folder):
         fields = fields_of(row)

@@ -6,7 +6,7 @@ import re
 from functools import partial
 
 from slam_init.datasets.live.source import LiveSource
-from slam_init.datasets.live.streams import open_camera, open_pipe, open_url
+from slam_init.datasets.live.streams import read_camera, read_pipe, read_url
 from slam_init.errors import SourceError
 
 _PIPE = "-"
@@ -23,25 +23,23 @@ def is_live(text: str) -> bool:
     return text == _PIPE or text.startswith(_CAMERA) or _URL.match(text) is not None
 
 
-def open_live(text: str, *, keep_all: bool = False, reconnects: int = 3) -> LiveSource:
+def open_live(text: str, *, keep_all: bool = False) -> LiveSource:
     """Open a live source. Nothing is connected before its frames are asked for.
 
-    * ``text``: ``camera:N``, ``rtsp://...``, ``http://...``, ``https://...``, or ``-`` for the standard input.
+    * ``text``: ``camera:N``, ``rtsp://...``, ``http://...``, ``https://...``, or ``-`` for the standard input, whose
+      writer always waits.
     """
     if text == _PIPE:
-        return LiveSource(
-            "standard input", partial(open_pipe, "standard input", 0), pipe=True, keep_all=keep_all, reconnects=0
-        )
+        return LiveSource("standard input", partial(read_pipe, "standard input", 0), keep_all=True)
     if text.startswith(_CAMERA):
         number = text.removeprefix(_CAMERA)
         if not (number.isascii() and number.isdecimal() and len(number) < 4):
             raise SourceError(f"{text!r}: give the number of a camera, as in camera:0")
-        connect = partial(open_camera, text, int(number))
-        return LiveSource(text, connect, keep_all=keep_all, reconnects=reconnects)
+        return LiveSource(text, partial(read_camera, text, int(number)), keep_all=keep_all)
     if _URL.match(text) is None:
         raise SourceError(f"{text!r}: is no live source: give camera:0, an rtsp or http address, or -")
     name = without_password(text)
-    return LiveSource(name, partial(open_url, name, text), keep_all=keep_all, reconnects=reconnects)
+    return LiveSource(name, partial(read_url, name, text), keep_all=keep_all)
 
 
 def without_password(text: str) -> str:

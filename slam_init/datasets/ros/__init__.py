@@ -1,12 +1,12 @@
 """ROS bags without ROS: ROS 1 (``.bag``) and ROS 2 (sqlite3 and mcap), through the package ``rosbags``.
 
 :mod:`~slam_init.datasets.ros.bag` reads messages, :mod:`~slam_init.datasets.ros.source` makes a source of them. Images,
-calibrations and true poses have a module each. Messages of standard types only are read, by the definitions of
-``rosbags``: the definitions that a bag holds are ignored, since ``rosbags`` would make code of them.
+topics and motions have a module each. Messages of standard types only are read, by the definitions of ``rosbags``: the
+definitions that a bag holds are ignored, since ``rosbags`` would make code of them.
 """
 
 from slam_init.datasets.ros.bag import detect_file, is_bag_folder
-from slam_init.datasets.ros.source import RosSource, open_ros
+from slam_init.datasets.ros.source import RosSource
 from slam_init.datasets.ros.topics import BagName
 
-__all__ = ["BagName", "RosSource", "detect_file", "is_bag_folder", "open_ros"]
+__all__ = ["BagName", "RosSource", "detect_file", "is_bag_folder"]

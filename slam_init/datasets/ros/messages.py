@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
@@ -18,37 +17,23 @@ from slam_init.types.camera import Camera
 RAW, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 
 
-@dataclass(frozen=True)
-class _Encoding:
-    """How pixels are stored."""
-
-    channels: int
-    #: Whether a channel has 16 bits.
-    wide: bool = False
-    #: Name of the conversion of OpenCV to BGR; None if the pixels are grey or BGR.
-    conversion: str | None = None
-
-
-def _encodings() -> dict[str, _Encoding]:
-    """The encodings of ``sensor_msgs/image_encodings`` that are pictures."""
-    known = {
-        "mono8": _Encoding(1), "8uc1": _Encoding(1), "mono16": _Encoding(1, wide=True),
-        "bgr8": _Encoding(3), "8uc3": _Encoding(3), "bgr16": _Encoding(3, wide=True),
-        "rgb8": _Encoding(3, conversion="COLOR_RGB2BGR"),
-        "rgb16": _Encoding(3, wide=True, conversion="COLOR_RGB2BGR"),
-        "bgra8": _Encoding(4, conversion="COLOR_BGRA2BGR"), "8uc4": _Encoding(4, conversion="COLOR_BGRA2BGR"),
-        "rgba8": _Encoding(4, conversion="COLOR_RGBA2BGR"),
-        "yuv422": _Encoding(2, conversion="COLOR_YUV2BGR_UYVY"), "uyvy": _Encoding(2, conversion="COLOR_YUV2BGR_UYVY"),
-        "yuv422_yuy2": _Encoding(2, conversion="COLOR_YUV2BGR_YUY2"),
-        "yuyv": _Encoding(2, conversion="COLOR_YUV2BGR_YUY2"),
-    }  # fmt: skip
-    for mosaic in ("rggb", "bggr", "gbrg", "grbg"):  # the first four pixels; this spelling of OpenCV means the same
-        for bits in (8, 16):
-            known[f"bayer_{mosaic}{bits}"] = _Encoding(1, bits == 16, f"COLOR_Bayer{mosaic.upper()}2BGR")
-    return known
-
-
-_ENCODINGS = _encodings()
+#: The encodings of ``sensor_msgs/image_encodings`` that are pictures: the number of channels, and the conversion of
+#: OpenCV to BGR; None for grey and BGR. Names that end with 16 have so many bits.
+_ENCODINGS: dict[str, tuple[int, str | None]] = {
+    **dict.fromkeys(("mono8", "8uc1", "mono16"), (1, None)),
+    **dict.fromkeys(("bgr8", "8uc3", "bgr16"), (3, None)),
+    **dict.fromkeys(("rgb8", "rgb16"), (3, "COLOR_RGB2BGR")),
+    **dict.fromkeys(("bgra8", "8uc4"), (4, "COLOR_BGRA2BGR")),
+    "rgba8": (4, "COLOR_RGBA2BGR"),
+    **dict.fromkeys(("yuv422", "uyvy"), (2, "COLOR_YUV2BGR_UYVY")),
+    **dict.fromkeys(("yuv422_yuy2", "yuyv"), (2, "COLOR_YUV2BGR_YUY2")),
+    # The first four pixels of a mosaic; this spelling of OpenCV means the same.
+    **{
+        f"bayer_{mosaic}{bits}": (1, f"COLOR_Bayer{mosaic.upper()}2BGR")
+        for mosaic in ("rggb", "bggr", "gbrg", "grbg")
+        for bits in (8, 16)
+    },
+}
 
 
 def is_picture(message: Any) -> bool:
@@ -66,40 +51,34 @@ def decode(place: str, message: Any) -> Pixels:
 
     Shapes: returns (H, W).
     """
+    import cv2
+
     data = np.asarray(message.data).view(np.uint8)
     if hasattr(message, "format"):
         return decode_image(place, data.tobytes())
-    encoding = _ENCODINGS.get(str(message.encoding).lower())
-    if encoding is None:
+    encoding = str(message.encoding).lower()
+    if encoding not in _ENCODINGS:
         raise SourceError(
             f"{place}: the encoding {str(message.encoding)[:40]!r} is not supported: use one of {', '.join(_ENCODINGS)}"
         )
+    (channels, conversion), is_wide = _ENCODINGS[encoding], encoding.endswith("16")
     width, height, step = int(message.width), int(message.height), int(message.step)
     if width < 1 or height < 1 or width * height > MAX_PIXELS:
         raise SourceError(
             f"{place}: {width}x{height} pixels: an image has at least one and at most {MAX_PIXELS / 1e6:.0f} million"
         )
-    row = width * encoding.channels * (2 if encoding.wide else 1)
+    row = width * channels * (2 if is_wide else 1)
     step = step or row  # some drivers leave it out
     if step < row or len(data) < step * (height - 1) + row:
         raise SourceError(
             f"{place}: {len(data)} bytes in rows of {step} hold no {width}x{height} pixels of {message.encoding}"
         )
     data = np.pad(data, (0, max(0, step * height - len(data))))  # the last row may end with its last pixel
-    rows = data[: step * height].reshape(height, step)[:, :row]
-    pixels: Pixels = np.ascontiguousarray(rows)
-    if encoding.wide:
+    pixels: Pixels = np.ascontiguousarray(data[: step * height].reshape(height, step)[:, :row])
+    if is_wide:
         pixels = pixels.view(">u2" if message.is_bigendian else "<u2").astype(np.uint16)
-    shape = (height, width, encoding.channels) if encoding.channels > 1 else (height, width)
-    return _bgr(pixels.reshape(shape), encoding.conversion)
-
-
-def _bgr(pixels: Pixels, conversion: str | None) -> Pixels:
-    import cv2
-
-    if conversion is None:
-        return pixels
-    return cast(Pixels, cv2.cvtColor(pixels, getattr(cv2, conversion)))
+    pixels = pixels.reshape((height, width, channels) if channels > 1 else (height, width))
+    return pixels if conversion is None else cast(Pixels, cv2.cvtColor(pixels, getattr(cv2, conversion)))
 
 
 def camera_of_info(place: str, info: Any, images: str, image_size: tuple[int, int]) -> Camera | None:

@@ -21,8 +21,6 @@ POSES = (
     "geometry_msgs/msg/TransformStamped",
     "nav_msgs/msg/Odometry",
 )
-#: Types of messages with transforms between frames.
-TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 #: Given as the topic of the ground truth, it means that there is none.
 NO_TRUTH = "none"
 
@@ -62,10 +60,7 @@ def image_topic(bag: Bag, name: str | None) -> tuple[Topic, tuple[str, ...]]:
     """
     found = [topic for topic in bag.topics if topic.type in (RAW, COMPRESSED) and topic.count]
     if name is not None:
-        chosen = _named(found, name)
-        if chosen is None:
-            raise SourceError(f"{bag.path}: no images in the topic {name!r}: give --topic {_listed(found)}")
-        return chosen, ()
+        return _named(bag, found, name, f"no images in the topic {name!r}: give --topic {_listed(found)}"), ()
     found = [topic for topic in found if _holds_pictures(bag, topic)]
     if not found:
         others = ", ".join(topic.name for topic in bag.topics[:20]) or "nothing"
@@ -86,37 +81,26 @@ def info_topic(bag: Bag, images: Topic, frame_id: str) -> Topic | None:
     It is the ``camera_info`` beside the topic, as ROS names it; else the only one whose messages have the same frame.
     """
     infos = [topic for topic in bag.topics if topic.type == CAMERA_INFO and topic.count]
-    beside = f"{_camera(images.name)}/camera_info"
-    for topic in infos:
-        if topic.name == beside:
-            return topic
-    same = []
-    for topic in infos:
-        first = bag.first(topic.name)
-        if first is not None and frame_id and bag.header_of(first, topic).frame_id == frame_id:
-            same.append(topic)
+    beside = [topic for topic in infos if topic.name == f"{_camera(images.name)}/camera_info"]
+    firsts = [(topic, bag.first(topic)) for topic in infos if frame_id and not beside]
+    same = beside or [topic for topic, first in firsts if first is not None and first.frame_id == frame_id]
     return same[0] if len(same) == 1 else None
 
 
 def truth_topic(bag: Bag, name: str | None) -> tuple[Topic | None, tuple[str, ...]]:
     """Choose the topic of the true poses.
 
-    Without a name it is the only one that holds poses. If there is none, it is the topic of the transforms.
+    Without a name it is the only one that holds poses.
     """
     poses = [topic for topic in bag.topics if topic.type in POSES and topic.count]
-    transforms = [topic for topic in bag.topics if topic.type in TRANSFORMS and topic.count]
     if name == NO_TRUTH:
         return None, ()
     if name is not None:
-        chosen = _named([*poses, *transforms], name)
-        if chosen is None:
-            listed = _listed([*poses, *transforms]) or NO_TRUTH
-            raise SourceError(f"{bag.path}: no poses in the topic {name!r}: give --truth-topic {listed}")
-        return chosen, ()
+        remedy = f"give --truth-topic {_listed(poses) or NO_TRUTH}"
+        return _named(bag, poses, name, f"no poses in the topic {name!r}: {remedy}"), ()
     if len(poses) > 1:
         return None, (f"no ground truth: several topics hold poses: choose one by --truth-topic {_listed(poses)}",)
-    moving = [topic for topic in transforms if not topic.name.endswith("tf_static")]
-    return next(iter([*poses, *moving]), None), ()
+    return next(iter(poses), None), ()
 
 
 def _exists(text: str) -> bool:
@@ -126,9 +110,12 @@ def _exists(text: str) -> bool:
         return False
 
 
-def _named(topics: Sequence[Topic], name: str) -> Topic | None:
-    wanted = name.strip("/")
-    return next((topic for topic in topics if topic.name.strip("/") == wanted), None)
+def _named(bag: Bag, topics: Sequence[Topic], name: str, problem: str) -> Topic:
+    """The topic of a name; the problem is the error where there is none."""
+    for topic in topics:
+        if topic.name.strip("/") == name.strip("/"):
+            return topic
+    raise SourceError(f"{bag.path}: {problem}")
 
 
 def _listed(topics: Sequence[Topic]) -> str:
@@ -136,8 +123,8 @@ def _listed(topics: Sequence[Topic]) -> str:
 
 
 def _holds_pictures(bag: Bag, topic: Topic) -> bool:
-    first = bag.first(topic.name)
-    return first is not None and is_picture(bag.decoded(first, topic))
+    first = bag.first(topic)
+    return first is not None and is_picture(first.content)
 
 
 def _camera(name: str) -> str:

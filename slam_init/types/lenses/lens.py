@@ -1,4 +1,9 @@
-"""A lens that maps rays of any angle: a profile, and the distortion of its coordinates.
+"""The lenses of cameras: how their rays become places in the image, and back.
+
+Two models, ``radtan`` and a ``fisheye`` whose image ends before 89 degrees, are formulas on the plane z = 1
+(:class:`RadialTangentialLens`, :class:`FisheyeLens`). All others are a :class:`Lens`: a profile, which maps rays of any
+angle to lens coordinates (u, v), and a distortion of these coordinates. The pixel is ``(fx u' + cx, fy v' + cy)`` with
+the distorted coordinates (u', v').
 
 **Profiles** map the rays of a lens to lens coordinates (u, v), without distortion. With a ray (X, Y, Z) of unit length
 and ``r = |(X, Y)|``:
@@ -19,6 +24,27 @@ and ``r = |(X, Y)|``:
 
 This is OpenCV's model with 12 coefficients (n4 = 0), and the model of COLMAP's THIN_PRISM_FISHEYE (d = 0, s2 = s4 = 0).
 
+**Models** and their coefficients:
+
+======================  ============================================  =============================================
+name                    coefficients                                  in other formats
+======================  ============================================  =============================================
+``pinhole``             none
+``radtan``              k1 k2 p1 p2 [k3]                              OpenCV, Kalibr radtan, COLMAP OPENCV
+``rational``            k1 k2 p1 p2 k3 k4 k5 k6                       OpenCV, ROS rational_polynomial, FULL_OPENCV
+``thin-prism``          k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4           OpenCV with 12 coefficients
+``fisheye``             k1 k2 k3 k4                                   Kannala-Brandt: OpenCV fisheye, equidistant, kb4
+``thin-prism-fisheye``  k1 k2 p1 p2 k3 k4 s1 s2                       COLMAP THIN_PRISM_FISHEYE
+``fov``                 w [b]                                         Devernay and Faugeras: ATAN, COLMAP FOV
+``omni``                xi [k1 k2 p1 p2]                              Mei: Kalibr omni, Basalt ucm
+``double-sphere``       xi alpha [b]                                  Kalibr and Basalt ds
+``eucm``                alpha beta [b]                                Kalibr and Basalt eucm
+``equirectangular``     none                                          panorama of longitudes and latitudes
+======================  ============================================  =============================================
+
+``b`` is no part of these models. It is the radial distortion of the lens coordinates that a calibration may lack:
+``(u, v) (1 + b (u^2 + v^2))``.
+
 References
 ----------
 .. [1] C. Mei, P. Rives, Single view point omnidirectional camera calibration from planar grids, ICRA 2007.
@@ -32,11 +58,12 @@ from __future__ import annotations
 import enum
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
+from slam_init.errors import CalibrationError
 from slam_init.types.arrays import Bools, Floats
 
 #: xi, a, b of a sphere; w of a field of view.
@@ -112,28 +139,6 @@ def _unproject_sphere(shape: Shape, uv: Floats, r2: Floats) -> Floats:
     length = (z * xi + np.sqrt(z * z + (1 - xi * xi) * r2)) / (z * z + r2)
     rays = np.column_stack([length[:, None] * uv, length * z - xi])
     return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
-
-
-def profile_of_angle(kind: Profile, shape: Shape, angles: Floats) -> tuple[Floats, Floats, Bools]:
-    """Compute the radius of a profile that is symmetric about the axis.
-
-    Shapes: ``angles`` (N,), returns ``radius`` (N,), returns ``slope`` (N,), returns ``reached`` (N,).
-    """
-    if kind == Profile.EQUIDISTANT:
-        return angles, np.ones_like(angles), np.ones(len(angles), bool)
-    sine, cosine = np.sin(angles), np.cos(angles)
-    with np.errstate(all="ignore"):  # beyond the field
-        if kind == Profile.FIELD_OF_VIEW:
-            w, steep = shape[0], 2 * math.tan(shape[0] / 2)
-            slope = steep / (w * (cosine**2 + (steep * sine) ** 2))
-            return np.arctan2(steep * sine, cosine) / w, slope, cosine >= _LEAST_DENOMINATOR
-        xi, a, b = shape
-        z = xi + cosine
-        d = np.sqrt(b * sine**2 + z * z)
-        denominator = a * d + (1 - a) * z
-        change = a * (b * sine * cosine - z * sine) / d - (1 - a) * sine
-        slope = (cosine * denominator - sine * change) / denominator**2
-        return sine / denominator, slope, denominator >= _LEAST_DENOMINATOR * (1 + xi)
 
 
 # Newton's method in one unknown, safeguarded by bisection: 60 halvings reach the precision of a float.
@@ -219,18 +224,13 @@ class Bending(NamedTuple):
         * ``directions``: Number of directions that are tried, where the distortion is not symmetric about the axis.
         * Returns: Smallest eigenvalue of the symmetric part of the Jacobian; negative where D is not positive.
         """
-        if not any(self[7:]):
-            ratio, change, denominator = self._ratio(radius * radius)
-            least = np.minimum(ratio, ratio + 2 * radius * radius * change)
-        else:
-            angles = 2 * np.pi / directions * np.arange(directions)
-            uv = (radius[:, None, None] * np.column_stack([np.cos(angles), np.sin(angles)])).reshape(-1, 2)
-            J = self.jacobian(uv)
-            middle, half = 0.5 * (J[:, 0, 0] + J[:, 1, 1]), 0.5 * (J[:, 0, 0] - J[:, 1, 1])
-            eigenvalues = middle - np.hypot(half, 0.5 * (J[:, 0, 1] + J[:, 1, 0]))
-            least = eigenvalues.reshape(-1, directions).min(axis=1)
-            _, _, denominator = self._ratio(radius * radius)
-        return np.asarray(np.where(denominator > 0, least, -1.0))
+        directions = directions if any(self[7:]) else 1
+        angles = 2 * np.pi / directions * np.arange(directions)
+        J = self.jacobian((radius[:, None, None] * np.column_stack([np.cos(angles), np.sin(angles)])).reshape(-1, 2))
+        middle, half = 0.5 * (J[:, 0, 0] + J[:, 1, 1]), 0.5 * (J[:, 0, 0] - J[:, 1, 1])
+        eigenvalues = middle - np.hypot(half, 0.5 * (J[:, 0, 1] + J[:, 1, 0]))
+        _, _, denominator = self._ratio(radius * radius)
+        return np.asarray(np.where(denominator > 0, eigenvalues.reshape(-1, directions).min(axis=1), -1.0))
 
     def invert(self, distorted: Floats, largest: float) -> Floats:
         """Invert :meth:`apply`: first its radial terms, then all terms by Newton's method.
@@ -336,17 +336,26 @@ class Lens:
         """Largest angle between the axis and a ray that the lens sees."""
         if self.profile == Profile.PANORAMA:
             return math.pi
-        radius, slope, reached = profile_of_angle(self.profile, self.shape, _ANGLES)
+        radius, step = self._radius(_ANGLES), _ANGLES[1] / 100
+        slope = (self._radius(_ANGLES + step) - self._radius(_ANGLES - step)) / (2 * step)
+        reached = np.ones(len(_ANGLES), bool)
+        if self.profile == Profile.FIELD_OF_VIEW:
+            reached = np.cos(_ANGLES) >= _LEAST_DENOMINATOR
+        elif self.profile == Profile.SPHERE:
+            reached = (radius >= 0) & (radius * _LEAST_DENOMINATOR * (1 + self.shape[0]) <= np.sin(_ANGLES))
         with np.errstate(all="ignore"):  # beyond the field
             growth = self.bending.least_growth(radius, _DIRECTIONS)
             seen = reached & (slope * growth > _LEAST_SLOPE * self.magnification)
         return float(_ANGLES[max(int(np.argmin(seen)) - 1, 0)] if not seen.all() else _ANGLES[-1])
 
+    def _radius(self, angles: Floats) -> Floats:
+        """Radii (N,) of angles (N,) before the distortion, for profiles that are symmetric about the axis."""
+        rays = np.column_stack([np.sin(angles), np.zeros(len(angles)), np.cos(angles)])
+        return project_profile(self.profile, self.shape, rays)[:, 0]
+
     @cached_property
     def _largest_radius(self) -> float:
-        """Radius of the largest angle, before the distortion."""
-        angles = np.array([self.max_angle_rad])
-        return float(profile_of_angle(self.profile, self.shape, angles)[0][0])
+        return float(self._radius(np.array([self.max_angle_rad]))[0])
 
     def sees(self, rays: Floats) -> Bools:
         """Tell which rays are within the field of the lens.
@@ -401,3 +410,220 @@ class Lens:
         if self.profile == Profile.PANORAMA:
             return _SEAM_RAD, _MAX_LATITUDE_RAD
         return self.max_angle_rad, 0.0
+
+
+# Newton's method doubles the number of correct digits in each step. Real lenses need 4 to 8 steps; pixels near the
+# radius at which the lens polynomial stops growing need more.
+_FISHEYE_STEPS = 30
+#: Rays are represented on the plane z = 1, which ends at 90 degrees.
+MAX_PLANAR_ANGLE_RAD = math.radians(89.0)
+
+
+def polynomial(k: tuple[float, ...], r: Floats) -> tuple[Floats, Floats]:
+    """Compute the value and the derivative of ``r (1 + k1 r^2 + k2 r^4 + ...)``.
+
+    Shapes: ``r`` (N,), returns ``value, slope`` (N,).
+    """
+    value, slope = np.ones_like(r), np.ones_like(r)
+    for i, ki in enumerate(k, start=1):
+        power = r ** (2 * i)
+        value = value + ki * power
+        slope = slope + (2 * i + 1) * ki * power
+    return r * value, slope
+
+
+@lru_cache(maxsize=1024)
+def turning_radius(k: tuple[float, ...], limit: float) -> float:
+    """Find the radius at which ``r (1 + k1 r^2 + ...)`` stops growing."""
+    # The slope is a polynomial in s = r^2. At its smallest positive root the distorted radius stops growing.
+    # A coefficient below 1e-100 moves nothing, and a division by it overflows.
+    coefficients = [(2 * i + 1) * ki if abs(ki) > 1e-100 else 0.0 for i, ki in enumerate(k, start=1)]
+    roots = np.roots([*reversed(coefficients), 1.0])
+    real = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]
+    return min(limit, float(np.sqrt(real.min()))) if len(real) else limit
+
+
+@dataclass(frozen=True)
+class RadialTangentialLens:
+    """OpenCV's ``k1 k2 p1 p2 [k3]``; without coefficients the lens of a pinhole camera."""
+
+    coefficients: tuple[float, ...]
+
+    @property
+    def max_tangent(self) -> float:
+        """Radius on the plane at which the distorted radius stops growing."""
+        return turning_radius((*self.coefficients[:2], *self.coefficients[4:]), np.inf)
+
+    def sees(self, xy: Floats) -> Bools:
+        """Tell which points of the plane are within the field: ``xy`` (N, 2), returns (N,).
+
+        The field of a lens without distortion has no border, so that an infinite point keeps its infinite pixel.
+        """
+        if not any(self.coefficients):
+            return np.ones(len(xy), bool)
+        return np.asarray(np.hypot(xy[:, 0], xy[:, 1]) < self.max_tangent)
+
+    def distort(self, xy: Floats) -> Floats:
+        """Distort points of the plane: ``xy`` (N, 2), returns (N, 2)."""
+        k1, k2, p1, p2, k3 = (*self.coefficients, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
+        return Bending(k1, k2, k3, p1=p1, p2=p2).apply(xy)
+
+    def undistort(self, distorted: Floats) -> Floats:
+        """Invert :meth:`distort`: ``distorted`` (N, 2), returns (N, 2) with NaN where there is no ray.
+
+        Newton's method starts from the distorted point. For the radial part alone it converges monotonically, for
+        barrel and for pincushion lenses (the profile is concave or convex). The tangential part is small.
+        """
+        if not any(self.coefficients):
+            return distorted
+        from slam_init.types.lenses.planar_kernel import undistorted
+
+        coefficients = np.zeros(5)
+        coefficients[: len(self.coefficients)] = self.coefficients
+        xy = undistorted(np.require(distorted, np.float64, ["C", "W"]), coefficients, _SOLVED)
+        # A root beyond the turning radius is another ray, which the lens polynomial maps to the same pixel.
+        with np.errstate(all="ignore"):  # points without a ray are NaN
+            return np.where(self.sees(xy)[:, None], xy, np.nan)
+
+
+@dataclass(frozen=True)
+class FisheyeLens:
+    """OpenCV's ``k1 k2 k3 k4``: the distorted radius is a polynomial of the angle."""
+
+    coefficients: tuple[float, ...]
+
+    @property
+    def _limit_rad(self) -> float:
+        return turning_radius(self.coefficients, MAX_PLANAR_ANGLE_RAD)
+
+    @property
+    def max_tangent(self) -> float:
+        """Tangent of the angle at which the distorted radius stops growing, or of 89 degrees."""
+        return math.tan(self._limit_rad)
+
+    def sees(self, xy: Floats) -> Bools:
+        """Tell which points of the plane are within the field: ``xy`` (N, 2), returns (N,)."""
+        return np.asarray(np.arctan(np.hypot(xy[:, 0], xy[:, 1])) < self._limit_rad)
+
+    def distort(self, xy: Floats) -> Floats:
+        """Distort points of the plane: ``xy`` (N, 2), returns (N, 2)."""
+        radius = np.hypot(xy[:, 0], xy[:, 1])
+        distorted, _ = polynomial(self.coefficients, np.arctan(radius))
+        return np.asarray(xy * np.where(radius > 1e-12, distorted / np.maximum(radius, 1e-12), 1.0)[:, None])
+
+    def undistort(self, distorted: Floats) -> Floats:
+        """Invert :meth:`distort`: ``distorted`` (N, 2), returns (N, 2) with NaN where there is no ray."""
+        radius, limit = np.hypot(distorted[:, 0], distorted[:, 1]), self._limit_rad
+        angle = np.minimum(radius, limit)
+        with np.errstate(all="ignore"):  # points without a ray end as NaN
+            for _ in range(_FISHEYE_STEPS):
+                value, slope = polynomial(self.coefficients, angle)
+                angle = np.clip(angle - (value - radius) / slope, 0.0, limit)
+            value, _ = polynomial(self.coefficients, angle)
+            solved = (np.abs(value - radius) < _SOLVED) & (angle < limit)
+            scale = np.where(radius > 1e-12, np.tan(angle) / np.maximum(radius, 1e-12), 1.0)
+        return np.where(solved[:, None], distorted * scale[:, None], np.nan)
+
+
+#: The names of the coefficients of each model; those after a bar may be absent, all or none of them.
+COEFFICIENTS: dict[str, str] = {
+    "pinhole": "",
+    "radtan": "k1 k2 p1 p2 | k3",
+    "fisheye": "k1 k2 k3 k4",
+    "rational": "k1 k2 p1 p2 k3 k4 k5 k6",
+    "thin-prism": "k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4",
+    "thin-prism-fisheye": "k1 k2 p1 p2 k3 k4 s1 s2",
+    "fov": "w | b",
+    "omni": "xi | k1 k2 p1 p2",
+    "double-sphere": "xi alpha | b",
+    "eucm": "alpha beta | b",
+    "equirectangular": "",
+}
+
+#: Position of the coefficient to which more radial distortion is added; models without one are not bent.
+_FIRST_RADIAL = {
+    "radtan": 0, "fisheye": 0, "rational": 0, "thin-prism": 0, "thin-prism-fisheye": 0,
+    "fov": 1, "omni": 1, "double-sphere": 2, "eucm": 2,
+}  # fmt: skip
+
+#: The degrees of the terms of the coefficients of perspective models, less one.
+_DEGREES = {"k1": 2, "k2": 4, "p1": 1, "p2": 1, "k3": 6, "k4": 2, "k5": 4, "k6": 6, "s1": 1, "s2": 3, "s3": 1, "s4": 3}
+
+
+def _sizes(model: str) -> tuple[int, ...]:
+    needed, _, more = COEFFICIENTS[model].partition("|")
+    sizes = len(needed.split()), len(needed.split()) + len(more.split())
+    return sizes if more else sizes[:1]
+
+
+def check_coefficients(model: str, coefficients: tuple[float, ...]) -> None:
+    """Refuse coefficients that a model does not take."""
+    if len(coefficients) not in _sizes(model):
+        allowed = " or ".join(str(n) for n in _sizes(model))
+        order = f" ({' '.join(COEFFICIENTS[model].replace('|', ' ').split())})" if COEFFICIENTS[model] else ""
+        raise CalibrationError(
+            f"{len(coefficients)} distortion coefficients for a {model} camera: give {allowed}{order}"
+        )
+    values = dict(zip(COEFFICIENTS[model].replace("|", " ").split(), coefficients, strict=False))
+
+    def _check(name: str, fits: bool, what: str) -> None:
+        if not fits:
+            raise CalibrationError(f"{name} of a {model} camera is {values[name]!r}: it must be {what}")
+
+    if model == "fov":
+        _check("w", 1e-3 <= values["w"] < math.pi, "an angle in rad above 0.001 and below pi")
+    elif model == "omni":
+        _check("xi", 0 <= values["xi"] <= 100, "a number from 0 to 100")
+    elif model == "double-sphere":
+        _check("xi", -1 < values["xi"] <= 1, "a number above -1, and at most 1")
+        _check("alpha", 0 <= values["alpha"] < 1, "a number from 0 to below 1")
+    elif model == "eucm":
+        _check("alpha", 0 <= values["alpha"] <= 1, "a number from 0 to 1")
+        _check("beta", 0 < values["beta"] <= 100, "a positive number of at most 100")
+
+
+@lru_cache(maxsize=256)
+def lens_of(model: str, coefficients: tuple[float, ...]) -> Lens:
+    """Make the lens of a model."""
+    k = coefficients
+    if model == "equirectangular":
+        return Lens(Profile.PANORAMA)
+    if model == "fisheye":
+        return Lens(Profile.EQUIDISTANT, bending=Bending(*k))
+    if model == "thin-prism-fisheye":
+        bending = Bending(n1=k[0], n2=k[1], n3=k[4], n4=k[5], p1=k[2], p2=k[3], s1=k[6], s3=k[7])
+        return Lens(Profile.EQUIDISTANT, bending=bending)
+    if model == "fov":
+        return Lens(Profile.FIELD_OF_VIEW, (k[0], 0.0, 0.0), Bending(*k[1:]))
+    if model == "omni":
+        bending = Bending(n1=k[1], n2=k[2], p1=k[3], p2=k[4]) if len(k) == 5 else STRAIGHT
+        return Lens(Profile.SPHERE, (k[0], 0.0, 1.0), bending)
+    if model == "double-sphere":
+        return Lens(Profile.SPHERE, (k[0], k[1], 1.0), Bending(*k[2:]))
+    if model == "eucm":
+        return Lens(Profile.SPHERE, (0.0, k[0], k[1]), Bending(*k[2:]))
+    # OpenCV's order: k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4, of which a model has the first ones.
+    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = (*k, *(12 - len(k)) * (0.0,))
+    return Lens(Profile.SPHERE, bending=Bending(k1, k2, k3, 0.0, k4, k5, k6, p1, p2, s1, s2, s3, s4))
+
+
+def bent_coefficients(model: str, coefficients: tuple[float, ...], k1: float) -> tuple[float, ...]:
+    """Add radial distortion to the coefficients of a model.
+
+    * ``k1``: Relative change of the radius of the image, at a radius of one focal length near the axis.
+    * Returns: The same ones for a panorama, which is defined by its angles.
+    """
+    if model not in _FIRST_RADIAL:
+        return coefficients
+    place = _FIRST_RADIAL[model]
+    values = [*coefficients, *(max(_sizes(model)) - len(coefficients)) * [0.0]]
+    # radtan keeps its number of coefficients; its fifth one is no first one.
+    values = values[: max(len(coefficients), place + 1)] if model != "omni" else values
+    values[place] += k1 / lens_of(model, coefficients).magnification ** 2
+    return tuple(values)
+
+
+def scaled_coefficients(model: str, coefficients: tuple[float, ...], factor: float) -> tuple[float, ...]:
+    """Convert the coefficients of a perspective model to units of a longer focal length."""
+    names = COEFFICIENTS[model].replace("|", " ").split()
+    return tuple(k * factor ** _DEGREES[name] for name, k in zip(names, coefficients, strict=False))

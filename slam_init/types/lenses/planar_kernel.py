@@ -1,4 +1,4 @@
-"""The compiled loop of :meth:`slam_init.types.lenses.planar.RadialTangentialLens.undistort`."""
+"""The compiled loop of :meth:`slam_init.types.lenses.lens.RadialTangentialLens.undistort`."""
 
 from __future__ import annotations
 

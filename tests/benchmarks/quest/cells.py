@@ -14,12 +14,6 @@ from tests.benchmarks.quest.robust_trials import Answer
 FOUND_DEG = 5.0
 
 
-def success_cell(answers: Sequence[Answer]) -> str:
-    """Percentage of first poses within 1 / 5 / 10 deg."""
-    errors = [answer.error_deg for answer in answers]
-    return " / ".join(f"{100 * accuracy(errors, bound):.0f}" for bound in (1, 5, 10))
-
-
 def auc_cell(answers: Sequence[Answer]) -> str:
     """AUC at 5 / 10 / 20 deg in per cent."""
     errors = [answer.error_deg for answer in answers]

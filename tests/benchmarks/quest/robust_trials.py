@@ -1,12 +1,10 @@
-"""Trials of the robust comparison: the scenes, and the answers of each method."""
+"""The answers of robust methods, beside the truth."""
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,16 +15,6 @@ from tests.benchmarks.quest.robust_methods import METHODS, Estimate
 from tests.benchmarks.quest.scenes import FOCAL_PX, SCENES, Scene, draw_scene
 
 Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Cell:
-    """Conditions of a trial: key of :data:`SCENES`, share of outliers, noise in pixels, number of matches."""
-
-    scene: str
-    outlier_share: float
-    noise_px: float
-    matches: int
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,69 +41,11 @@ class Answer:
         return float(np.fmax(self.rotation_error_deg, self.direction_error_deg))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Trial(Answer):
-    """An answer on a scene."""
-
-    #: scene, outlier_share, noise_px, matches: See :class:`Cell`.
-    scene: str
-    outlier_share: float
-    noise_px: float
-    matches: int
-    #: Number of the trial; the same scene for all methods, and the same geometry at all shares of outliers.
-    seed: int
-    #: Error of a refinement from the truth on the true inliers: the smallest error that the data allow.
-    oracle_error_deg: float
-
-
-def star_grid(
-    scenes: Sequence[str], outliers: Sequence[float], noises: Sequence[float], matches: Sequence[int]
-) -> list[Cell]:
-    """One factor varies at a time; the others have the middle value of their list."""
-    outlier, noise = outliers[len(outliers) // 2], noises[len(noises) // 2]
-    count = matches[len(matches) // 2]
-    cells = [
-        *(Cell(scene, o, noise, count) for scene in scenes for o in outliers),
-        *(Cell(scene, outlier, n, count) for scene in scenes for n in noises),
-        *(Cell(scene, outlier, noise, c) for scene in scenes for c in matches),
-    ]
-    return list(dict.fromkeys(cells))
-
-
-def full_grid(
-    scenes: Sequence[str], outliers: Sequence[float], noises: Sequence[float], matches: Sequence[int]
-) -> list[Cell]:
-    """Every combination."""
-    return [Cell(*values) for values in product(scenes, outliers, noises, matches)]
-
-
 def warm_up(methods: Sequence[str]) -> None:
     """Make the first calls of each method, which may load or compile, so that they are not measured."""
     for name, method in product(("general .15", "plane .15", "rotation"), methods):
         scene = draw_scene(SCENES[name], np.random.default_rng(0), matches=100, outlier_share=0.1, noise_px=0.5)
         _run(method, scene, 2 / FOCAL_PX, 0)
-
-
-def run_trials(
-    cells: Sequence[Cell], methods: Sequence[str], trials: int, *, threshold_px: float, seed: int
-) -> Iterator[Trial]:
-    """Run all methods on each scene in turn, so that other load of the machine affects all methods equally.
-
-    Call :func:`warm_up` before if the times matter.
-    """
-    for cell, k in product(cells, range(trials)):
-        rng = np.random.default_rng([seed, list(SCENES).index(cell.scene), k])
-        scene = draw_scene(
-            SCENES[cell.scene],
-            rng,
-            matches=cell.matches,
-            outlier_share=cell.outlier_share,
-            noise_px=cell.noise_px,
-        )
-        oracle = oracle_error_deg(scene, cell.noise_px / FOCAL_PX)
-        for method in methods:
-            answer = judge(method, _run(method, scene, threshold_px / FOCAL_PX, k), scene.R, scene.t)
-            yield Trial(**asdict(cell), **asdict(answer), seed=k, oracle_error_deg=oracle)
 
 
 def _run(method: str, scene: Scene, threshold_rad: float, seed: int) -> Estimate:
@@ -149,12 +79,3 @@ def oracle_error_deg(scene: Scene, noise_rad: float) -> float:
     # With Gaussian noise a kernel of three deviations is nearly least squares.
     R, t = refine_pose(scene.R, scene.t, m, n, max(3 * noise_rad, 1e-6))
     return max(pose_errors_deg(R, t, scene.R, scene.t))
-
-
-def write_csv(trials: Sequence[Trial], path: Path) -> None:
-    """Write one row for each trial, so that other tables can be made from the same run."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [field.name for field in fields(Trial)], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(asdict(trial) for trial in trials)

@@ -15,7 +15,7 @@ from slam_init.bundle.problem import BundleFailure, BundleSolution, PosePrior
 from slam_init.types.pose import Pose
 
 
-@pytest.mark.parametrize("model", CAMERAS)
+@pytest.mark.parametrize("model", ["pinhole", "radtan5", "fisheye"])
 def test_exact_observations_leave_no_residual_and_give_the_true_poses(model):
     rng = np.random.default_rng(1)
     exact = problem(CAMERAS[model], cloud(rng))
@@ -29,14 +29,6 @@ def test_exact_observations_leave_no_residual_and_give_the_true_poses(model):
         assert rotation_angle(pose.R.T @ true.R) < 1e-5
         np.testing.assert_allclose(pose.t, scale * true.t, atol=1e-5)
     np.testing.assert_allclose(solution.problem.points, scale * exact.points, atol=1e-4)
-
-
-def test_starts_with_errors_of_several_pixels_converge_to_the_same_optimum():
-    for seed in range(4):
-        rng = np.random.default_rng(seed)
-        solution = adjust(CAMERA, disturbed(problem(CAMERA, cloud(rng)), rng, 0.005, 0.005), MAP)
-        assert isinstance(solution, BundleSolution)
-        assert solution.rmse_px < 1e-3
 
 
 @pytest.mark.parametrize("noise_px", [0.3, 1.0])
@@ -82,15 +74,6 @@ def test_the_result_does_not_depend_on_the_unit_of_length_of_the_start():
     a, b = adjust(CAMERA, noisy, MAP), adjust(CAMERA, noisy.scaled(1e3), MAP)
     np.testing.assert_allclose(a.problem.points, b.problem.points, rtol=1e-6)
     np.testing.assert_allclose(a.pose_covariances, b.pose_covariances, rtol=1e-3, atol=1e-12)
-
-
-def test_the_graph_is_at_its_optimum_and_has_a_factor_for_each_observation():
-    rng = np.random.default_rng(6)
-    solution = adjust(CAMERA, problem(CAMERA, cloud(rng), noise_px=0.5, rng=rng), MAP)
-    assert solution.graph.size() == len(solution.problem.pixels) + 2  # prior and range
-    again = gtsam.LevenbergMarquardtOptimizer(solution.graph, solution.values).optimize()
-    assert solution.graph.error(again) == pytest.approx(solution.graph.error(solution.values), rel=1e-3)
-    assert solution.errors[-1] <= solution.errors[0]
 
 
 def test_a_tight_prior_keeps_the_poses_and_a_loose_one_has_no_effect():
@@ -144,13 +127,6 @@ def test_held_poses_keep_the_covariance_of_what_is_known_of_them():
         np.trace(stated.pose_covariances[1:], axis1=1, axis2=2) > np.trace(held.pose_covariances[1:], axis1=1, axis2=2)
     ).all()
     assert (stated.depth_sigmas >= held.depth_sigmas * (1 - 1e-9)).mean() > 0.9
-
-
-def test_the_prior_has_the_unit_of_length_of_the_problem():
-    rng = np.random.default_rng(8)
-    start = disturbed(problem(CAMERA, cloud(rng), noise_px=0.5, rng=rng), rng).with_prior(PosePrior(1e-3, 1e-2))
-    a, b = adjust(CAMERA, start, MAP), adjust(CAMERA, start.scaled(1e3), MAP)
-    np.testing.assert_allclose(a.problem.points, b.problem.points, rtol=1e-5)
 
 
 def test_covariances_agree_with_the_scatter_of_many_runs():

@@ -6,8 +6,7 @@ import gtsam
 import numpy as np
 import pytest
 from make_bundle import disturbed, with_kernel
-from make_lenses import LENSES
-from make_map import CAMERAS, make_poses
+from make_map import CAMERAS
 from make_scene import CAMERA, cloud, problem
 
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
@@ -38,8 +37,9 @@ def optimum_of_gtsam(camera, start, robust=False):
     return graph, gtsam.LevenbergMarquardtOptimizer(graph, values, params).optimize()
 
 
-@pytest.mark.parametrize("prior", [None, PRIOR], ids=["free", "prior"])
-@pytest.mark.parametrize("model", CAMERAS)
+@pytest.mark.parametrize(
+    ("model", "prior"), [("pinhole", None), ("radtan", PRIOR), ("radtan5", None), ("fisheye", PRIOR)]
+)
 def test_the_optimum_and_its_covariances_are_those_of_gtsam(model, prior):
     camera, start = CAMERAS[model], noisy_problem(model, np.random.default_rng(0), prior)
     graph, values = optimum_of_gtsam(camera, start)
@@ -80,7 +80,7 @@ def assert_same_covariances(found, expected):
     np.testing.assert_allclose(found / units, expected / units, atol=0.01)
 
 
-@pytest.mark.parametrize("model", CAMERAS)
+@pytest.mark.parametrize("model", ["radtan", "fisheye"])
 def test_the_robust_optimum_is_that_of_gtsam(model):
     """A tenth of the observations is off by 20 px."""
     rng = np.random.default_rng(10)
@@ -94,31 +94,6 @@ def test_the_robust_optimum_is_that_of_gtsam(model):
     for one, other in zip(ours.world_from_cam, theirs.world_from_cam, strict=True):
         assert rotation_angle(one.R.T @ other.R) < 3e-5
         assert np.linalg.norm(one.t - other.t) < 3e-5
-
-
-@pytest.mark.parametrize("model", CAMERAS)
-def test_the_error_of_small_residuals_is_that_of_the_raw_pixels(model):
-    start = noisy_problem(model, np.random.default_rng(1), share=2.0)
-    exact = replace(start, pixels=start.pixels + start.residuals(CAMERAS[model]))  # no residual at all
-    rng = np.random.default_rng(2)
-    off = with_lenses(CAMERAS[model], replace(exact, pixels=exact.pixels + 0.5 * rng.normal(size=exact.pixels.shape)))
-    graph, values = build_graph(CAMERAS[model], off, 0.5)
-    _, errors = minimize(off, 0.5, iterations=0, tolerance=0.0)
-    assert 0.5 * len(off.views) * (errors[0] / 0.5) ** 2 == pytest.approx(graph.error(values), rel=2e-3)
-
-
-@pytest.mark.parametrize("model", ["fisheye", "double-sphere", "equirectangular"])
-def test_a_lens_that_sees_behind_the_image_plane_has_the_error_of_its_virtual_cameras(model):
-    camera, rng = LENSES[model], np.random.default_rng(3)
-    points = 2 * rng.normal(size=(200, 3))
-    poses = make_poses(3)
-    pixels = np.array([camera.project(pose.inverse().apply(points)) for pose in poses])
-    points = points[np.isfinite(pixels).all(axis=(0, 2))]
-    exact = problem(camera, points, poses, 0.3, rng)
-    start = with_lenses(camera, exact.keep(np.isfinite(camera.bearings(exact.pixels)).all(axis=1)))
-    graph, values = build_graph(camera, start, 0.5)
-    _, errors = minimize(start, 0.5, iterations=0, tolerance=0.0)
-    assert 0.5 * len(start.views) * (errors[0] / 0.5) ** 2 == pytest.approx(graph.error(values), rel=1e-9)
 
 
 def arrays(start):

@@ -48,15 +48,6 @@ def test_a_camera_that_moves_straight_ahead_tells_no_focal_length():
     assert found.focal_sigma > 0.15
 
 
-def test_the_order_of_the_points_changes_nothing():
-    one = matches(1.0, forward=False, points=120)
-    order = np.random.default_rng(1).permutation(len(one.X))
-    other = one._replace(points=np.argsort(order)[one.points], X=one.X[order])
-    found, again = (fit_lens(each, START, PRIOR) for each in (one, other))
-    assert again.focal_px == pytest.approx(found.focal_px, rel=1e-4)
-    assert again.focal_sigma == pytest.approx(found.focal_sigma, rel=1e-3)
-
-
 def test_wrong_matches_do_not_move_the_lens():
     one = matches(1.0, forward=False)
     wrong = np.random.default_rng(2).random(len(one.pixels)) < 0.2

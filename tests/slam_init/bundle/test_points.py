@@ -26,7 +26,7 @@ def errors(found, exact):
     return np.linalg.norm(found.points - exact.points, axis=1)
 
 
-@pytest.mark.parametrize("model", CAMERAS)
+@pytest.mark.parametrize("model", ["radtan", "fisheye"])
 def test_without_noise_moved_points_return_to_the_truth(model):
     rng = np.random.default_rng(0)
     exact = problem(CAMERAS[model], cloud(rng))
@@ -57,7 +57,7 @@ def test_no_point_moves_behind_a_camera_or_to_infinity():
         assert (pose.inverse().apply(found.points[seen])[:, 2] > 0).all()
 
 
-@pytest.mark.parametrize("model", CAMERAS)
+@pytest.mark.parametrize("model", ["radtan", "fisheye"])
 def test_the_points_are_those_of_gtsam_where_its_poses_are_held(model):
     rng = np.random.default_rng(3)
     exact = problem(CAMERAS[model], cloud(rng), noise_px=0.5, rng=rng)

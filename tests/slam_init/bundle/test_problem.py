@@ -1,7 +1,6 @@
 """Bundle problems: parallax of the landmarks, and selection of observations."""
 
 import numpy as np
-from make_bundle import SIDEWAYS
 from make_scene import CAMERA, cloud, problem
 
 from slam_init.types.pose import Pose
@@ -11,12 +10,6 @@ def test_parallax_is_the_largest_angle_between_two_rays():
     poses = tuple(Pose(np.eye(3), np.array([x, 0, 0])) for x in (0.0, 0.1, -0.1))
     found = problem(CAMERA, np.array([[0.0, 0, 1.0]]), poses).parallax_rad()
     np.testing.assert_allclose(found, 2 * np.arctan(0.1))
-
-
-def test_a_problem_without_landmarks_has_an_empty_array_of_parallaxes():
-    rng = np.random.default_rng(0)
-    exact = problem(CAMERA, cloud(rng), SIDEWAYS, 0.0, rng)
-    assert exact.keep(np.zeros(len(exact.views), bool)).parallax_rad().shape == (0,)
 
 
 def test_a_landmark_without_a_second_view_is_dropped():

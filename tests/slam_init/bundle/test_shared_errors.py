@@ -13,7 +13,7 @@ from make_scene import CAMERA, cloud, problem, with_drawn_lens
 
 from slam_init.bundle.adjustment import adjust
 from slam_init.bundle.covariances import covariances
-from slam_init.bundle.graph import build_graph, calibration_key, landmark_key, pose_key
+from slam_init.bundle.graph import calibration_key, landmark_key, pose_key
 from slam_init.bundle.least_squares import with_lenses
 from slam_init.bundle.lens import at_projections, lens_derivatives, lens_prior
 from slam_init.bundle.shared_errors import error_model
@@ -205,8 +205,7 @@ def test_a_landmark_with_two_views_that_decides_about_the_poses_is_left_out():
     assert len(solution.problem.track_ids) > 100
 
 
-@pytest.mark.parametrize("left", [6, 7])
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize(("seed", "left"), [(0, 6), (1, 6), (2, 7)])
 def test_a_view_of_few_landmarks_has_a_covariance(seed, left):
     """Of 600 landmarks 200 are chosen for the errors that they share, which could leave a view without any."""
     rng = np.random.default_rng(seed)
@@ -220,14 +219,6 @@ def test_a_view_of_few_landmarks_has_a_covariance(seed, left):
     assert np.trace(solution.pose_covariances[-1]) > np.trace(solution.pose_covariances[1])
 
 
-def test_a_lens_without_a_calibration_of_gtsam_is_in_the_covariances_of_the_map_alone():
-    camera, rng = LENSES["double-sphere"], np.random.default_rng(10)
-    seen = problem(camera, cloud(rng), list(ROTATING), 0.3, rng)
-    held, wide = (adjust(camera, seen, config, poses_known=True) for config in (MAP, LENS))
-    assert not wide.values.exists(calibration_key())
-    assert np.trace(wide.point_covariances.mean(axis=0)) > 1.1 * np.trace(held.point_covariances.mean(axis=0))
-
-
 def test_a_calibration_with_a_distortion_knows_more_than_one_without():
     stated, bare = lens_prior(CAMERAS["radtan"], LENS), lens_prior(CAMERA, LENS)
     assert (stated.k1, bare.k1) == (0.01, 0.05)
@@ -236,14 +227,3 @@ def test_a_calibration_with_a_distortion_knows_more_than_one_without():
     assert isinstance(guess, Camera)
     assert lens_prior(guess, LENS).focal == 0.06
     assert not lens_prior(CAMERA, MAP).sigmas.any()
-
-
-def test_the_prior_of_the_graph_has_the_deviations_of_the_lens():
-    rng = np.random.default_rng(11)
-    seen = problem(CAMERA, cloud(rng, 40), ROTATING, 0.3, rng)
-    prior = lens_prior(CAMERA, LENS)
-    graph, _ = build_graph(CAMERA, seen, 1e4, prior=prior)
-    (factor,) = (one for one in map(graph.at, range(graph.size())) if type(one).__name__.startswith("PriorFactorCal3"))
-    covariance = np.linalg.inv(factor.noiseModel().R().T @ factor.noiseModel().R())
-    sigmas = np.sqrt(np.diag(covariance))[[0, 3, 4, 5]] / [CAMERA.fx, 1, 1, 1]
-    np.testing.assert_allclose(sigmas, prior.sigmas, rtol=1e-3)

@@ -33,7 +33,7 @@ def test_a_35_mm_equivalent_lies_between_diagonal_and_width(tmp_path, suffix):
     by_width, by_diagonal = 26 * 64 / 36, 26 * 80 / math.hypot(36, 24)
     assert by_width < found.focal_px < by_diagonal
     assert (by_diagonal - by_width) / 2 < found.sigma_px < 0.05 * found.focal_px
-    assert (found.origin, found.maker, found.model) == ("35mm-equivalent", "Apple", "iPhone 13")
+    assert found.origin == "35mm-equivalent"
 
 
 def test_the_format_of_film_has_no_ambiguity_and_longer_lenses_no_rounding(tmp_path):
@@ -104,7 +104,7 @@ def test_a_folder_tells_a_focal_length_if_nobody_zoomed(tmp_path):
         photograph(tmp_path / "zoom" / f"{i}.jpg", {FILM_MM: 26 + i})
     write_image(tmp_path / "bare" / "0.png", picture())
     (tmp_path / "empty").mkdir()
-    assert focal_from_metadata(tmp_path / "same", SIZE).model == "iPhone 13"
+    assert focal_from_metadata(tmp_path / "same", SIZE).origin == "35mm-equivalent"
     for name in ("zoom", "bare", "empty"):
         assert focal_from_metadata(tmp_path / name, SIZE) is None
 
@@ -113,14 +113,11 @@ def test_a_video_tells_the_focal_length_of_its_photographs_which_is_less_sure(tm
     tags = {APPLE: "26", "com.apple.quicktime.make": "Apple", "com.apple.quicktime.model": "iPhone 13"}
     path = write_by_pyav(tmp_path / "v.mp4", corner_frames(3), tags=tags)
     found = focal_from_metadata(path, (1920, 1080))
-    assert (found.origin, found.maker, found.model) == ("35mm-equivalent", "Apple", "iPhone 13")
+    assert found.origin == "35mm-equivalent"
     uncropped_px = 26 * 1920 / 36
     assert uncropped_px < found.focal_px < 1.25 * 1.05 * uncropped_px
     assert 0.06 < found.sigma_px / found.focal_px < 0.1
     assert focal_from_metadata(path, (1080, 1920)) == found
-    # Android writes maker and model alone.
-    tags = {"com.android.manufacturer": "Google", "com.android.model": "Pixel"}
-    assert focal_from_metadata(write_by_pyav(tmp_path / "a.mp4", corner_frames(3), tags=tags), SIZE) is None
 
 
 def test_broken_files_tell_nothing_and_missing_ones_are_errors(tmp_path):

@@ -61,6 +61,8 @@ def world(tmp_path, images):
         "full/something": "x",
         "empty/images/.keep": "",
         "line/rgb.txt": "not a line\n",
+        "result/summary.json": "{}",
+        "result/config.toml": "",
     }
     for name, content in files.items():
         path = tmp_path / name

@@ -12,31 +12,21 @@ from slam_init.scale.requests import parse_scale
 
 def test_arguments_reach_the_pipeline(world, pipeline, capsys):
     numbers = (
-        "--start 1 --max-frames 2 --continue 4 --seed 5 --restart --scale height:1.65 --export scene --matcher orb"
+        "--start 1 --max-frames 2 --continue 4 --seed 5 --restart --scale height:1.65 --export scene --matcher orb "
+        "--no-overview --max-depth-sigma 0.05 --min-parallax 1.5"
     )
     assert main(["run", IMAGES, *WITH, *numbers.split(), "--out", "results", "--quiet"]) == 0
     ((source, camera, config, options),) = pipeline.calls
     assert (source.kind, len(source), camera.fx, config.seed, config.method) == ("images", 3, 60, 5, "quest")
     assert str(options.pop("out")) == "results"
     assert config.tracking.matcher == "orb"
+    assert (config.acceptance.max_depth_sigma, config.acceptance.min_parallax_deg) == (0.05, 1.5)
     assert options == {
-        "start": 1, "max_frames": 2, "continue_frames": 4, "progress": False, "overview": True, "viewer": None,
+        "start": 1, "max_frames": 2, "continue_frames": 4, "progress": False, "overview": False, "viewer": None,
         "restart": True, "scale": parse_scale("height:1.65"), "imu": False,
         "export": ["scene"],
     }  # fmt: skip
     assert capsys.readouterr() == ("", "")
-
-
-def test_the_targets_of_a_map_reach_the_pipeline(world, pipeline):
-    targets = ["--max-depth-sigma", "0.05", "--min-parallax", "1.5"]
-    assert main(["run", IMAGES, *WITH, *targets, "--quiet"]) == 0
-    acceptance = pipeline.calls[0][2].acceptance
-    assert (acceptance.max_depth_sigma, acceptance.min_parallax_deg) == (0.05, 1.5)
-
-
-def test_the_overview_can_be_left_out(world, pipeline):
-    assert main(["run", IMAGES, *WITH, "--no-overview", "--quiet"]) == 0
-    assert pipeline.calls[0][3]["overview"] is False
 
 
 def test_the_readout_of_the_command_line_reaches_the_pipeline(world, pipeline):
@@ -55,19 +45,13 @@ def test_the_seed_makes_the_synthetic_world_too(pipeline, capsys):
 
 
 def test_the_focal_length_is_adjusted_where_the_command_line_or_the_configuration_says_so(world, pipeline):
-    Path("c.toml").write_text("[map]\nmin_resected = 30\n")
+    Path("c.toml").write_text("seed = 9\n[map]\nmin_resected = 30\n")
     Path("on.toml").write_text("[map]\nrefine_focal = true\n")
     for options in ([], ["--refine-focal"], ["--config", "c.toml", "--refine-focal"], ["--config", "on.toml"]):
         assert main(["run", IMAGES, *WITH, *options]) == 0
     maps = [config.map for _, _, config, _ in pipeline.calls]
     assert [map_.refine_focal for map_ in maps] == [False, True, True, True]
-    assert maps[2].min_resected == 30
-
-
-def test_a_seed_of_the_configuration_counts_where_none_is_given(world, pipeline):
-    (world / "c.toml").write_text("seed = 9\n")
-    assert main(["run", IMAGES, *WITH, "--config", "c.toml"]) == 0
-    assert pipeline.calls[0][2].seed == 9
+    assert maps[2].min_resected == 30 and pipeline.calls[2][2].seed == 9
 
 
 def test_without_a_calibration_the_focal_length_is_to_be_estimated(world, pipeline):

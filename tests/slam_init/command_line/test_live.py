@@ -8,9 +8,9 @@ import pytest
 from cli_files import IMAGES, WITH
 
 import slam_init.initializer
-import slam_init.recording.live_viewer
+import slam_init.recording.viewer
 from slam_init.cli import main
-from slam_init.system.process_io import FirstInterruptCalls
+from slam_init.system.process_io import first_interrupt_calls
 
 
 @pytest.fixture
@@ -47,14 +47,13 @@ def test_other_commands_refuse_live_sources_in_one_line(command, capsys):
 @pytest.mark.parametrize(
     ("words", "text"),
     [
-        (["--live", IMAGES], "spawn"),
         ([IMAGES, "--live"], "spawn"),
         (["--live=rerun+http://host:1/proxy", IMAGES], "rerun+http://host:1/proxy"),
         ([IMAGES], None),
     ],
 )
-def test_the_viewer_stands_before_and_behind_the_source(world, pipeline, monkeypatch, words, text):
-    monkeypatch.setattr(slam_init.recording.live_viewer, "viewer_url", lambda asked: f"url of {asked}")
+def test_the_viewer_is_started_or_named(world, pipeline, monkeypatch, words, text):
+    monkeypatch.setattr(slam_init.recording.viewer, "viewer_url", lambda asked: f"url of {asked}")
     assert main(["run", *words, *WITH]) == 0
     ((source, _, _, options),) = pipeline.calls
     assert source.kind == "images"
@@ -72,7 +71,7 @@ def test_the_first_interrupt_is_told_and_the_second_interrupts():
     # A program in the background of a shell ignores interrupts, and so would this test.
     at_first = signal.signal(signal.SIGINT, signal.default_int_handler)
     before = signal.getsignal(signal.SIGINT)
-    with pytest.raises(KeyboardInterrupt), FirstInterruptCalls(lambda: told.append("stop")):
+    with pytest.raises(KeyboardInterrupt), first_interrupt_calls(lambda: told.append("stop")):
         signal.raise_signal(signal.SIGINT)
         assert told == ["stop"]
         signal.raise_signal(signal.SIGINT)

@@ -9,9 +9,8 @@ import pytest
 from make_files import picture, write, write_image
 from make_layouts import eth3d
 
-from slam_init.datasets import image_files, open_source
+from slam_init.datasets import open_source
 from slam_init.datasets.image_files import IMAGE_SUFFIXES, read_image
-from slam_init.datasets.layouts import listed
 from slam_init.errors import SourceError
 
 
@@ -112,18 +111,6 @@ def test_an_unreadable_image_is_refused_by_name_when_it_is_read(tmp_path, name):
     assert next(frames).index == 0
     with pytest.raises(SourceError, match=f"b_{name}"):
         next(frames)
-
-
-def test_a_folder_of_too_many_images_is_refused_with_what_to_do(tmp_path, monkeypatch):
-    monkeypatch.setattr(image_files, "MAX_FRAMES", 2)
-    for k in range(3):
-        write_image(tmp_path / f"{k}.png", picture(k))
-    with pytest.raises(SourceError, match="holds more than 2 images: split it into several folders"):
-        open_source(tmp_path)
-    monkeypatch.setattr(listed, "MAX_FRAMES", 2)
-    write(tmp_path / "rgb.txt", "".join(f"{k} {k}.png\n" for k in range(3)))
-    with pytest.raises(SourceError, match="lists more than 2 images: split the sequence"):
-        open_source(tmp_path)
 
 
 def test_images_of_two_sizes_are_refused(tmp_path):

@@ -81,7 +81,6 @@ def test_a_table_that_is_cut_off_or_no_table_is_refused_in_one_line(layout, tmp_
         ("eth3d", "groundtruth.txt", "0 0 0 0 0 0 0 0\n", "groundtruth.txt:1"),
         ("eth3d", "groundtruth.txt", "0 0 0 inf 0 0 0 1\n", "groundtruth.txt:1"),
         ("eth3d", "groundtruth.txt", "0 0 0 0 0 0 0 1\n1 1e300 0 0 0 0 0 1\n", "txt:2: the position .* is no place on"),
-        ("eth3d", "groundtruth.txt", "0 0 0 0 0 0 0 1\n" * 1_000_000, "more than 600000 lines"),
     ],
 )
 def test_a_broken_line_is_refused_with_file_and_line(tmp_path, name, file, text, word):

@@ -34,8 +34,6 @@ def test_a_synthetic_source_equals_the_folder_written_from_it(tmp_path):
 
 def test_an_option_of_earlier_versions_names_what_to_use_and_a_switch_is_0_or_1():
     for text, message in (
-        ("synth:room?stabilized=1", "no longer an option of these worlds: warp the frames"),
-        ("synth:room?moving=0.3", "use points:NAME"),
         ("synth:room?lens=omni", "use one of pinhole, radtan, fisheye"),
         ("synth:room?imu=yes", "give 0 or 1"),
     ):

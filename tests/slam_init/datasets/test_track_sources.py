@@ -129,7 +129,6 @@ DAMAGES = {
     "DELETE FROM images": "holds no image",
     "UPDATE images SET camera_id = 7": "camera 7, which is missing",
     "UPDATE images SET name = 'a.png'": "is there 4 times",
-    "UPDATE images SET name = hex(zeroblob(9999))": "characters",
     "UPDATE cameras SET model = 99": "camera 1",
     "UPDATE cameras SET width = 40000, height = 40000": "million",
     "UPDATE cameras SET params = x'01'": "no numbers",
@@ -176,7 +175,7 @@ def test_a_database_that_is_cut_off_or_open_elsewhere_is_refused(tmp_path):
         ({"xy": None}, "has no array xy"),
         ({"xy": np.zeros((3, 2))}, "rows"),
         ({"xy": np.full((3, 2), np.nan)}, "not finite"),
-        ({"xy": np.array([{}], object)}, "expected numbers"),
+        ({"xy": np.array([{}], object)}, "allow_pickle=False"),
         ({"track": np.array([0.5])}, "whole numbers"),
         ({"frame": np.full(1, 2**63, np.uint64)}, r"above 2\^63"),
         ({"size": np.array([0, 480])}, "0x480"),
@@ -187,7 +186,7 @@ def test_a_database_that_is_cut_off_or_open_elsewhere_is_refused(tmp_path):
         ({"K": np.zeros((3, 3))}, "K: focal"),
         ({"K": np.eye(2)}, "K is"),
         ({"world_from_cam": np.zeros((4, 4, 4))}, "not a rotation"),
-        ({"world_from_cam": np.zeros((2, 4, 4))}, r"expected \(4, 4, 4\)"),
+        ({"world_from_cam": np.zeros((2, 4, 4))}, r"expected numbers \(4, 4, 4\)"),
     ],
 )
 def test_an_impossible_array_of_tracks_is_named(tmp_path, changes, word):

@@ -1,6 +1,5 @@
 """Laws of the audit: a true map is sound, and maps of another motion or of a mere rotation are not."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -9,9 +8,8 @@ from make_window import point_source
 
 from quest import estimate_relative_pose
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init import Audit, AuditVerdict, Camera, Pose, SlamInitError, Verdict, audit
+from slam_init import AuditVerdict, Camera, Pose, SlamInitError, Verdict, audit
 from slam_init.frontend.tracks import common_tracks
-from slam_init.output.plain_json import plain
 from slam_init.window.motion import difference_deg
 
 
@@ -58,12 +56,6 @@ def test_world_and_unit_of_a_map_change_nothing(room, of_truth):
     found = audit({frame: pose.matrix() for frame, pose in moved.items()}, views, camera)
     assert found.verdict is of_truth.verdict
     assert found.risk == pytest.approx(of_truth.risk, rel=1e-3)
-
-
-def test_the_same_map_has_the_same_risk_to_the_byte(room, of_truth):
-    views, camera, poses = room
-    again = audit(dict(reversed(poses.items())), reversed(views), camera)
-    assert json.dumps(plain(again, 17)) == json.dumps(plain(of_truth, 17))
 
 
 def test_a_camera_that_is_turned_by_20_degrees_makes_a_map_wrong(room, of_truth):
@@ -134,10 +126,6 @@ def other_rays(views, camera, poses):
     return poses, [replace(view, bearings=view.bearings * [1, -1, -1]) for view in views], camera
 
 
-def a_matrix_for_a_camera(views, camera, poses):
-    return poses, views, camera.K
-
-
 @pytest.mark.parametrize(
     ("broken", "told"),
     [
@@ -148,7 +136,7 @@ def a_matrix_for_a_camera(views, camera, poses):
         (no_common_tracks, "share"),
         (no_tracks, "two or more"),
         (other_rays, "OpenGL"),
-        (a_matrix_for_a_camera, "Camera"),
+        (lambda views, camera, poses: (poses, views, camera.K), "Camera"),
         (lambda views, camera, poses: (list(poses.values()), views, camera), "as a dict by frame"),
         (lambda views, camera, poses: (poses, [views[0].pixels], camera), "no Observations"),
         (lambda views, camera, poses: (poses, None, camera), "slam_init.Observations"),
@@ -163,7 +151,3 @@ def test_what_is_no_map_is_told_in_one_line(broken, told, room):
     with pytest.raises(SlamInitError) as error:
         audit(*broken(views, camera, poses))
     assert told in str(error.value) and "\n" not in str(error.value)
-
-
-def test_a_result_is_shown_in_six_lines(of_truth):
-    assert isinstance(of_truth, Audit) and len(str(of_truth).splitlines()) <= 6

@@ -8,11 +8,12 @@ from make_window import point_source
 from slam_init.calibration.prior import prior_camera
 from slam_init.initializer import Initializer
 
-#: Scenes that tell the focal length, with their options: a camera that turns and moves, one that only turns, a wall.
+#: Scenes that tell the focal length, with their options: a camera that turns and moves, one that only turns, a
+#: wall, whose motions by the stated lens suit it.
 TELLING = {
     "rotate-then-move": {"baseline": 0.3, "views": 8},
     "rotation": {"views": 8},
-    "handheld-wall": {"speed": 0.6, "views": 10, "fps": 5},
+    "handheld-wall": {"speed": 0.3, "views": 8},
 }
 OPTIONS = {"noise_px": 0.3, "points": 150}
 

@@ -1,15 +1,13 @@
 """Laws of which frames of a video the rule of the window judges, and of the rests between them."""
 
-from copy import deepcopy
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 from make_pair import preview_of
 from make_scene import history_of
-from make_window import WINDOW_CONFIG, finished, point_source
+from make_window import WINDOW_CONFIG, point_source
 
-from slam_init.decision import frame_skipper, window_rule
+from slam_init.decision import window_rule
 from slam_init.decision.screening import LEAST_PARALLAX_SHARE
 from slam_init.decision.window_rule import WindowRule
 from slam_init.frontend.rolling_shutter import RollingShutter
@@ -67,31 +65,6 @@ def test_motions_live_on_in_frames_without_a_chosen_pair_and_can_be_accepted_the
     assert accepted[-1] is outcomes[-1]
 
 
-def test_after_a_window_that_tells_no_direction_at_most_three_frames_are_left_out(monkeypatch):
-    monkeypatch.setattr(frame_skipper, "_FAR_DEG", 1e-9)
-    frames = Frames(point_source("wall", 0, baseline=0.3, points=FEWER))
-    outcomes = [frames.judge(1, chosen=True), *(frames.judge(k, chosen=False) for k in range(2, 12))]
-    assert [k for k, outcome in enumerate(outcomes, 1) if outcome is None] == [6, 7, 8, 10, 11]
-
-
-def test_a_pair_that_shows_more_parallax_is_judged_at_once(monkeypatch):
-    """The direction is known in proportion to the parallax."""
-    frames, judged = Frames(point_source("wall", 0, baseline=0.3, points=FEWER)), []
-    for k in range(1, 6):
-        last = frames.judge(k, chosen=k == 1)
-    monkeypatch.setattr(frame_skipper, "_FAR_DEG", 0.7 * last.attempt.window.direction_sigma_deg)
-    pair = preview(frames, 6)
-    score = preview(frames, 5).direction_score / pair.direction_score
-    for more in (1.0, 2.0):
-        seen = replace(pair, parallax_px=more * score * pair.parallax_px)
-        judged.append(deepcopy(frames.rule).judge(None, [seen], frames.observations[6], Stopwatch()) is not None)
-    assert judged == [False, True]
-
-
-def preview(frames, k):
-    return preview_of([frames.observations[0], frames.observations[k]], frames.camera)
-
-
 def test_after_a_mere_rotation_no_window_is_fitted_until_a_pair_shows_parallax():
     frames = Frames(point_source("rotation", 3, focal_error=0.05, noise_px=0.3))
     judged = [frames.judge(k, chosen=True).attempt for k in range(1, 12)]
@@ -109,25 +82,6 @@ def test_a_frame_without_a_chosen_pair_is_judged_with_the_reference_of_the_last_
     assert frames.judge(3, chosen=True, reference=1).accepted is None
     assert frames.judge(4, chosen=False, reference=0) is None
     assert frames.judge(4, chosen=False, reference=1).attempt.frames[:2] == (1, 4)
-
-
-def test_a_frame_rests_after_a_window_at_even_odds_unless_the_pairs_tell_more(monkeypatch):
-    judged, fit_and_state = [], WindowRule._fit_and_state_risk
-
-    def spied(rule, attempt, views):
-        outcome = fit_and_state(rule, attempt, views)
-        judged.append((views.pair.current.frame, rule._skipper._score, rule._last))
-        return outcome
-
-    monkeypatch.setattr(WindowRule, "_fit_and_state_risk", spied)
-    finished(point_source("corridor", 1, baseline=0.02, noise_px=1.0, points=FEWER))
-    after = [
-        (frame - before, score >= 1.2 * score_before)
-        for (before, score_before, last), (frame, score, _) in pairwise(judged)
-        if last is not None and len(last.best.rows) >= 6 and last.risk.total > 0.5
-    ]
-    assert all(tells_more or frames > 1 for frames, tells_more in after)
-    assert after.count((2, False)) >= 2
 
 
 def test_windows_whose_small_risk_is_refused_are_counted_until_one_is_not_small(monkeypatch):

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from make_map import make_map
 from make_window import point_source
 
@@ -10,8 +11,8 @@ from quest.geometry.quaternion import rotation_angle, rotation_from_vector
 from slam_init import Initializer
 from slam_init.decision.pose_so_far import PoseSoFar, WindowMotion
 from slam_init.frontend.tracks import History
-from slam_init.types.camera_pose import PoseKind
 from slam_init.types.pose import Pose
+from slam_init.types.status import PoseKind
 
 
 def poses(source):
@@ -62,6 +63,7 @@ def test_a_camera_that_only_turns_has_a_rotation_and_no_centre():
     assert errors_deg(statuses, truth).max() < 0.5
 
 
+@pytest.mark.slow
 def test_the_deviation_knows_that_a_wall_has_two_motions():
     """The motion that fits best may be the wrong one; its rotation is off by some degrees then."""
     _, statuses, truth = poses(point_source("wall", 0, baseline=0.3, views=40))

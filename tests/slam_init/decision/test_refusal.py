@@ -1,6 +1,6 @@
 """Laws of refusals: the first gate that fails gives the reason and the advice."""
 
-from slam_init.decision.refusal import refused, refused_at, refused_by, with_gates
+from slam_init.decision.refusal import refused_at, refused_by
 from slam_init.types.gates import GateName, Stage, at_least, at_most, progress
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt
@@ -17,10 +17,6 @@ def test_the_first_failed_gate_gives_reason_and_advice_and_the_worst_one_the_pro
     assert attempt.progress == progress(Stage.MAP, (WORSE,)) < progress(Stage.MAP, (FAILED,))
 
 
-def test_gates_are_added_in_order():
-    assert with_gates(with_gates(ATTEMPT, (PASSED,)), (FAILED, WORSE)).gates == (PASSED, FAILED, WORSE)
-
-
 def test_a_refusal_without_a_gate_has_the_advice_of_its_reason():
     attempt = refused_at(ATTEMPT, Verdict.PURE_ROTATION, Stage.MOTION)
     assert (attempt.verdict, attempt.stage) == (Verdict.PURE_ROTATION, Stage.MOTION)
@@ -29,5 +25,5 @@ def test_a_refusal_without_a_gate_has_the_advice_of_its_reason():
 
 
 def test_a_refusal_of_another_system_has_no_stage_and_no_progress():
-    attempt = refused(ATTEMPT, Verdict.LOW_PARALLAX)
+    attempt = refused_at(ATTEMPT, Verdict.LOW_PARALLAX)
     assert (attempt.verdict, attempt.stage, attempt.progress) == (Verdict.LOW_PARALLAX, None, 0.0)

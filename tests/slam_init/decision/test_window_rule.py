@@ -25,8 +25,8 @@ from slam_init.types.reasons import Verdict
 from slam_init.types.stopwatch import Stopwatch
 from slam_init.window.levels import WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
 
-#: Worlds of :func:`followed`: rooms with little and with more parallax, and two planes.
-WORLDS = [("room", 0, 0.03), ("room", 2, 0.1), ("nadir", 1, 0.2), ("wall", 0, 0.3)]
+#: Worlds of :func:`followed`: rooms with little and with more parallax, and a plane.
+WORLDS = [("room", 0, 0.03), ("room", 2, 0.1), ("wall", 0, 0.3)]
 #: Fewer tracks than the default, where a law does not ask for more: the fits take as much less time.
 FEWER = 150
 
@@ -95,22 +95,16 @@ def test_a_translating_camera_is_initialized_correctly(world):
     assert result.hypotheses == (result.map,)
 
 
-def test_landmarks_alone_determine_the_poses_where_they_agree_with_the_joint_estimate():
-    assert not followed("room", 2, 0.1).initializer.finish().attempts[-1].map.pose_prior
-
-
-@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(
-    ("scene", "options"),
-    [("rotation", {}), ("rotation", {"focal_error": 0.05}), ("rotation", {"focal_error": -0.05}), ("static", {})],
+    ("scene", "seed", "options"), [("rotation", 0, {}), ("rotation", 1, {"focal_error": 0.05}), ("static", 0, {})]
 )
-def test_a_camera_that_does_not_translate_is_never_initialized(scene, options, seed):
+def test_a_camera_that_does_not_translate_is_never_initialized(scene, seed, options):
     result = finished(point_source(scene, seed, **options))
     assert not result
     assert result.map is None
 
 
-@pytest.mark.parametrize(("scene", "seed"), [("rotation", 71002), ("static", 71003), ("rotation", 71006)])
+@pytest.mark.parametrize(("scene", "seed"), [("rotation", 71002), ("static", 71003)])
 def test_moving_bodies_before_a_camera_that_does_not_translate_are_no_near_objects(scene, seed):
     """The rest of the tracks are at infinity, so that the bodies look like near objects of a translating camera."""
     source = point_source(scene, seed, moving=0.3, noise_px=1.0, outliers=(0.05, 0.15, 0.3)[seed % 3])
@@ -133,7 +127,7 @@ def test_a_few_tracks_on_moving_bodies_do_not_decide_between_the_motions_of_a_pl
 # -- evidence and gates ---------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("world", [WORLDS[1], WORLDS[3]])
+@pytest.mark.parametrize("world", WORLDS[1:])
 def test_each_attempt_with_a_motion_has_its_window_and_one_gate_on_the_risk(world):
     scene, result = world[0], followed(*world).initializer.finish()
     judged = [attempt for attempt in result.attempts if attempt.window is not None]
@@ -177,7 +171,7 @@ def test_a_map_of_too_few_landmarks_is_refused_although_its_motion_is_right():
     assert outcome.accepted is None
 
 
-@pytest.mark.parametrize("seed", [0, 5, 8, 10])
+@pytest.mark.parametrize("seed", [0, 8])
 def test_an_ambiguous_plane_keeps_two_maps_and_one_of_them_is_right(seed):
     source = point_source("wall", seed, baseline=0.3)
     outcome = tried(source, (0, 11))
@@ -188,14 +182,6 @@ def test_an_ambiguous_plane_keeps_two_maps_and_one_of_them_is_right(seed):
     assert min(errors) < 10
     motions = [m.keyframes[1].world_from_cam.inverse() for m in outcome.hypotheses]
     assert pose_errors_deg(*motions)[1] > 2
-
-
-def test_two_motions_of_a_room_leave_no_map():
-    outcome = tried(point_source("room", 13, baseline=0.05), (0, 1))
-    assert outcome.attempt.window.hypotheses > 1
-    assert not outcome.attempt.window.planar
-    assert outcome.attempt.verdict in (Verdict.LOW_PARALLAX, Verdict.PURE_ROTATION)
-    assert outcome.hypotheses == ()
 
 
 def test_a_pair_with_an_uncertain_direction_is_low_parallax():
@@ -217,7 +203,7 @@ def test_the_keyframes_are_the_pair_and_the_views_whose_own_baseline_is_certain(
     certain = [frame for frame, risk in zip(others, risks, strict=True) if risk <= limit]
     assert [k.frame for k in result.map.keyframes] == sorted([reference, current, *certain])
     assert sorted(result.attempts[-1].frames) == sorted([reference, current, *certain])
-    assert (len(certain) < len(others)) == (world in (WORLDS[0], WORLDS[2]))  # their first views are too near
+    assert (len(certain) < len(others)) == (world == WORLDS[0])  # its first views are too near
 
 
 def test_a_view_that_sees_too_few_of_the_landmarks_is_left_out_and_does_not_prevent_the_map(monkeypatch):
@@ -245,14 +231,6 @@ def test_of_the_frames_before_the_camera_moves_the_map_has_the_reference_only():
     frames = [k.frame for k in initializer.map.keyframes]
     assert len([frame for frame in frames if frame < 4]) == 1
     assert frames[-1] >= 4
-
-
-@pytest.mark.parametrize("world", WORLDS)
-def test_the_map_is_as_new_as_the_frame(world):
-    """The newest keyframe is the frame that brought the map, and it sees at least half of the landmarks."""
-    map_, newest = followed(*world).initializer.map, followed(*world).steps[-1][0]
-    assert max(keyframe.frame for keyframe in map_.keyframes) == newest.frame
-    assert np.isin(map_.track_ids, newest.track_ids).mean() >= 0.5
 
 
 # -- the provisional map --------------------------------------------------------------------------
@@ -287,17 +265,17 @@ def test_the_provisional_map_can_be_asked_for_after_its_frames_are_dropped():
     last = observations[3]
     kept = {name: getattr(last, name)[:5] for name in ("track_ids", "pixels", "bearings", "colors")}
     few = replace(last, **kept)
-    for k in range(3, 400):
+    for k in range(3, 250):
         initializer.process_tracks(replace(few, frame=k, timestamp_s=k / 10))
     assert len(initializer.history) < 200
     provisional = initializer.provisional
     assert provisional is None or provisional.risk > WINDOW_CONFIG.acceptance.max_risk
 
 
-@pytest.mark.parametrize("world", [WORLDS[1], WORLDS[3]])
-def test_asking_for_the_provisional_map_does_not_change_the_result(world):
-    asked, unasked = followed(*world).initializer.finish(), finished(followed(*world).source)
-    known = [(once, twice) for _, _, once, twice in followed(*world).steps if once is not None]
+def test_asking_for_the_provisional_map_does_not_change_the_result():
+    run = followed("wall", 0, 0.3)
+    asked, unasked = run.initializer.finish(), finished(run.source)
+    known = [(once, twice) for _, _, once, twice in run.steps if once is not None]
     assert len(known) > 1
     assert all(bytes_of(once.map) == bytes_of(twice.map) for once, twice in known)
     assert bytes_of(asked.map) == bytes_of(unasked.map)
@@ -343,6 +321,7 @@ def test_the_inliers_of_an_accepted_pair_are_those_of_its_map_where_the_lens_was
     assert attempt.inliers.sum() >= 0.9 * len(map_.points)
 
 
+@pytest.mark.slow
 def test_the_maps_of_the_scene_and_of_a_large_body_are_kept_and_one_of_them_is_right():
     source = point_source("room", 4, moving=0.6, bodies=1, baseline=0.2)
     result = finished(source)

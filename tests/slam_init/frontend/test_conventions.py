@@ -36,14 +36,14 @@ def long(bearings):
     bearings *= 2.0
 
 
-@pytest.mark.parametrize("change", [scaled, zero, long])
-def test_a_ray_that_is_not_of_length_one_is_refused_and_the_frame_can_be_given_again(change):
+def test_a_ray_that_is_not_of_length_one_is_refused_and_the_frame_can_be_given_again():
     bad, good = Initializer(CAMERA), Initializer(CAMERA)
     bad.process_tracks(tracks(0))
     good.process_tracks(tracks(0))
-    with pytest.raises(SlamInitError, match="has not the length 1: divide rays by their norm") as told:
-        bad.process_tracks(with_bearings(tracks(1), change))
-    assert "\n" not in str(told.value)
+    for change in (scaled, zero, long):
+        with pytest.raises(SlamInitError, match="has not the length 1: divide rays by their norm") as told:
+            bad.process_tracks(with_bearings(tracks(1), change))
+        assert "\n" not in str(told.value)
     for k in (1, 2):
         bad.process_tracks(tracks(k))
         good.process_tracks(tracks(k))
@@ -58,14 +58,6 @@ def test_a_pixel_far_outside_of_the_image_is_refused():
     far = Observations(0, 0.0, "", observed.track_ids, pixels, CAMERA.bearings(pixels))
     with pytest.raises(SlamInitError, match=r"frame 0: the pixel \[1.e\+12 4.e\+01\] is far outside of the image"):
         Initializer(CAMERA).process_tracks(far)
-
-
-def test_rays_of_32_bits_are_taken():
-    initializer = Initializer(CAMERA)
-    for k in range(3):
-        observed = tracks(k)
-        initializer.process_tracks(with_bearings(observed, lambda rays: rays.__setitem__(..., rays.astype(np.float32))))
-    assert initializer.map is not None
 
 
 @pytest.mark.parametrize(

@@ -33,8 +33,7 @@ def followed(before, after):
     return start, flow(before, after, start, CONFIG)
 
 
-@pytest.mark.parametrize("window_px", [5, 21, 60])
-@pytest.mark.parametrize("size", [SIZE, (61, 43)])
+@pytest.mark.parametrize(("window_px", "size"), [(5, SIZE), (21, SIZE), (60, (61, 43))])
 def test_the_gradients_of_the_patches_are_those_of_a_filter_over_the_whole_image(window_px, size):
     """Equal to the byte, at the border and beyond it too, where the image is mirrored."""
     gray = np.random.default_rng(0).integers(0, 256, size[::-1], dtype=np.uint8)
@@ -87,12 +86,6 @@ def test_a_corner_has_no_edge_to_slide_along():
     np.testing.assert_allclose(anisotropy(turned), [6.0])
 
 
-def test_noise_raises_the_covariances():
-    _, clean = followed(image(100, 60, 1.0), image(102, 60, 1.0, seed=1))
-    _, noisy = followed(image(100, 60, 8.0), image(102, 60, 8.0, seed=1))
-    assert noisy.step_px > 2 * clean.step_px
-
-
 def test_a_track_slides_along_the_trails_of_a_blurred_image():
     _, sharp = followed(image(100, 60, 3.0), image(110, 60, 3.0, seed=1))
     _, blurred = followed(image(100, 60, 3.0, trail_px=12), image(110, 60, 3.0, trail_px=12, seed=1))
@@ -102,7 +95,7 @@ def test_a_track_slides_along_the_trails_of_a_blurred_image():
     assert 0.5 < along / across < 2
 
 
-@pytest.mark.parametrize("gain", [0.4, 0.7, 1.5])
+@pytest.mark.parametrize("gain", [0.4, 1.5])
 def test_points_are_followed_where_the_brightness_changes(gain):
     before, after = image(100, 60, 1.0), image(103, 61, 1.0, seed=1)
     dim = (0.6 * before).astype(np.uint8)
@@ -125,13 +118,6 @@ def test_a_dark_wall_that_comes_into_view_is_no_change_of_brightness():
     assert np.median(errors) < 0.01
 
 
-def test_points_that_are_lost_have_no_small_covariance():
-    start, found = followed(image(100, 60), image(300, 200))
-    np.testing.assert_array_equal(
-        found.covariances[~found.kept], np.broadcast_to(np.eye(2), (len(start), 2, 2))[~found.kept]
-    )
-
-
 def test_points_that_are_not_where_they_are_expected_are_sought_in_all_octaves():
     before, after = image(100, 60), image(110, 55)
     start = corners(before)
@@ -144,39 +130,12 @@ def test_points_that_are_not_where_they_are_expected_are_sought_in_all_octaves()
         assert (apart < 0.1).mean() > 0.9  # a patch that looks alike may be where a point is expected
 
 
-def test_points_that_are_found_are_sought_once(monkeypatch):
-    """There and back: in all octaves where nothing is expected, in two of them where they are expected."""
-    sought, real = [], cv2.calcOpticalFlowPyrLK
-    monkeypatch.setattr(cv2, "calcOpticalFlowPyrLK", lambda *a, **k: sought.append(k["maxLevel"]) or real(*a, **k))
-    before, after = image(100, 60), image(110, 55)
-    start = corners(before)
-    found = flow(before, after, start, CONFIG)
-    assert sought == [CONFIG.pyramid_levels, 1]
-    sought.clear()
-    flow(before, after, start[found.kept], CONFIG, found.pixels[found.kept])
-    assert sought == [1, 1]
-
-
-def test_no_points_have_an_empty_flow():
-    gray = image(100, 60)
-    found = flow(gray, gray, np.zeros((0, 2)), CONFIG)
-    assert len(found.kept) == len(found.pixels) == len(found.covariances) == 0
-    assert found.step_px == 0
-    assert found.trail is None
-
-
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 def test_the_trails_of_a_blurred_image_tell_the_exposure(share):
     step_px = 16
     trail_px = round(share * step_px)
     _, found = followed(image(100, 60, 2.0, trail_px), image(100 + step_px, 60, 2.0, trail_px, seed=1))
     assert found.trail == pytest.approx(share, abs=0.3)
-
-
-def test_little_motion_tells_no_exposure():
-    _, found = followed(image(100, 60), image(103, 60))
-    assert found.trail is None
-    assert Exposure().update(None, 1 / 30) == 0.0
 
 
 def test_the_exposure_is_the_median_of_what_the_last_frames_showed():

@@ -59,15 +59,6 @@ def test_points_that_do_not_move_as_before_are_expected_nowhere():
     assert expected_as_before(before, after, start, np.column_stack([elsewhere, elsewhere]), CONFIG) is None
 
 
-def test_points_that_move_about_as_before_are_not_expected_closely():
-    before, after = image(100, 60), image(103, 61)
-    start = corners(before)
-    about = np.tile([-3.0, -1.0], (len(start), 1)) + np.random.default_rng(0).uniform(-2, 2, (len(start), 2))
-    expected = expected_as_before(before, after, start, about, CONFIG)
-    assert not expected.closely
-    assert np.abs(expected.pixels - start - (-3, -1)).max() < 3
-
-
 def test_points_whose_last_step_is_not_known_are_expected_nowhere():
     before, after = image(100, 60), image(103, 61)
     start = corners(before)
@@ -117,15 +108,6 @@ def test_a_patch_that_is_found_far_from_its_place_counts_as_not_found():
     assert near.sum() > 0.5 * len(last)
     assert sought.found[near].all()
     assert not sought.within(0.5, places + 0.8).found[near].any()
-
-
-def test_tracks_that_are_expected_nowhere_are_sought_by_flow_alone():
-    before, after = image(100, 60), image(103, 61)
-    last, found = followed(before, after, (np.nan, np.nan))
-    by_flow = flow(before, after, last.pixels, CONFIG)
-    assert not found.sought.found.any()
-    np.testing.assert_array_equal(found.flow.pixels, by_flow.pixels)
-    np.testing.assert_array_equal(found.flow.kept, by_flow.kept)
 
 
 def test_a_track_without_a_patch_is_sought_by_flow():

@@ -19,10 +19,9 @@ IMAGE = np.zeros((48, 64), np.uint8)
 CAMERA = Camera("pinhole", 64, 48, 60, 60, 31.5, 23.5)
 
 
-@pytest.mark.parametrize("times_s", [TIMES_S, DATES_S], ids=["relative", "dates"])
+@pytest.mark.parametrize(("method", "times_s"), [("quest", TIMES_S), ("quest", DATES_S), ("orb-slam3", DATES_S)])
 @pytest.mark.parametrize("unit", TimeUnit)
-@pytest.mark.parametrize("method", ["quest", "orb-slam3"])
-def test_the_online_api_converts_each_unit_and_tells_it(method, unit, times_s):
+def test_the_online_api_converts_each_unit_and_tells_it(unit, method, times_s):
     initializer = make_initializer(method, CAMERA, Config())
     for time_s in times_s:
         initializer.process(IMAGE, round(time_s * unit.per_second, 3))

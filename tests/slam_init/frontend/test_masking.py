@@ -10,8 +10,6 @@ from scipy.ndimage import distance_transform_cdt
 
 from slam_init.config import TrackingConfig
 from slam_init.errors import SlamInitError
-from slam_init.frontend.masking import Trackable
-from slam_init.frontend.sift import detect_sift
 from slam_init.frontend.tracks import Tracker, common_tracks
 from slam_init.initializer import Initializer
 from slam_init.types.camera import Camera
@@ -93,13 +91,6 @@ def test_a_mask_without_black_changes_nothing_and_a_black_one_leaves_no_track():
     for steps in STEPS:
         black, _ = follow(frames_of(steps, np.zeros_like(MASK)))
         assert not any(len(observed) for observed in black)
-
-
-def test_keypoints_whose_blob_reaches_an_ignored_pixel_are_left_out():
-    gray = window(TEXTURE, 100, 60, *SIZE).gray
-    trackable = Trackable(MASK, CONFIG.window_px)
-    found = detect_sift(trackable.blanked(gray), 2000, trackable)
-    assert len(found.pixels) > 50 and distances_px(found.pixels).min() > 1
 
 
 @pytest.mark.parametrize("mask", [MASK[1:], MASK[..., None], MASK.astype(float), "mask", MASK.T])

@@ -145,7 +145,6 @@ def test_the_command_takes_a_matcher_of_the_user_and_tells_what_is_wrong_with_on
         "def wrong(image1, image2):\n    return np.zeros((3, 2)), np.zeros((2, 2)), np.zeros(3)\n"
         "def fails(image1, image2):\n    raise RuntimeError('no weights')\n"
         "def nothing(image1, image2):\n    pass\n"
-        "def leaves(image1, image2):\n    raise SystemExit(7)\n"
         "number = 3\n"
     )
     (tmp_path / "broken.py").write_text("this is no Python\n")
@@ -170,7 +169,6 @@ def test_the_command_takes_a_matcher_of_the_user_and_tells_what_is_wrong_with_on
         ("mine.py:fails", "failed: RuntimeError: no weights"),
         ("mine.py:number", "is of the type int: give a callable of two images"),
         ("mine.py:nothing", "returned NoneType"),
-        ("mine.py:leaves", "failed: SystemExit: 7"),
         ("mine.py:absent", "mine.py has no attribute 'absent'"),
         ("broken.py:match", "cannot be loaded (invalid syntax (broken.py, line 1))"),
         ("surf", "unknown matcher 'surf': use sift, orb, lightglue, hloc"),
@@ -308,21 +306,6 @@ def test_lightglue_gets_the_keypoints_of_disk_and_its_pairs_become_matches(torch
     assert first.shape == (1, 3, 48, 64) and first[0, 2].min() == 1.0 and first[0, 0].max() == 0.0  # RGB
     _, named = lightglue.given[0]
     assert named == {"hw1": (48, 64), "hw2": (48, 64)}
-
-
-def test_features_of_an_image_are_found_once():
-    class Counting(SiftMatcher):
-        calls = 0
-
-        def features(self, image):
-            self.calls += 1
-            return super().features(image)
-
-    matcher = Counting()
-    images = [np.random.default_rng(k).integers(0, 255, (60, 80), dtype=np.uint8) for k in range(3)]
-    for a, b in ((0, 1), (1, 2), (0, 2), (2, 1)):
-        matcher(images[a], images[b])
-    assert matcher.calls == 3
 
 
 def test_a_matcher_that_raises_our_errors_is_not_renamed():

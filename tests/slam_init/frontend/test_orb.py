@@ -30,12 +30,7 @@ def test_landmarks_have_the_descriptor_of_the_newest_image():
     np.testing.assert_array_equal(described[landmarks], known)
     assert not described[0]  # only the first two keyframes see landmark 0
     assert not descriptors[~described].any()
-
-
-def test_without_images_nothing_is_described():
-    descriptors, described = describe_landmarks(make_map(), {999: texture(0, 480, 640)})
-    assert not descriptors.any()
-    assert not described.any()
+    assert not describe_landmarks(map_, {999: images[map_.keyframes[0].frame]})[1].any()
 
 
 def test_a_pixel_on_the_border_or_outside_is_not_described():

@@ -9,7 +9,6 @@ from slam_init.frontend.patch_kernel import (
     align_patches,
     conditioned_on_maps,
     covariances_in_image,
-    covariances_through,
     cut_patches,
     distribution_of_maps,
 )
@@ -33,15 +32,6 @@ def test_covariances_turn_with_the_maps_of_the_patches():
         turns[:, np.array(rows)[:, None], rows] = A
     expected = turns @ inverses[slots, :6, :6] @ np.swapaxes(turns, 1, 2) * variances[:, None, None]
     np.testing.assert_allclose(covariances_in_image(slots, inverses, affine, variances), expected, rtol=1e-10)
-
-
-def test_displacements_turn_with_the_maps():
-    rng = np.random.default_rng(5)
-    affine, covariances = rng.normal(size=(7, 4)), spd(rng, 7, 2)
-    A = affine.reshape(7, 2, 2)
-    np.testing.assert_allclose(
-        covariances_through(affine, covariances), A @ covariances @ np.swapaxes(A, 1, 2), rtol=1e-10
-    )
 
 
 def test_places_are_conditional_means_given_the_distribution_of_the_maps():

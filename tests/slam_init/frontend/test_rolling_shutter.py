@@ -9,7 +9,7 @@ from make_map import CAMERAS
 from quest.geometry.quaternion import rotation_from_vector
 from sequences_synth.points import PointOptions, make_points
 from slam_init.datasets.points import PointSource
-from slam_init.frontend.rolling_shutter import RollingShutter, corrected_pixels, readout_places, turning_flow
+from slam_init.frontend.rolling_shutter import RollingShutter, readout_places, turning_flow
 from slam_init.frontend.tracks import History
 from slam_init.initializer import Initializer
 from slam_init.types.camera import Camera
@@ -57,8 +57,9 @@ def corrected_frames(camera, frames):
     return history, shutter
 
 
-@pytest.mark.parametrize("direction", ["down", "up", "right", "left"])
-@pytest.mark.parametrize("model", ["pinhole", "radtan", "fisheye"])
+@pytest.mark.parametrize(
+    ("model", "direction"), [("pinhole", "down"), ("radtan", "up"), ("fisheye", "right"), ("pinhole", "left")]
+)
 def test_rays_are_turned_back_to_the_middle_of_the_readout(model, direction):
     camera = replace(CAMERAS[model], readout_ms=30.0, readout_direction=direction)
     frames, middle = turning(camera, vector(camera))
@@ -77,14 +78,6 @@ def test_the_turning_of_a_single_step_is_uncertain_and_that_of_two_steps_is_not(
     assert [one.turn_error for one in corrected_frames(camera, frames)[0]] == [0.0] * 3
 
 
-def test_the_pixels_are_corrected_as_the_rays_are():
-    camera = replace(CAMERAS["radtan"], readout_ms=30.0)
-    history, _ = corrected_frames(camera, turning(camera, vector(camera))[0])
-    pixels = corrected_pixels(camera, history[1])
-    np.testing.assert_allclose(camera.bearings(pixels), history[1].bearings, atol=1e-9)
-    assert np.abs(pixels - history[1].pixels).max() > 3
-
-
 @pytest.mark.parametrize("model", ["pinhole", "radtan", "fisheye"])
 def test_the_sweep_is_the_derivative_of_the_raw_pixels_by_the_readout(model):
     camera = CAMERAS[model]
@@ -93,15 +86,6 @@ def test_the_sweep_is_the_derivative_of_the_raw_pixels_by_the_readout(model):
         plain, rolling = turning(camera, np.zeros(2))[0][1], turning(camera, vector(rolls))[0][1]
         sweep = sweep_of(rolls, replace(plain, turn_rad_s=TURN))
         np.testing.assert_allclose(sweep, (rolling.pixels - plain.pixels) / 1e-4, rtol=2e-3, atol=0.5)
-
-
-def test_a_global_shutter_leaves_the_frames_as_they_are():
-    camera = replace(CAMERAS["pinhole"], readout_ms=0.0)
-    frames, _ = turning(camera, np.zeros(2))
-    history, shutter = corrected_frames(camera, frames)
-    assert all(history[one.frame] is one for one in frames)
-    assert not gather_tracks(camera, list(history), 0.3).sweep_px_s.any()
-    assert shutter.readout_s == 0
 
 
 def test_an_adopted_readout_corrects_all_frames_as_if_it_had_been_known():
@@ -148,12 +132,11 @@ def run(seed, **options):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("direction", ["down", "up"])
-def test_a_hand_held_rolling_shutter_is_found_together_with_the_map(direction):
-    source, initializer = run(40, readout_ms=30.0, readout_direction=direction, speed=0.03, noise_px=0.3, points=200)
+def test_a_hand_held_rolling_shutter_is_found_together_with_the_map():
+    source, initializer = run(40, readout_ms=30.0, readout_direction="up", speed=0.03, noise_px=0.3, points=200)
     map_ = initializer.map
     assert map_ is not None
-    assert map_.camera.readout_direction == direction
+    assert map_.camera.readout_direction == "up"
     assert map_.camera.readout_s == pytest.approx(0.03, abs=0.004)
     assert any(note.startswith("a rolling shutter was corrected") for note in initializer.result.notes)
     evidence = initializer.status.attempt.window
@@ -170,9 +153,8 @@ def test_a_hand_held_rolling_shutter_is_found_together_with_the_map(direction):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("readout_ms", [0.0, 30.0])
-def test_a_camera_that_only_turns_is_told_from_one_that_translates(readout_ms):
-    _, initializer = run(41, readout_ms=readout_ms, views=15)
+def test_a_camera_that_only_turns_is_told_from_one_that_translates():
+    _, initializer = run(41, readout_ms=30.0, views=15)
     assert initializer.map is None
     assert initializer.result.reason == Verdict.PURE_ROTATION
     estimates = [a.window.readout_ms for a in initializer.result.attempts if a.window is not None]
@@ -203,3 +185,12 @@ def test_a_camera_states_its_readout():
     for one in found.values():
         assert one.readout_s == pytest.approx(0.02)
         assert one.with_readout(0.03).readout_direction == one.readout_direction
+
+
+def test_a_global_shutter_leaves_the_frames_as_they_are():
+    camera = replace(CAMERAS["pinhole"], readout_ms=0.0)
+    frames, _ = turning(camera, np.zeros(2))
+    history, shutter = corrected_frames(camera, frames)
+    assert all(history[one.frame] is one for one in frames)
+    assert not gather_tracks(camera, list(history), 0.3).sweep_px_s.any()
+    assert shutter.readout_s == 0

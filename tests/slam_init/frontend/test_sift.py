@@ -31,7 +31,7 @@ def test_an_image_that_is_not_looked_at_has_no_features():
         assert len(detect_sift(np.round(200 * image).astype(np.uint8), 100).pixels) > 0
 
 
-@pytest.mark.parametrize(("size", "halved"), [(200, 1), (1501, 2), (3000, 4)])
+@pytest.mark.parametrize(("size", "halved"), [(200, 1), (1501, 2)])
 def test_keypoints_lie_in_the_middle_of_blobs(size, halved):
     """Of Gaussian blobs at places between pixels, also where the image is halved; the median tells a shift of all."""
     grid = np.stack(np.meshgrid(*[np.arange(30, 190, 40)] * 2), axis=-1).reshape(-1, 2) * halved

@@ -32,8 +32,7 @@ def found(views):
     return static_tracks(views[0], views[-1], views[1:-1])
 
 
-@pytest.mark.parametrize("noise_px", [0.1, 0.3, 0.6])
-@pytest.mark.parametrize("missed", [0.0, 0.1])
+@pytest.mark.parametrize(("noise_px", "missed"), [(0.1, 0.0), (0.6, 0.1)])
 def test_tracks_of_an_overlay_are_found_while_the_scene_moves(noise_px, missed):
     rng = np.random.default_rng(3)
     points, overlay = scene(rng), np.arange(300) < 60
@@ -44,17 +43,12 @@ def test_tracks_of_an_overlay_are_found_while_the_scene_moves(noise_px, missed):
     assert len(ids) > 0.6 * 60
 
 
-@pytest.mark.parametrize("seed", range(10))
-def test_tracks_near_the_focus_of_expansion_lie_in_the_scene(seed):
-    rng = np.random.default_rng(seed)
-    steps = np.outer(np.arange(6), [0.0, 0.0, 0.03])
-    assert not len(found(views_of(rng, scene(rng), steps)))
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_a_camera_at_rest_has_no_overlay(seed):
-    rng = np.random.default_rng(seed)
-    assert not len(found(views_of(rng, scene(rng), np.zeros((6, 3)))))
+def test_a_camera_at_rest_has_no_overlay_and_tracks_near_the_focus_of_expansion_lie_in_the_scene():
+    for seed in range(10):
+        for forward in (0.0, 0.03):
+            rng = np.random.default_rng(seed)
+            steps = np.outer(np.arange(6), [0.0, 0.0, forward])
+            assert not len(found(views_of(rng, scene(rng), steps)))
 
 
 def test_a_background_of_most_of_the_tracks_is_no_overlay():

@@ -42,17 +42,6 @@ def test_the_map_of_the_true_poses_is_the_scene():
         assert rotation_angle(pose.R.T @ POSES[frame].R) < np.deg2rad(0.3)
 
 
-def test_views_without_a_pose_are_left_out():
-    assert built(seen_by_all(), (0, 4), (0, 4)).problem.frames == (0, 4)
-    assert built(seen_by_all(), (0, 4), (0, 2, 4)).problem.frames == (0, 2, 4)
-
-
-def test_the_world_is_the_earliest_camera_also_if_further_views_come_before_the_pair():
-    bundle = built(seen_by_all(), (3, 4), range(5))
-    assert bundle.problem.frames == (0, 1, 2, 3, 4)
-    np.testing.assert_allclose(bundle.problem.world_from_cam[0].t, 0, atol=1e-6)
-
-
 def test_an_observation_far_from_its_point_makes_no_landmark():
     seen = seen_by_all()
     pixels = seen[4].pixels.copy()

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.mapping.resection import resect
 from slam_init.types.pose import Pose
 
 
-@pytest.mark.parametrize("farthest", [1e9, 1e200])
-def test_a_point_at_any_distance_is_an_inlier_if_its_ray_agrees(farthest: float) -> None:
+def test_a_point_at_any_distance_is_an_inlier_if_its_ray_agrees():
     """Tracks that are nearly parallax-free put points so far away that the squares of coordinates overflow."""
     rng = np.random.default_rng(3)
     pose = Pose(rotation_from_vector(np.array([0.02, -0.05, 0.01])), np.array([0.3, -0.1, 0.05]))
     points = rng.uniform([-2.0, -2.0, 3.0], [2.0, 2.0, 6.0], (40, 3))
-    points[0] = np.array([0.1, 0.2, 1.0]) * farthest
+    points[0] = np.array([0.1, 0.2, 1.0]) * 1e200
     rays = pose.apply(points)
     bearings = rays / np.abs(rays).max(axis=1, keepdims=True)
     bearings /= np.linalg.norm(bearings, axis=1, keepdims=True)

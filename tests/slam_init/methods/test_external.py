@@ -116,10 +116,10 @@ def test_a_program_ends_with_the_process_that_runs_it(tmp_path, monkeypatch):
 
 
 def test_output_and_memory_are_bounded():
-    run = run_program([sys.executable, "-c", "print('x' * 3_000_000); print('end')"], 60.0, 0)
-    assert run.failure == "" and run.output.endswith("end\n") and len(run.output) < 20_000
-    run = run_program([sys.executable, "-c", "b = bytearray(2_000_000_000)"], 60.0, 1000)
-    assert "exited with 1" in run.failure and "MemoryError" in run.output
+    failure, output = run_program([sys.executable, "-c", "print('x' * 3_000_000); print('end')"], 60.0, 0)
+    assert failure == "" and output.endswith("end\n") and len(output) < 20_000
+    failure, output = run_program([sys.executable, "-c", "b = bytearray(2_000_000_000)"], 60.0, 1000)
+    assert "exited with 1" in failure and "MemoryError" in output
 
 
 def test_the_folder_of_the_frames_is_removed(tmp_path, monkeypatch):

@@ -76,9 +76,8 @@ def test_results_of_another_command_and_a_damaged_marker_are_refused(tmp_path):
 def test_an_input_is_no_target(tmp_path):
     fill(tmp_path / "out")
     (tmp_path / "link").symlink_to(tmp_path / "out" / "a.txt")
-    for given, words in (("out/a.txt", "would replace"), ("link", "would replace"), ("out", "folder of the data"),
-                         ("out/sub", "folder of the data")):  # fmt: skip
-        with pytest.raises(OutputError, match=words):
+    for given, words in (("out/a.txt", "a.txt"), ("link", "link"), ("out", "out"), ("out/sub", "sub")):  # fmt: skip
+        with pytest.raises(OutputError, match=f"would replace .*{words}"):
             chosen_folder(str(tmp_path / "out"), "run", FILES, [tmp_path / given])
     chosen_folder(str(tmp_path / "out"), "run", FILES, [tmp_path, "synth:room", "a\0b"])
 

@@ -9,7 +9,7 @@ from make_map import make_map, make_result
 from make_summary import summarize
 
 from slam_init.errors import SourceError
-from slam_init.output.result_folder import ResultFolder, is_result_folder
+from slam_init.output.result_folder import earlier_result, is_result_folder, read_result, result_text
 from slam_init.output.results import write_results
 from slam_init.types.reasons import Verdict
 
@@ -22,19 +22,18 @@ def written(folder, result):
 def test_a_map_is_told_with_its_keyframes_and_files(tmp_path):
     folder = written(tmp_path / "out", make_result(make_map()))
     assert is_result_folder(folder)
-    found = ResultFolder.read(folder)
-    facts = found.facts()
+    facts = read_result(folder)
     assert [facts[name] for name in ("status", "reason", "risk")] == ["initialized", None, 0.004]
     assert facts["keyframes"] == [10, 17, 24, 31]
     assert {"name": "map.ply", "bytes": (folder / "map.ply").stat().st_size} in facts["files"]
-    assert "initialized after 22 frames" in found.text().splitlines()[0]
-    assert "4 (frames 10, 17, 24, 31)" in found.text() and "graph.txt" in found.text()
+    assert "initialized after 22 frames" in result_text(facts).splitlines()[0]
+    assert "4 (frames 10, 17, 24, 31)" in result_text(facts) and "graph.txt" in result_text(facts)
 
 
 def test_a_refusal_is_told_with_its_advice(tmp_path):
-    found = ResultFolder.read(written(tmp_path / "out", make_result(None, Verdict.PURE_ROTATION)))
-    assert (found.facts()["reason"], found.facts()["keyframes"]) == ("pure_rotation", [])
-    assert Verdict.PURE_ROTATION.advice in found.text()
+    facts = read_result(written(tmp_path / "out", make_result(None, Verdict.PURE_ROTATION)))
+    assert (facts["reason"], facts["keyframes"]) == ("pure_rotation", [])
+    assert Verdict.PURE_ROTATION.advice in result_text(facts)
 
 
 def test_a_copy_without_the_hidden_folder_is_still_a_result(tmp_path):
@@ -44,7 +43,7 @@ def test_a_copy_without_the_hidden_folder_is_still_a_result(tmp_path):
     for name in ("summary.json", "config.toml"):
         (copy / name).write_bytes((folder / name).read_bytes())
     assert is_result_folder(copy)
-    assert ResultFolder.read(copy).facts()["landmarks"] == 60
+    assert read_result(copy)["landmarks"] == 60
 
 
 @pytest.mark.parametrize("name", ["", "missing", "a\0b", "synth:room"])
@@ -60,12 +59,11 @@ def test_other_places_are_no_results(tmp_path, name):
         ("", "damaged"),
         ("[" * 100_000, "damaged"),
         ("[]", "damaged"),
-        ("{}", "status"),
-        ({"method": 3}, "method"),
-        ({"keyframes": [{"frame": "x"}]}, "frame"),
-        ({"keyframes": 7}, "keyframes"),
-        ({"provenance": []}, "provenance"),
-        ({"frames_to_init": True}, "frames_to_init"),
+        ("{}", "attempts"),
+        ({"keyframes": [{"frame": "x"}]}, "damaged"),
+        ({"keyframes": 7}, "damaged"),
+        ({"provenance": [3]}, "damaged"),
+        ({"attempts": [{"window": {"risk": "high"}}]}, "damaged"),
     ],
 )
 def test_a_damaged_summary_is_one_line(tmp_path, content, word):
@@ -77,7 +75,7 @@ def test_a_damaged_summary_is_one_line(tmp_path, content, word):
         text = content if isinstance(content, str) else json.dumps(json.loads(path.read_text()) | content)
         path.write_text(text)
     with pytest.raises(SourceError, match=word) as raised:
-        ResultFolder.read(folder)
+        read_result(folder)
     assert "\n" not in str(raised.value)
 
 
@@ -86,7 +84,7 @@ def test_a_summary_that_leads_out_of_the_folder_is_not_read(tmp_path):
     (folder / "summary.json").rename(tmp_path / "elsewhere.json")
     (folder / "summary.json").symlink_to(tmp_path / "elsewhere.json")
     with pytest.raises(SourceError, match="leads out"):
-        ResultFolder.read(folder)
+        read_result(folder)
 
 
 def test_hostile_texts_and_numbers_are_escaped_or_left_out(tmp_path):
@@ -96,6 +94,14 @@ def test_hostile_texts_and_numbers_are_escaped_or_left_out(tmp_path):
     fields["notes"] = ["a\nforged\x1b[2J"]
     fields["attempts"][-1]["window"]["risk"] = float("inf")
     path.write_text(json.dumps(fields))
-    found = ResultFolder.read(folder)
-    assert found.facts()["risk"] is None
-    assert r"a\nforged\x1b[2J" in found.text()
+    facts = read_result(folder)
+    assert facts["risk"] is None
+    assert r"a\nforged\x1b[2J" in result_text(facts)
+
+
+def test_the_result_that_a_run_replaces_is_named(tmp_path):
+    assert earlier_result(tmp_path / "none") is None
+    folder = written(tmp_path / "out", make_result(make_map()))
+    assert earlier_result(folder) == "the result of arc, initialized after 22 frames"
+    (folder / "summary.json").write_text("{}")
+    assert earlier_result(folder) is None

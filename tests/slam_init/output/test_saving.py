@@ -8,6 +8,7 @@ from matched_points import map_of_matches
 import slam_init
 from slam_init.errors import OutputError
 from slam_init.output.names import COLMAP_FILES
+from slam_init.output.result_folder import read_result
 from slam_init.types.pose import Pose
 
 
@@ -43,6 +44,8 @@ def test_a_result_is_saved_with_the_files_of_its_map_and_a_summary(result, tmp_p
 def test_a_result_without_a_map_is_saved_with_its_reason(tmp_path):
     slam_init.Initializer(slam_init.prior_camera((64, 48))).finish().save(tmp_path / "none")
     assert '"too_few_frames"' in (tmp_path / "none" / "summary.json").read_text()
+    facts = read_result(tmp_path / "none")
+    assert facts["version"] and facts["command"] == ["Result.save"]
 
 
 def test_a_colmap_model_is_written_alone(result, tmp_path):
@@ -53,8 +56,9 @@ def test_a_colmap_model_is_written_alone(result, tmp_path):
 def test_a_folder_of_somebody_else_is_refused(result, tmp_path):
     (tmp_path / "map.ply").write_text("mine")
     for save in (result.save, result.map.save, lambda folder: slam_init.write_colmap(result.map, folder)):
-        with pytest.raises(OutputError):
+        with pytest.raises(OutputError) as told:
             save(tmp_path)
+        assert "--" not in str(told.value)
     assert (tmp_path / "map.ply").read_text() == "mine"
 
 

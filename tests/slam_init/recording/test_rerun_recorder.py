@@ -18,10 +18,10 @@ from slam_init.errors import OutputError, SourceError
 from slam_init.recording import rerun_recorder
 from slam_init.recording.layout import SERIES, End, blueprint
 from slam_init.recording.rerun_recorder import RerunRecorder
-from slam_init.types.camera_pose import CameraPose, PoseKind
 from slam_init.types.gates import GateName, at_least, at_most
 from slam_init.types.reasons import Verdict
 from slam_init.types.scale import Scale, ScaleOrigin
+from slam_init.types.status import CameraPose, PoseKind
 
 
 @pytest.fixture(autouse=True)
@@ -57,8 +57,8 @@ def test_a_recording_holds_the_whole_run_and_passes_verification(path):
         keyframes = {f"/world/keyframes/{k.frame}" for k in map_.keyframes}
         expected = """/world/camera /world/camera/image /world/camera/image/keypoints /world/points
         /world/trajectory/est /world/trajectory/gt /pairs/image /pairs/image/inliers /pairs/image/moving /pairs/verdict
-        /stats/counts/tracks /stats/parallax/median /pairs/evidence /legend /stats/risk_log10/bound
-        /stats/risk_log10/direction /stats/risk_log10/total /stats/bundle/error /log /summary"""
+        /stats/counts/tracks /stats/parallax/median /pairs/evidence /advice /stats/risk_log10/bound
+        /stats/risk_log10/direction /stats/risk_log10/total /stats/bundle/error /log"""
         assert keyframes | set(expected.split()) <= entities(path)
         assert column(path, "/log", "TextLog:level") == [["WARN"], ["WARN"], ["INFO"], ["INFO"]]
 

@@ -1,22 +1,18 @@
 """Starting the viewer: what it says where it fails, and that no process is left. A stand-in is the viewer."""
 
 import socket
-import urllib.request
+import time
 from types import SimpleNamespace
-from urllib.parse import urlsplit
 
 import pytest
+import rerun as rr
+from read_recording import column
 
 import slam_init.recording.viewer as viewer_module
-from slam_init.errors import SourceError, ViewerError
-from slam_init.recording.viewer import check_recording, screenshots, serve, show
-
-SERVER = """
-import sys, http.server
-port = int(sys.argv[sys.argv.index("--web-viewer-port") + 1])
-assert sys.argv[sys.argv.index("--bind") + 1] == "127.0.0.1"
-http.server.HTTPServer(("127.0.0.1", port), http.server.SimpleHTTPRequestHandler).serve_forever()
-"""
+from slam_init.errors import OutputError, SourceError, ViewerError
+from slam_init.recording.layout import blueprint
+from slam_init.recording.recording_file import RecordingFile
+from slam_init.recording.viewer import SPAWN, check_recording, screenshots, serve, show, viewer_url
 
 
 @pytest.fixture
@@ -26,6 +22,7 @@ def viewer(tmp_path, monkeypatch):
     def put(code):
         (tmp_path / "rerun.py").write_text(code)
         monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+        monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")  # two programs of one size in one second are one to python
         monkeypatch.chdir(tmp_path)
 
     return put
@@ -35,7 +32,6 @@ def test_a_viewer_that_does_not_start_is_one_line_with_its_cause(tmp_path, viewe
     for code, words in (
         ("raise SystemExit('thread panicked: No graphics adapter was found')", "mesa-vulkan-drivers"),
         ("raise SystemExit('something else\\n')", "something else"),
-        ("import rerun_cli_that_is_missing", "not installed"),
     ):
         viewer(code)
         with pytest.raises(ViewerError, match=words) as raised:
@@ -96,23 +92,58 @@ def test_each_picture_is_that_of_its_frame_also_where_the_viewer_moves_the_curso
         screenshots(tmp_path / "a.rrd", [3])
 
 
-def test_a_window_that_fails_is_told_and_one_that_is_closed_is_not(tmp_path, viewer):
+@pytest.fixture
+def port():
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        return free.getsockname()[1]
+
+
+def test_a_viewer_that_fails_is_told_and_one_that_is_closed_is_not(tmp_path, viewer):
     viewer("raise SystemExit(0)")
     show(tmp_path / "a.rrd")
-    viewer("raise SystemExit('no screen')")
-    with pytest.raises(ViewerError, match=r"code 1 \(no screen\)"):
+    viewer("raise SystemExit(3)")
+    with pytest.raises(ViewerError, match="code 3: try --web"):
         show(tmp_path / "a.rrd")
+    with pytest.raises(ViewerError, match="another --port"):
+        serve(tmp_path / "a.rrd", 9090)
 
 
-def test_served_recordings_answer_on_ports_of_their_own_and_their_processes_end_with_the_block(tmp_path, viewer):
-    viewer(SERVER)  # it takes its web port alone, as a viewer does that has not opened the others yet
-    with serve(tmp_path / "a.rrd") as one, serve(tmp_path / "b.rrd") as two:
-        assert one.url.split("%3A")[-1] != two.url.split("%3A")[-1]
-        address = urlsplit(one.url)
-        assert urllib.request.urlopen(f"http://{address.netloc}/", timeout=10).status == 200
-    with socket.socket() as probe:
-        probe.settimeout(1)
-        assert probe.connect_ex((address.hostname, address.port)) != 0
+def test_a_viewer_of_a_file_ends_with_its_block_and_so_do_its_processes(viewer, port):
+    viewer(f"import subprocess, sys\nsubprocess.Popen([sys.executable, '-c', {LISTENS!r}, *sys.argv[1:]])")
+    with viewer_module._viewer("--port", str(port)):
+        assert viewer_module._answers("127.0.0.1", port, 10.0)
+    end = time.monotonic() + 10.0
+    while viewer_module._answers("127.0.0.1", port):
+        assert time.monotonic() < end
+
+
+def test_a_text_that_is_no_address_and_one_where_nobody_answers_are_refused():
+    for text in ("", "viewer", "http://127.0.0.1:9876", "rerun+http://", "rerun+http://[", "rerun+http://h:x"):
+        with pytest.raises(OutputError, match="give the address of a viewer"):
+            viewer_url(text)
+    with pytest.raises(OutputError, match="no viewer answers there"):
+        viewer_url("rerun+http://127.0.0.1:1/proxy")
+
+
+def test_a_viewer_that_does_not_start_is_an_error_and_one_that_runs_is_used(viewer, port, monkeypatch):
+    monkeypatch.setattr(viewer_module, "VIEWER_PORT", port)
+    viewer("raise SystemExit('no display')")
+    with pytest.raises(OutputError, match="the viewer does not start here"):
+        viewer_url(SPAWN)
+    with socket.create_server(("127.0.0.1", port)):
+        assert viewer_url(SPAWN) == f"rerun+http://127.0.0.1:{port}/proxy"
+
+
+def test_a_recording_goes_to_a_viewer_and_to_its_file(tmp_path, port):
+    server = rr.RecordingStream("viewer")  # the server ends with it
+    address = rr.serve_grpc(grpc_port=port, recording=server)
+    assert viewer_module._answers("127.0.0.1", port, 30.0)  # its thread may listen later than its address is known
+    url = viewer_url(address)
+    stream = rr.RecordingStream("test", recording_id="1", send_properties=False)
+    file = RecordingFile(tmp_path / "a.rrd", stream, blueprint(), viewer=url)
+    stream.log("figure", rr.Scalars(3.0))
+    file.complete()
+    assert column(tmp_path / "a.rrd", "/figure", "Scalars:scalars") == [[3.0]]
 
 
 def test_only_a_recording_is_opened(tmp_path):

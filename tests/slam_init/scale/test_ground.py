@@ -5,7 +5,8 @@ import pytest
 from make_metric import adjusted_map, true_scale
 
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.scale.ground import Ground, find_ground
+from slam_init.scale.ground import find_ground
+from slam_init.scale.requests import NoScaleError
 from slam_init.types.pose import Pose
 
 #: A camera that moves ahead and to the side, 1.5 m above the ground.
@@ -29,10 +30,8 @@ def boxes(rng, count):
     return rng.uniform([-1.5, -1.2, 4.5], [1.5, 1.0, 9.0], (count, 3))
 
 
-def height_m(map_, **keywords):
-    found = find_ground(map_, **keywords)
-    assert isinstance(found, Ground), found.reason
-    return found.height * true_scale(map_, POSES)
+def height_m(map_):
+    return find_ground(map_).height * true_scale(map_, POSES)
 
 
 def test_the_height_above_a_floor_with_boxes():
@@ -45,7 +44,8 @@ def test_a_floor_of_a_camera_that_looks_down_lies_ahead():
     points = np.random.default_rng(3).uniform([-1.5, -1.0, 4.0], [1.5, 1.0, 4.0], (200, 3))
     map_ = adjusted_map(points, 0.1, poses=SIDE)
     assert find_ground(map_, nadir=True).height * true_scale(map_, SIDE) == pytest.approx(4.0, rel=0.02)
-    assert not find_ground(map_)
+    with pytest.raises(NoScaleError):
+        find_ground(map_)
 
 
 def test_of_two_floors_the_lower_one_is_the_ground():
@@ -64,9 +64,8 @@ def test_of_two_floors_the_lower_one_is_the_ground():
     ids=["nothing flat", "a ceiling", "a wall ahead"],
 )
 def test_what_is_no_certain_ground_is_refused(make):
-    found = find_ground(adjusted_map(make(np.random.default_rng(5)), 0.1, poses=POSES))
-    assert not isinstance(found, Ground)
-    assert found.reason
+    with pytest.raises(NoScaleError, match=r"\w"):
+        find_ground(adjusted_map(make(np.random.default_rng(5)), 0.1, poses=POSES))
 
 
 def test_a_camera_that_is_tilted_by_thirty_degrees_finds_the_floor():

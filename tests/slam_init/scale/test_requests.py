@@ -11,7 +11,6 @@ from slam_init.scale.requests import (
     KnownMarkers,
     MeasuredMotion,
     TrueTrajectory,
-    origin_of,
     parse_scale,
 )
 
@@ -32,7 +31,7 @@ from slam_init.scale.requests import (
 )
 def test_a_text_says_what_is_known(text, request_):
     assert parse_scale(text) == request_
-    assert origin_of(request_) == text.partition(":")[0]
+    assert request_.origin == text.partition(":")[0]
 
 
 @pytest.mark.parametrize(

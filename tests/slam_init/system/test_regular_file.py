@@ -6,6 +6,7 @@ import socket
 import pytest
 
 from slam_init.errors import SourceError, plain_line
+from slam_init.system import regular_file
 from slam_init.system.regular_file import check_inside, kind_problem, read_regular, user_path
 
 
@@ -22,17 +23,23 @@ def others(tmp_path):
             "named pipe": tmp_path / "pipe",
             "folder": tmp_path / "folder",
             "does not exist": tmp_path / "dangling",
-            "back to itself": tmp_path / "circle",
+            "symbolic links": tmp_path / "circle",
             "socket": tmp_path / "socket",
             "device": "/dev/zero",
         }
 
 
-@pytest.mark.parametrize("kind", ["named pipe", "folder", "does not exist", "back to itself", "socket", "device"])
+@pytest.mark.parametrize("kind", ["named pipe", "folder", "does not exist", "symbolic links", "socket", "device"])
 def test_what_is_no_regular_file_is_refused_by_its_kind(others, kind):
     assert kind in kind_problem(others[kind])
     with pytest.raises(SourceError, match=kind):
         read_regular(others[kind], 10, "a table", SourceError)
+
+
+def test_a_pipe_that_takes_the_place_of_a_file_is_refused_without_a_wait_for_its_writer(others, monkeypatch):
+    monkeypatch.setattr(regular_file, "kind_problem", lambda path: None)  # as it was looked up before
+    with pytest.raises(SourceError, match="named pipe"):
+        read_regular(others["named pipe"], 10, "a table", SourceError)
 
 
 def test_no_more_is_read_than_the_bound_allows(tmp_path):

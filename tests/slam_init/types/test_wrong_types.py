@@ -3,29 +3,8 @@
 import numpy as np
 import pytest
 
-from slam_init import (
-    Camera,
-    Config,
-    Initializer,
-    Observations,
-    Pose,
-    Scale,
-    SlamInitError,
-    Trajectory,
-    export,
-    find_scale,
-    in_metres,
-    load_camera,
-    load_config,
-    load_graph,
-    open_source,
-    parse_scale,
-    prior_camera,
-    pycolmap_reconstruction,
-    run,
-    write_colmap,
-    write_results,
-)
+import slam_init
+from slam_init import SlamInitError
 from slam_init.types.scale import ScaleOrigin
 
 ONE = np.ones((1, 3))
@@ -34,26 +13,26 @@ ONE = np.ones((1, 3))
 @pytest.mark.parametrize(
     ("make", "words"),
     [
-        (lambda: Camera("pinhole", "a", 48, 60.0, 60.0, 31.5, 23.5), "width of the camera is 'a'"),
-        (lambda: Camera("pinhole", 64, 48, None, 60.0, 31.5, 23.5), "fx of the camera is None"),
-        (lambda: Camera(["pinhole"], 64, 48, 60.0, 60.0, 31.5, 23.5), "unknown camera model"),
-        (lambda: Camera("radtan", 64, 48, 60.0, 60.0, 31.5, 23.5, "0.1"), "give a tuple of numbers"),
-        (lambda: Pose(None, np.zeros(3)), "R of a pose has the type NoneType"),
+        (lambda: slam_init.Camera("pinhole", "a", 48, 60.0, 60.0, 31.5, 23.5), "width of the camera is 'a'"),
+        (lambda: slam_init.Camera("pinhole", 64, 48, None, 60.0, 31.5, 23.5), "fx of the camera is None"),
+        (lambda: slam_init.Camera(["pinhole"], 64, 48, 60.0, 60.0, 31.5, 23.5), "unknown camera model"),
+        (lambda: slam_init.Camera("radtan", 64, 48, 60.0, 60.0, 31.5, 23.5, "0.1"), "give a tuple of numbers"),
+        (lambda: slam_init.Pose(None, np.zeros(3)), "R of a pose has the type NoneType"),
         (
-            lambda: Pose(np.eye(4), np.zeros(3)),
+            lambda: slam_init.Pose(np.eye(4), np.zeros(3)),
             r"R of a pose has the shape \(4, 4\): give an array of the shape \(3, 3\)",
         ),
-        (lambda: Pose(np.eye(3), [0.0, 0.0, 0.0]), "t of a pose has the type list"),
-        (lambda: Trajectory(1, 2), "the times as an array"),
-        (lambda: Trajectory(np.zeros(2), (Pose.identity(),)), "2 times for 1 poses"),
-        (lambda: Trajectory(np.zeros(1), (np.eye(4),)), "give a Pose for each time"),
-        (lambda: Observations(0, 0.0, "", None, None, None), "track_ids of frame 0 has the type NoneType"),
-        (lambda: Observations(0, 0.0, "", np.arange(1), ONE[:, :2], ONE[:, :2]), r"give an array \(1, 3\)"),
-        (lambda: Observations(0, 0.0, "", np.arange(2), ONE[:, :2], ONE), r"pixels .* shape \(1, 2\)"),
-        (lambda: Config(map=5), "map is of the type int: give a MapConfig"),
-        (lambda: open_source(5), "type int: give a path"),
-        (lambda: open_source(None), "type NoneType: give a path"),
-        (lambda: run("video.mp4"), r"type str: open it by slam_init.open_source"),
+        (lambda: slam_init.Pose(np.eye(3), [0.0, 0.0, 0.0]), "t of a pose has the type list"),
+        (lambda: slam_init.Trajectory(1, 2), "the times as an array"),
+        (lambda: slam_init.Trajectory(np.zeros(2), (slam_init.Pose.identity(),)), "2 times for 1 poses"),
+        (lambda: slam_init.Trajectory(np.zeros(1), (np.eye(4),)), "give a Pose for each time"),
+        (lambda: slam_init.Observations(0, 0.0, "", None, None, None), "track_ids of frame 0 has the type NoneType"),
+        (lambda: slam_init.Observations(0, 0.0, "", np.arange(1), ONE[:, :2], ONE[:, :2]), r"give an array \(1, 3\)"),
+        (lambda: slam_init.Observations(0, 0.0, "", np.arange(2), ONE[:, :2], ONE), r"pixels .* shape \(1, 2\)"),
+        (lambda: slam_init.Config(map=5), "map is of the type int: give a MapConfig"),
+        (lambda: slam_init.open_source(5), "type int: give a path"),
+        (lambda: slam_init.open_source(None), "type NoneType: give a path"),
+        (lambda: slam_init.run("video.mp4"), r"type str: open it by slam_init.open_source"),
     ],
 )
 def test_a_wrong_type_is_one_line(make, words):
@@ -64,7 +43,11 @@ def test_a_wrong_type_is_one_line(make, words):
 
 def test_numbers_of_numpy_make_a_camera():
     numbers = (np.int64(64), np.int32(48), np.float32(60), np.float64(60), 31.5, np.float16(23.5))
-    assert Camera("pinhole", *numbers).fx == 60
+    assert slam_init.Camera("pinhole", *numbers).fx == 60
+
+
+def run_room(**options):
+    slam_init.run(slam_init.open_source("synth:room"), **options)
 
 
 A_MAP, A_FOLDER = "the map is of the type", "is of the type .*: give text, or a pathlib.Path"
@@ -74,24 +57,24 @@ A_MAP, A_FOLDER = "the map is of the type", "is of the type .*: give text, or a 
 @pytest.mark.parametrize(
     ("call", "words"),
     [
-        (load_graph, A_FOLDER),
-        (load_camera, A_FOLDER),
-        (lambda it: load_config([] if it is None else it), A_FOLDER),
-        (lambda it: export(it, "out"), f"{A_MAP} .*: give result.map"),
-        (lambda it: write_colmap(it, "out"), A_MAP),
-        (pycolmap_reconstruction, A_MAP),
-        (lambda it: find_scale(it, parse_scale("height:1")), A_MAP),
-        (lambda it: in_metres(it, None), A_MAP),
-        (parse_scale, "the scale is of the type .*: give text"),
-        (prior_camera, r"give \(width, height\)"),
-        (lambda it: write_results("out", it, None), "the result is of the type"),
-        (lambda it: run(open_source("synth:room"), start=it or "0"), "start is .*: give an integer from 0 on"),
-        (lambda it: run(open_source("synth:room"), continue_frames=it or "9"), "continue_frames is"),
-        (lambda it: run(open_source("synth:room"), config=it or "x"), "the configuration is of the type"),
-        (lambda it: run(open_source("synth:room"), scale=it or "x"), "the scale is of the type"),
-        (lambda it: run(open_source("synth:room"), imu=it or "x"), "imu is of the type"),
-        (lambda it: run(open_source("synth:room"), notes=it or "x"), "notes is .*: give a tuple of texts"),
-        (lambda it: run(open_source("synth:room"), export=it or "scene"), r"give a list, as in \['scene'\]"),
+        (slam_init.load_graph, A_FOLDER),
+        (slam_init.load_camera, A_FOLDER),
+        (lambda it: slam_init.load_config([] if it is None else it), A_FOLDER),
+        (lambda it: slam_init.export(it, "out"), f"{A_MAP} .*: give result.map"),
+        (lambda it: slam_init.write_colmap(it, "out"), A_MAP),
+        (slam_init.pycolmap_reconstruction, A_MAP),
+        (lambda it: slam_init.find_scale(it, slam_init.parse_scale("height:1")), A_MAP),
+        (lambda it: slam_init.in_metres(it, None), A_MAP),
+        (slam_init.parse_scale, "the scale is of the type .*: give text"),
+        (slam_init.prior_camera, r"give \(width, height\)"),
+        (lambda it: slam_init.write_results("out", it, None), "the result is of the type"),
+        (lambda it: run_room(start=it or "0"), "start is .*: give an integer from 0 on"),
+        (lambda it: run_room(continue_frames=it or "9"), "continue_frames is"),
+        (lambda it: run_room(config=it or "x"), "the configuration is of the type"),
+        (lambda it: run_room(scale=it or "x"), "the scale is of the type"),
+        (lambda it: run_room(imu=it or "x"), "imu is of the type"),
+        (lambda it: run_room(notes=it or "x"), "notes is .*: give a tuple of texts"),
+        (lambda it: run_room(export=it or "scene"), r"give a list, as in \['scene'\]"),
     ],
 )
 def test_each_door_refuses_what_it_cannot_take(call, words, wrong, monkeypatch, tmp_path):
@@ -110,9 +93,9 @@ def test_an_image_that_is_none_of_the_camera_is_refused(image, room_run, tmp_pat
     map_ = room_run.result.map
     images = {keyframe.frame: image for keyframe in map_.keyframes}
     with pytest.raises(SlamInitError, match=r"the image of frame 0 .*: (give uint8, |if they are)"):
-        export(map_, tmp_path / "out", ["scene"], images=images)
+        slam_init.export(map_, tmp_path / "out", ["scene"], images=images)
     with pytest.raises(SlamInitError, match="the image of frame 0"):
-        find_scale(map_, parse_scale("marker:tag36h11:0.1"), images=images)
+        slam_init.find_scale(map_, slam_init.parse_scale("marker:tag36h11:0.1"), images=images)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -121,7 +104,7 @@ def test_an_image_that_is_none_of_the_camera_is_refused(image, room_run, tmp_pat
 )
 def test_no_map_is_scaled_by_what_is_no_scale(metres, sigma, room_run):
     with pytest.raises(SlamInitError, match=r"the scale has .*: give positive numbers"):
-        in_metres(room_run.result.map, Scale(ScaleOrigin.DISTANCE, metres, sigma))
+        slam_init.in_metres(room_run.result.map, slam_init.Scale(ScaleOrigin.DISTANCE, metres, sigma))
 
 
 def test_a_null_byte_names_no_folder(room_run):
@@ -132,15 +115,15 @@ def test_a_null_byte_names_no_folder(room_run):
 @pytest.mark.parametrize("further", [{"images": [1]}, {"groundtruth": "x"}, {"imu": "x"}, {"located": ["x"]}])
 def test_what_tells_the_scale_has_its_type(further, room_run):
     with pytest.raises(SlamInitError, match="is of the type"):
-        find_scale(room_run.result.map, parse_scale("distance:1"), **further)
+        slam_init.find_scale(room_run.result.map, slam_init.parse_scale("distance:1"), **further)
 
 
 def test_an_initializer_takes_images_or_tracks_and_not_both():
     image = np.random.default_rng(0).integers(0, 256, (48, 64), np.uint8)
-    camera = Camera("pinhole", 64, 48, 60.0, 60.0, 31.5, 23.5)
-    of_tracks, of_images = Initializer(camera), Initializer(camera)
+    camera = slam_init.Camera("pinhole", 64, 48, 60.0, 60.0, 31.5, 23.5)
+    of_tracks, of_images = slam_init.Initializer(camera), slam_init.Initializer(camera)
     pixels = np.array([[10.0, 10.0], [20.0, 30.0]])
-    seen = [Observations(k, float(k), "", np.arange(2), pixels, camera.bearings(pixels)) for k in range(3)]
+    seen = [slam_init.Observations(k, float(k), "", np.arange(2), pixels, camera.bearings(pixels)) for k in range(3)]
     of_tracks.process_tracks(seen[0])
     with pytest.raises(SlamInitError, match="images after tracks: give an Initializer either images or tracks"):
         of_tracks.process(image)

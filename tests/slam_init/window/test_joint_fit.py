@@ -8,7 +8,6 @@ from make_map import CAMERAS
 from make_window import (
     PRIORS,
     camera_of,
-    direction_covariance,
     direction_sigma_deg,
     fit_near_truth,
     focal_sigma,
@@ -35,8 +34,7 @@ WIDE = replace(PRIORS, gate_sigmas=1e3)
 
 
 @pytest.mark.parametrize("kind", SCENES)
-@pytest.mark.parametrize("views", [2, 3, 8])
-@pytest.mark.parametrize("camera", ["pinhole", "radtan", "radtan5", "fisheye"])
+@pytest.mark.parametrize(("camera", "views"), [("pinhole", 8), ("radtan", 2), ("radtan5", 3), ("fisheye", 3)])
 def test_exact_tracks_give_the_truth(camera, views, kind):
     for seed in range(3):
         window = make_window(SCENES[kind], seed, views, camera=CAMERAS[camera])
@@ -47,9 +45,8 @@ def test_exact_tracks_give_the_truth(camera, views, kind):
         assert abs(fit.state.lens.log_scale) < 1e-6
 
 
-@pytest.mark.parametrize("views", [3, 8])
-def test_the_fit_returns_relative_lengths_and_points(views):
-    window = make_window("room", 4, views)
+def test_the_fit_returns_relative_lengths_and_points():
+    window = make_window("room", 4, 8)
     state = fit_near_truth(window, seed=4).state
     lengths, true = np.linalg.norm(state.t, axis=1), np.linalg.norm(window.t, axis=1)
     np.testing.assert_allclose(lengths / lengths.max(), true / true.max(), atol=1e-6)
@@ -85,23 +82,7 @@ def test_a_fit_has_the_costs_and_the_equations_of_the_state_where_it_ends(kind, 
     np.testing.assert_array_equal(fit.information, equations.information(fit.state))
 
 
-def test_a_start_at_the_true_poses_has_the_true_inverse_distances():
-    window = make_window("room", 2, 4)
-    used = window.tracks.anchor >= 0
-    state = start_at(window.tracks, window.R, window.t)
-    np.testing.assert_allclose(state.inverse_distances[used], window.true_state().inverse_distances[used], rtol=1e-6)
-    assert not start_at(window.tracks, window.R, window.t, at_infinity=True).inverse_distances.any()
-
-
-def test_a_step_never_raises_the_cost():
-    window = make_window("room", 5, 4, noise_px=0.7)
-    start = window.start(5, error=0.2)
-    costs = [fit_window(window.tracks, start, PRIORS, max_steps=n, tolerance=0.0).cost for n in range(8)]
-    assert (np.diff(costs) <= 0).all()
-
-
-@pytest.mark.parametrize("kind", SCENES)
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("seed", "kind"), [(0, "general"), (1, "general"), (2, "plane"), (3, "plane")])
 def test_outliers_move_the_fit_by_less_than_the_noise(seed, kind):
     window = make_window(SCENES[kind], seed, 4, 80)
     rng = np.random.default_rng(seed)
@@ -147,19 +128,6 @@ def test_permuting_the_tracks_changes_nothing(kind):
     np.testing.assert_allclose(a.state.R, b.state.R, atol=1e-7)
     np.testing.assert_allclose(a.state.t, b.state.t, atol=1e-7)
     np.testing.assert_allclose(a.track_costs[order], b.track_costs, atol=1e-4)
-
-
-def test_the_order_of_further_views_does_not_matter():
-    window = make_window("room", 8, 5, noise_px=0.7)
-    order = [0, 1, 4, 2, 3]
-    swapped = replace(window, tracks=window.tracks.of_views(tuple(order)), R=window.R[order], t=window.t[order])
-    # The same start for both.
-    start = window.start(8)
-    a = fit_window(window.tracks, start, WIDE, max_steps=50, tolerance=1e-10)
-    other = start_at(swapped.tracks, start.R[order], start.t[order])
-    b = fit_window(swapped.tracks, other, WIDE, max_steps=50, tolerance=1e-10)
-    assert a.cost == pytest.approx(b.cost, abs=1e-6)
-    np.testing.assert_allclose(a.state.R[order], b.state.R, atol=1e-6)
 
 
 def test_the_views_of_a_window_are_a_window():
@@ -220,13 +188,6 @@ def test_relief_leaves_the_plane_and_the_rest_stays(seed):
     np.testing.assert_allclose(costs[off], fit.track_costs[off] - OFF_PLANE_COST, atol=0.5)
 
 
-def test_distances_of_their_own_lower_no_cost_where_there_is_no_plane():
-    window = make_window("room", 0, 5, 80, noise_px=0.5, baseline=0.3)
-    fit = fit_window(window.tracks, window.start(0, None, 0.0), PRIORS)
-    costs = costs_off_plane(fit)
-    np.testing.assert_allclose(costs, fit.track_costs, atol=0.5)
-
-
 def test_distances_of_their_own_lower_the_cost_of_tracks_on_a_plane_by_about_one_each():
     gains: list[float] = []
     for seed in range(8):
@@ -239,20 +200,6 @@ def test_distances_of_their_own_lower_the_cost_of_tracks_on_a_plane_by_about_one
 
 
 # -- noise ----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("kind", SCENES)
-@pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
-def test_the_noise_measured_in_three_rounds_is_the_true_one_whatever_was_assumed(factor, kind):
-    found = []
-    for seed in range(4):
-        window = make_window(SCENES[kind], seed, 6, 150, noise_px=0.7, baseline=0.3)
-        noise_px = 0.7 / factor
-        for _ in range(3):
-            window = replace(window, tracks=window.tracks.with_noise(noise_px))
-            noise_px *= fit_near_truth(window, kind=kind, seed=seed).noise_factor
-        found.append(noise_px)
-    assert np.mean(found) == pytest.approx(0.7, rel=0.05)
 
 
 def test_too_few_residuals_leave_the_noise_as_assumed():
@@ -277,12 +224,6 @@ def test_the_information_of_a_relief_is_that_of_the_distances_over_the_noise():
     assert np.median(of_pair[of_pair > 0]) < np.median(found[on_plane])
 
 
-def test_without_a_plane_there_is_no_relief():
-    window = make_window("room", 1, 3, 40, noise_px=0.5, baseline=0.2)
-    fit = fit_window(window.tracks, window.start(0), PRIORS)
-    assert not information_of_relief(fit).any()
-
-
 def test_the_noise_of_a_start_covers_its_error_within_a_factor_of_thirty():
     window = make_window("room", 1, 4, noise_px=0.7)
     factors = [start_noise_factor(window.tracks, window.start(1, error=error), PRIORS) for error in (0, 0.02, 0.05, 2)]
@@ -303,36 +244,7 @@ def test_a_start_at_a_focal_scale_has_the_points_of_the_camera_with_that_focal_l
     assert fit_window(window.tracks, state, Priors(focal_sigma=1e6), max_steps=0).cost < 1e-6
 
 
-def cost_of_camera(fit):
-    return (fit.state.lens.log_scale / PRIORS.focal_sigma) ** 2 + (fit.state.lens.k1 / PRIORS.k1_sigma) ** 2
-
-
-@pytest.mark.parametrize("kind", SCENES)
-@pytest.mark.parametrize("seed", range(4))
-def test_the_cost_is_the_sum_of_the_costs_of_the_tracks_and_of_the_camera(seed, kind):
-    window = make_window(SCENES[kind], seed, 5, noise_px=0.7, baseline=0.05)
-    for tolerance in (0.01, 0.0):
-        fit = fit_near_truth(window, kind=kind, seed=seed, tolerance=tolerance)
-        assert fit.cost == pytest.approx(fit.track_costs.sum() + cost_of_camera(fit), rel=1e-9)
-
-
-def test_the_cost_is_the_sum_of_those_of_the_tracks_also_where_no_step_lowers_it():
-    window = make_window("rotation", 9, 5, noise_px=0.7)
-    start = start_at(window.tracks, window.R, np.outer(np.arange(5), [1e-3, 0, 0]))
-    fit = fit_window(window.tracks, start, PRIORS)
-    assert fit.cost == pytest.approx(fit.track_costs.sum() + cost_of_camera(fit), rel=1e-9)
-
-
 # -- rotation only --------------------------------------------------------------------------------
-
-
-def test_a_rotation_only_camera_is_fitted_with_all_points_at_infinity():
-    window = make_window("rotation", 1, 4)
-    t = np.outer(np.arange(4), [1e-9, 0, 0])
-    fit = fit_window(window.tracks, start_at(window.tracks, window.R, t, at_infinity=True), PRIORS, rotation_only=True)
-    assert fit.cost < 1e-6
-    assert window.rotation_error(fit.state) < 1e-6
-    assert not fit.state.inverse_distances.any()
 
 
 def test_a_rotation_only_camera_tells_its_focal_length():
@@ -395,32 +307,10 @@ def test_a_smooth_error_of_a_view_is_found_as_its_field():
     assert window.direction_error(soft.state) < window.direction_error(stiff.state)
 
 
-# -- coverage -------------------------------------------------------------------------------------
-
-
-def test_the_error_of_the_direction_has_the_stated_size():
-    """40 rooms, baseline 0.1 of the median depth: the error in units of its covariance is about 1 per component."""
-    squares, directions = [], []
-    for seed in range(40):
-        window = make_window("room", 1000 + seed, 8, 100, noise_px=0.7, baseline=0.1)
-        window = replace(window, tracks=window.tracks.of_views((0, 7, 1, 2, 3, 4, 5, 6)))
-        window = replace(window, R=window.R[[0, 7, 1, 2, 3, 4, 5, 6]], t=window.t[[0, 7, 1, 2, 3, 4, 5, 6]])
-        fit = fit_near_truth(window, seed=seed, tolerance=1e-4)
-        true = window.R[1].T @ window.t[1] / np.linalg.norm(window.t[1])
-        covariance, basis = direction_covariance(fit, 1)
-        error = basis @ true
-        squares.append(error @ np.linalg.solve(covariance, error) / 2)
-        largest = direction_sigma_deg(fit)
-        directions.append(np.degrees(np.linalg.norm(error)) / largest)
-    assert 0.7 < np.sqrt(np.mean(squares)) < 1.4
-    # Of the larger axis alone: between 1 and the square root of 2.
-    assert 0.6 < np.sqrt(np.mean(np.square(directions))) < 2
-
-
 # -- a lens that moves far ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("k1", [-0.2, -0.1, 0.15])
+@pytest.mark.parametrize("k1", [-0.2, 0.15])
 def test_no_track_stays_behind_where_the_distortion_moves_by_many_pixels(k1):
     source = point_source("rotation", 1, views=6, points=300, outliers=0, noise_px=0.1, k1=k1)
     observations = pair_and_further(list(source.observations()), 6)
@@ -436,3 +326,9 @@ def test_no_track_stays_behind_where_the_distortion_moves_by_many_pixels(k1):
     fit = fit_window(tracks, start, priors, rotation_only=True)
     assert fit.state.lens.k1 == pytest.approx(k1, abs=0.01)
     assert fit.explained > 0.99 * (tracks.anchor >= 0).sum()
+
+
+def test_without_a_plane_there_is_no_relief():
+    window = make_window("room", 1, 3, 40, noise_px=0.5, baseline=0.2)
+    fit = fit_window(window.tracks, window.start(0), PRIORS)
+    assert not information_of_relief(fit).any()

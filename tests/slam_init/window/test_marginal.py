@@ -8,7 +8,7 @@ from make_window import PRIORS, make_window, point_source
 
 from slam_init.window.joint_fit import fit_window
 from slam_init.window.linearization import linearize_with_fields
-from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX, marginalize_fields
+from slam_init.window.marginal import FIELD_SCALES_PX, marginalize_fields
 from slam_init.window.state import start_at
 from slam_init.window.tracks import gather_tracks
 
@@ -126,21 +126,6 @@ def test_the_fields_lower_the_cost_by_what_the_minimum_of_the_full_equations_is_
     np.testing.assert_allclose(found, [lowest(0.0) - lowest(s) for s in FIELD_SCALES_PX], rtol=1e-5, atol=1e-4)
 
 
-def test_larger_fields_never_raise_the_certainty_or_the_cost(linearization):
-    found = exact(linearization)
-    _, covariances = found.of(functions(linearization))
-    variances = np.einsum("smm->sm", covariances)
-    assert (np.diff(variances, axis=0) >= 0).all()
-    assert (variances[-1] > 1.2 * variances[0]).all()
-    assert (np.diff(found.lowered_cost) >= 0).all()
-
-
-def test_the_prior_of_the_scales_is_a_distribution_over_ascending_scales():
-    assert FIELD_PRIOR.sum() == pytest.approx(1)
-    assert (FIELD_PRIOR > 0).all()
-    assert (np.diff(FIELD_SCALES_PX) > 0).all()
-
-
 def test_a_certain_scale_is_the_expected_one():
     marginal = marginalize_fields(small_fit("room", 0, 0.0)[0])
     for weights, scale in zip(np.eye(len(FIELD_SCALES_PX)), FIELD_SCALES_PX, strict=True):
@@ -163,16 +148,14 @@ def small_fit(scene, seed, field_px):
     return linearize_with_fields(fit), float(np.sqrt(np.mean(np.square(coefficients))))
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_tracks_without_fields_prefer_none(seed):
-    evidence = marginalize_fields(small_fit("room", seed, 0.0)[0]).log_evidence
+def test_tracks_without_fields_prefer_none():
+    evidence = marginalize_fields(small_fit("room", 0, 0.0)[0]).log_evidence
     assert evidence[1:].max() < 1  # fields of a few hundredths of a pixel cannot be told from none
     assert evidence[FIELD_SCALES_PX >= 0.125].max() < -2
     assert evidence[FIELD_SCALES_PX >= 0.25].max() < -8
 
 
-@pytest.mark.parametrize("field_px", [0.2, 0.5, 1.0])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(("seed", "field_px"), [(0, 0.2), (1, 0.5), (2, 1.0)])
 def test_tracks_that_share_smooth_fields_prefer_a_scale_of_about_the_true_one(seed, field_px):
     linearization, true_px = small_fit("room", seed, field_px)
     found = exact(linearization)

@@ -9,7 +9,7 @@ from slam_init.window.lens_offset import IN_USE
 from slam_init.window.measured_rays import measured_rays, triangulated
 
 
-@pytest.mark.parametrize("k1", [0.0, 0.2, -0.2])
+@pytest.mark.parametrize("k1", [0.0, 0.2])
 @pytest.mark.parametrize("model", list(CAMERAS))
 def test_the_rays_are_those_of_the_camera_and_missing_where_it_has_none(model, k1):
     camera = CAMERAS[model].bent(k1)
@@ -25,7 +25,7 @@ def test_the_distances_are_those_of_linear_least_squares():
     bearings = tracks.bearings(IN_USE)
     bearings[2, 5] = np.nan
     anchor = np.maximum(tracks.anchor, 0)
-    rays = bearings[anchor, np.arange(len(anchor))]
+    rays = tracks.rays
     found = triangulated(R, t, bearings, tracks.seen, tracks.anchor, rays)
     for i, a in enumerate(anchor):
         rows, right = [np.zeros(3)], [np.zeros(3)]

@@ -43,11 +43,6 @@ def test_outliers_have_no_part_in_it(fitted):
     assert factor(fitted, far) == factor(fitted, half) < 1.5
 
 
-def test_without_tracks_there_is_no_factor(fitted):
-    none = replace(fitted.tracks, anchor=np.full_like(fitted.tracks.anchor, -1))
-    assert factor(replace(fitted, tracks=none), fitted.residuals) == 1.0
-
-
 def agreement(fit, residuals, of=None):
     tracks = fit.tracks
     of = np.ones(len(tracks.anchor), bool) if of is None else of
@@ -83,3 +78,8 @@ def test_tracks_far_from_their_projections_agree_with_nobody(fitted):
     """Residuals beyond thirty deviations, or behind a camera, do not count."""
     for far in (100.0, np.inf):
         assert agreement(fitted, np.full((*fitted.tracks.seen.shape, 2), far)) == 0.0
+
+
+def test_without_tracks_there_is_no_factor(fitted):
+    none = replace(fitted.tracks, anchor=np.full_like(fitted.tracks.anchor, -1))
+    assert factor(replace(fitted, tracks=none), fitted.residuals) == 1.0

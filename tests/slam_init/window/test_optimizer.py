@@ -31,8 +31,7 @@ def window_and_start(kind, views, *, measured=False):
     return tracks, start
 
 
-@pytest.mark.parametrize("max_steps", [0, 1, 3, 30])
-@pytest.mark.parametrize("views", [2, 6])
+@pytest.mark.parametrize(("views", "max_steps"), [(6, 0), (6, 1), (2, 30), (6, 30)])
 @pytest.mark.parametrize("kind", ["free", "plane", "rotation"])
 def test_it_takes_the_steps_of_the_readable_optimizer(kind, views, max_steps):
     tracks, start = window_and_start(kind, views)

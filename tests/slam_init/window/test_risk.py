@@ -17,7 +17,6 @@ from slam_init.window.motion import fit_motion
 from slam_init.window.risk import risk_of
 from slam_init.window.state import Priors
 
-PRIORS = Priors(focal_sigma=0.03)
 MAX_RISK = AcceptanceConfig().max_risk
 
 
@@ -33,9 +32,7 @@ def clear():
     return hypotheses("room", 0, 6)
 
 
-@pytest.mark.parametrize(
-    ("scene", "views"), [("room", 2), ("room", 3), ("room", 5), ("wall", 2), ("wall", 5), ("desk", 4)]
-)
+@pytest.mark.parametrize(("scene", "views"), [("room", 2), ("wall", 5), ("desk", 4)])
 def test_the_terms_add_up(scene, views):
     for seed in range(2):
         risk = risk_of(hypotheses(scene, seed, views, baseline=0.08, points=150))
@@ -45,20 +42,12 @@ def test_the_terms_add_up(scene, views):
         assert risk.total >= FLOOR > 0
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_views_between_the_pair_lower_the_risk_of_a_room(seed):
-    few, more, most = (risk_of(hypotheses("room", seed, views, baseline=0.1, points=150)) for views in (3, 6, 12))
+def test_views_between_the_pair_lower_the_risk_of_a_room():
+    few, more, most = (risk_of(hypotheses("room", 0, views, baseline=0.1, points=150)) for views in (3, 6, 12))
     assert few.total >= more.total >= most.total
     assert few.directions.sigma_deg > most.directions.sigma_deg
     assert few.directions.rotation_sigma_deg > most.directions.rotation_sigma_deg
     assert most.total < MAX_RISK
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_longer_window_lowers_the_risk_of_a_room(seed):
-    few, most = (risk_of(hypotheses("room", seed, last + 1, last, baseline=0.1, points=150)) for last in (2, 11))
-    assert few.total >= most.total
-    assert few.directions.sigma_deg > most.directions.sigma_deg
 
 
 def test_a_single_motion_has_no_rival(undecided, clear):
@@ -69,7 +58,7 @@ def test_a_single_motion_has_no_rival(undecided, clear):
         assert risk.margin is None
 
 
-@pytest.mark.parametrize("seed", [0, 5, 8, 10, 11])
+@pytest.mark.parametrize("seed", [0, 8])
 def test_a_plane_in_two_views_has_a_rival_that_is_as_probable(seed):
     """All points lie within the horizon of the twin."""
     risk = risk_of(hypotheses("wall", seed, 2, baseline=0.3))
@@ -78,7 +67,7 @@ def test_a_plane_in_two_views_has_a_rival_that_is_as_probable(seed):
     assert not risk.margin.decides()
 
 
-@pytest.mark.parametrize("seed", [3, 4, 9])
+@pytest.mark.parametrize("seed", [3, 4])
 def test_points_beyond_the_horizon_of_the_twin_of_a_plane_count_against_it(seed):
     found = hypotheses("wall", seed, 2, baseline=0.3)
     best, twin = found.motions
@@ -90,7 +79,7 @@ def test_points_beyond_the_horizon_of_the_twin_of_a_plane_count_against_it(seed)
     assert risk_of(found).rival < 0.01
 
 
-@pytest.mark.parametrize("seed", [0, 1, 3, 5])
+@pytest.mark.parametrize("seed", [0, 3])
 def test_further_views_decide_against_the_twin_of_a_plane(seed):
     risk = risk_of(hypotheses("wall", seed, 12, baseline=0.3))
     assert risk.rival < 1e-4
@@ -135,18 +124,6 @@ def test_a_track_votes_by_three_nats_at_the_most(undecided, sign):
     assert 0 < sign * margin.log_likelihood <= 3 * some.sum()
 
 
-def test_tracks_that_neither_motion_explains_do_not_vote(undecided):
-    best, rival = undecided.motions
-    count = len(best.fit.track_costs)
-    wrong = np.arange(count) % 7 == 0
-    rng = np.random.default_rng(0)
-    motions = tuple(
-        replace(m, fit=replace(m.fit, track_costs=np.where(wrong, rng.uniform(20, 90, count), 1.0)))
-        for m in (best, rival)
-    )
-    assert risk_of(replace(undecided, motions=motions)).margin.log_likelihood == 0
-
-
 def test_a_rival_that_locates_fewer_views_pays_for_the_views_it_leaves_out():
     found = hypotheses("wall", 0, 4, baseline=0.3)
     best, rival = found.motions
@@ -175,12 +152,6 @@ def test_the_standard_deviations_follow_the_noise_of_the_tracks():
     assert b.direction >= a.direction
 
 
-def test_the_stated_noise_does_not_change_the_standard_deviations():
-    a, b = risk_with_noise(0.5, 0.5), risk_with_noise(0.5, 1.0)
-    assert b.directions.sigma_deg == pytest.approx(a.directions.sigma_deg, rel=0.05)
-    assert b.depth_sigma == pytest.approx(a.depth_sigma, rel=0.05)
-
-
 def test_the_direction_of_the_pair_is_the_first_of_the_views_and_that_of_a_near_view_is_less_certain():
     found = hypotheses("room", 2, 12, baseline=0.1, points=100)
     risk = risk_of(found)
@@ -206,13 +177,12 @@ def test_a_view_that_fewer_tracks_locate_than_a_body_holds_is_as_doubtful_as_bod
     assert risk.total < 2 * before.total
 
 
-@pytest.mark.parametrize("scene", ["room", "wall"])
-def test_the_relative_errors_of_the_depths_have_the_stated_size(scene):
+def test_the_relative_errors_of_the_depths_have_the_stated_size():
     """The focal length is known, since that of the drawn worlds has no error."""
     ratios = []
     for seed in range(8):
-        found = hypotheses(scene, seed, 8, priors=Priors(1e-6), baseline=0.2, outliers=0.0)
-        truth = make_points(scene, seed, PointOptions(baseline=0.2, outliers=0.0))
+        found = hypotheses("wall", seed, 6, priors=Priors(1e-6), baseline=0.2, outliers=0.0, points=150)
+        truth = make_points("wall", seed, PointOptions(baseline=0.2, outliers=0.0, points=150))
         best, tracks = found.motions[0].fit.state, found.tracks
         inverse = best.inverse_distances.copy()
         if best.plane is not None:
@@ -227,9 +197,8 @@ def test_the_relative_errors_of_the_depths_have_the_stated_size(scene):
     assert 0.6 < np.sqrt(np.mean(np.square(ratios))) < 1.7
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_the_stated_size_of_the_error_fields_grows_with_that_of_the_tracks(seed):
-    none, some, large = (risk_of(hypotheses("room", seed, 8, field_px=field_px)).field_px for field_px in (0, 0.5, 1.5))
+def test_the_stated_size_of_the_error_fields_grows_with_that_of_the_tracks():
+    none, some, large = (risk_of(hypotheses("room", 0, 8, field_px=field_px)).field_px for field_px in (0, 0.5, 1.5))
     assert none < 0.12
     assert none < some < large
     assert large > 0.5
@@ -246,17 +215,6 @@ def fits_with_fields(monkeypatch):
 
     monkeypatch.setattr(rival_module, "fit_window", noted)
     return steps
-
-
-def test_rivals_are_not_fitted_with_fields_where_the_direction_is_unknown(monkeypatch):
-    steps, unknown = fits_with_fields(monkeypatch), 0
-    for seed in range(6):
-        found = hypotheses("wall", seed, 4, baseline=0.01)
-        steps.clear()
-        if found is not None and risk_of(found).direction > 0.2:
-            unknown += 1
-            assert not steps
-    assert unknown
 
 
 def test_a_motion_is_fitted_once_with_the_fields_of_a_scale(monkeypatch):

@@ -23,6 +23,7 @@ PRIORS = Priors(focal_sigma=0.03)
 WRONG_DEG = 15.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [13, 19])
 def test_points_near_a_plane_have_no_vote_for_a_motion(seed):
     """With a plane the wrong motion is ahead by hundreds of nats; with free depths the right one leads."""
@@ -30,30 +31,29 @@ def test_points_near_a_plane_have_no_vote_for_a_motion(seed):
     assert error_deg is None or error_deg < WRONG_DEG
 
 
-@pytest.mark.parametrize(("baseline", "seed"), [(0.1, 3), (0.05, 4)])
-def test_points_on_the_planes_of_two_motions_vote_by_the_plane(baseline, seed):
+def test_points_on_the_planes_of_two_motions_vote_by_the_plane():
     """A distance for each point lets a wrong motion of a wall follow the noise."""
-    found = hypotheses_of_changing_lens("wall", seed, baseline=baseline, points=300)
+    found = hypotheses_of_changing_lens("wall", 4, baseline=0.05, points=300)
     assert risk_of(look_again(found)).rival > 0.1
     again, risk = after_last_look(found, risk_of(found), max_risk=0.005)
     assert again.planar
     assert risk.total < 0.005
 
 
-@pytest.mark.parametrize("seed", [3, 37])
-def test_tracks_of_a_static_logo_do_not_hold_the_camera(seed):
-    error_deg = drive_behind_a_logo(seed)
+@pytest.mark.slow
+def test_tracks_of_a_static_logo_do_not_hold_the_camera():
+    error_deg = drive_behind_a_logo(3)
     assert error_deg is not None
     assert error_deg < WRONG_DEG
 
 
+@pytest.mark.slow
 def test_frames_that_are_shifted_as_a_whole_make_no_false_map():
     error_deg = shifted_frames_before_a_wall(20)
     assert error_deg is None or error_deg < WRONG_DEG
 
 
-@pytest.mark.parametrize("seed", [0, 5, 8])
-@pytest.mark.parametrize("kept", [0, 1])
+@pytest.mark.parametrize(("seed", "kept"), [(0, 0), (5, 1)])
 def test_the_other_motion_of_a_plane_is_found_where_one_was_proposed(seed, kept):
     found = hypotheses("wall", seed, 2, baseline=0.3)
     single = replace(found, motions=found.motions[kept : kept + 1])
@@ -73,10 +73,9 @@ def test_a_small_risk_of_an_ambiguous_plane_is_not_confirmed_where_its_rival_was
     assert again.total > risk.total
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_a_turn_about_the_optical_axis_over_flat_ground_leaves_the_direction_known(seed):
+def test_a_turn_about_the_optical_axis_over_flat_ground_leaves_the_direction_known():
     """There the image moves by the error of the principal point; a calibration knows it well enough."""
-    source = point_source("nadir-turn", seed, baseline=0.1)
+    source = point_source("nadir-turn", 0, baseline=0.1)
     priors = replace(PRIORS, principal_sigma_px=PRINCIPAL_SIGMA * source.camera.width)
     risk = risk_of(hypotheses_of(source.camera, pair_and_further(list(source.observations()), 12), priors))
     assert risk.direction < 0.005
@@ -107,14 +106,6 @@ def test_a_rival_that_only_free_depths_find_has_the_risk_of_hypotheses_with_it(s
     whole = risk_of(with_rival)
     assert whole.margin is not None
     assert (stated.rival, stated.margin) == (pytest.approx(whole.rival, rel=1e-9), whole.margin)
-
-
-def test_a_risk_that_is_too_large_is_not_looked_at_again():
-    found = hypotheses("wall", 0, 2, baseline=0.3)
-    risk = risk_of(found)
-    same, again = after_last_look(found, risk, max_risk=0.005)
-    assert same is found
-    assert again is risk
 
 
 def test_all_tracks_of_the_pair_propose_again_even_where_a_wrong_motion_explains_them(monkeypatch):

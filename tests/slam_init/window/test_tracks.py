@@ -45,20 +45,6 @@ def test_the_first_view_is_the_reference_and_tracks_have_their_ray_in_the_first_
         np.testing.assert_allclose(tracks.rays[i], camera.bearings(tracks.pixels[a, i])[0])
 
 
-def test_a_track_of_one_view_is_left_out():
-    camera, views = views_of(60)
-    lonely = views[0].track_ids[0]
-    rest = [only(view, view.track_ids != lonely) for view in views[1:]]
-    assert lonely not in gather_tracks(camera, [views[0], *rest], 0.7).track_ids
-
-
-def test_many_tracks_are_thinned_to_a_bounded_number_in_ascending_order():
-    camera, views = views_of(800)
-    tracks = gather_tracks(camera, views, 0.7)
-    assert tracks.pixels.shape == (5, MAX_TRACKS, 2)
-    assert (np.diff(tracks.track_ids) > 0).all()
-
-
 def test_the_chosen_tracks_are_spread_over_the_image():
     camera, views = views_of(1500)
     # All tracks of the right half are dropped, except a few.
@@ -117,22 +103,6 @@ def test_the_least_noise_is_that_of_a_pixel_and_of_the_drift_since_the_anchor_vi
         np.testing.assert_allclose(covariances(tracks)[k, i], expected, rtol=1e-6, atol=1e-9)
     assert tracks.noise_px == pytest.approx(tracks.least_noise_px)
     np.testing.assert_allclose(np.linalg.eigvalsh(tracks.whitening)[..., 1], 1.0)
-
-
-def test_larger_noise_is_larger_in_the_same_proportions():
-    camera, views = views_of(60)
-    step = np.diag([0.5, 0.1])
-    least, larger = (gather_tracks(camera, drifting(views, step), noise_px, 0.1) for noise_px in (0.05, 3.0))
-    assert larger.noise_px == pytest.approx(3.0)
-    np.testing.assert_allclose(covariances(larger), (3.0 / least.noise_px) ** 2 * covariances(least))
-
-
-def test_a_part_of_the_views_keeps_the_noise_of_its_observations():
-    camera, views = views_of(60)
-    tracks = gather_tracks(camera, drifting(views, np.diag([0.5, 0.1])), 0.5)
-    part = tracks.of_views((0, 2))
-    np.testing.assert_array_equal(covariances(part), covariances(tracks)[[0, 2]])
-    assert part.least_noise_px == tracks.least_noise_px
 
 
 def test_a_blurred_corner_slides_where_the_turning_changes():

@@ -27,7 +27,7 @@ def body(share):
     return {"moving": share, "bodies": 1, "body_turn_deg_s": 30, "outliers": 0.05}
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_tracks_that_are_left_out_lie_on_the_body_and_the_others_keep_their_motion(seed):
     options = body(0.4)
     apart = without_body(hypotheses(seed, **options))
@@ -38,9 +38,8 @@ def test_the_tracks_that_are_left_out_lie_on_the_body_and_the_others_keep_their_
     assert not np.isin(apart.body.track_ids, apart.tracks.track_ids).any()
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_scene_at_rest_is_not_taken_apart_however_many_outliers_there_are(seed):
-    assert without_body(hypotheses(seed, outliers=0.4)) is None
+def test_a_scene_at_rest_is_not_taken_apart_however_many_outliers_there_are():
+    assert without_body(hypotheses(0, outliers=0.4)) is None
 
 
 @pytest.mark.filterwarnings("error")
@@ -53,7 +52,7 @@ def test_a_window_whose_tracks_follow_no_motion_is_not_taken_apart():
 
 
 def test_a_body_that_holds_most_of_the_tracks_keeps_the_risk_large_whichever_motion_is_taken_for_the_camera():
-    for seed in range(3):
+    for seed in range(2):
         apart = without_body(hypotheses(seed, **body(0.6)))
         risk = risk_of(apart, MAX_RISK)
         assert risk.other is apart.body

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from make_window import PRIORS, Window, direction_covariance, equations, make_window, moved
 
-from quest.geometry.quaternion import matrix_from_quaternion, quaternion_from_vector, rotation_angle
+from quest.geometry.quaternion import rotation_angle
 from slam_init.types.camera import Camera
 from slam_init.window.joint_fit import fit_window
 from slam_init.window.lens_offset import IN_USE, LensOffset
@@ -178,17 +178,17 @@ def squares_of(window: Window, plane: bool):
 
 @pytest.mark.parametrize("kind", SCENES)
 def test_errors_have_the_stated_size(kind):
-    """The pair is the first and a middle view. The mean over 60 windows; 1 if the covariance is right.
+    """The pair is the first and a middle view. The mean over 40 windows; 1 if the covariance is right.
 
-    The bounds are wide: the standard deviation of the mean is 0.11 for the rotation, 0.13 for the direction, and up to
-    0.18 for distances that share one error. Error fields, which these worlds do not have, add to the stated size.
+    The bounds are wide: the standard deviation of the mean is 0.13 for the rotation, 0.16 for the direction, and up to
+    0.22 for distances that share one error. Error fields, which these worlds do not have, add to the stated size.
     """
     squares = np.array(
         [
             squares_of(
                 with_pair_first(make_window(SCENES[kind], s, 5, 80, noise_px=0.3, baseline=0.3), 2), kind == "plane"
             )
-            for s in range(60)
+            for s in range(40)
         ]
     )
     rotation, direction, distances = squares.mean(axis=0) / (3, 2, 1)
@@ -231,21 +231,9 @@ def test_information_by_chance_is_not_counted_where_the_parallax_is_no_larger_th
     assert 0.1 < left_out < 1.4
 
 
-def test_a_long_baseline_has_hardly_any_information_by_chance(window_and_fit):
-    _, fit = window_and_fit
-    found = expanded(fit)
-    without = found.marginal.without_chance(information_by_chance(fit))
-    for view in range(1, 5):
-        all_of_it = direction_in_space(direction_uncertainty(found, view))
-        left = direction_in_space(direction_uncertainty(replace(found, marginal=without), view))
-        assert np.trace(all_of_it) <= 1.0001 * np.trace(left)
-        assert np.trace(left) < 1.25 * np.trace(all_of_it)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_track_with_one_observation_left_makes_no_information_by_chance(seed):
+def test_a_track_with_one_observation_left_makes_no_information_by_chance():
     """The reference sees some tracks far from their projections, so that the other view alone is left of them."""
-    window = make_window("room", seed, 2, 300, noise_px=0.1, baseline=0.1)
+    window = make_window("room", 0, 2, 300, noise_px=0.1, baseline=0.1)
     tracks, pixels = window.tracks, window.tracks.pixels.copy()
     pixels[0, :8] += 30.0
     tracks = WindowTracks.gather(tracks.camera, tracks.frames, tracks.track_ids, pixels, tracks.seen, tracks.noise_px)
@@ -276,14 +264,6 @@ def test_the_information_by_chance_is_that_which_errors_of_the_distances_add():
     found = information_by_chance(fit)[translation, translation]
     scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     np.testing.assert_allclose(found / scale, expected / scale, atol=0.1)
-
-
-def test_a_rotation_vector_turns_by_its_angle():
-    """The convention of :func:`squares_of`."""
-    vector = np.array([1e-3, -2e-3, 5e-4])
-    turn = matrix_from_quaternion(quaternion_from_vector(vector))
-    found = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    np.testing.assert_allclose(found, vector, rtol=1e-5)
 
 
 @pytest.mark.parametrize("scene", ["room", "tilted-45"])

@@ -15,8 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
-from slam_init.datasets.live import LiveSource, open_live
-from slam_init.datasets.live.streams import CaptureStream
+from slam_init.datasets.live import open_live
 from slam_init.errors import SourceError
 
 pytestmark = pytest.mark.process
@@ -64,16 +63,13 @@ def started(*command: str):
         process.communicate()
 
 
-def test_a_capture_stands_for_a_camera(video):
-    source = LiveSource(
-        "camera:0",
-        lambda: CaptureStream("camera:0", cv2.VideoCapture(str(video)), timed=False),
-        keep_all=True,
-        reconnects=0,
-    )
-    with source:
+def test_a_capture_stands_for_a_camera(video, monkeypatch):
+    capture = cv2.VideoCapture(str(video))
+    monkeypatch.setattr(cv2, "VideoCapture", lambda number: capture)
+    with open_live("camera:0", keep_all=True) as source:
         frames = list(source.frames())
     assert [round(frame.image.mean() / 10) for frame in frames] == list(range(20))
+    assert source.notes[-1] == "the source ended: camera:0: no more images"
 
 
 def test_a_camera_that_is_not_there_is_refused_by_name():
@@ -99,7 +95,7 @@ def test_a_stream_over_http_is_received(video):
     with started("ffmpeg", "-loglevel", "error", "-i", str(video), *coded, "-listen", "1", url):
         for _ in range(100):  # the server tells nobody that it listens
             try:
-                with open_live(url, keep_all=True, reconnects=0) as source:
+                with open_live(url, keep_all=True) as source:
                     frames = list(source.frames())
                 break
             except SourceError:
@@ -133,7 +129,7 @@ def test_a_stream_over_rtsp_is_received():
         port = server.stdout.readline().decode().strip()
         if not port:
             pytest.skip("GStreamer lacks a plugin (Debian: gstreamer1.0-plugins-good)")
-        with open_live(f"rtsp://127.0.0.1:{port}/test", reconnects=0) as source:
+        with open_live(f"rtsp://127.0.0.1:{port}/test") as source:
             frames = list(source.frames(0, 10))
     assert [frame.image.shape for frame in frames] == [(48, 64, 3)] * 10
     steps = np.diff([frame.timestamp_s for frame in frames])

@@ -1,9 +1,9 @@
-"""Live sources: the queue, lost connections, times, and how they end."""
+"""Live sources: the queue, times, and how they end."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -26,29 +26,15 @@ def images(count: int, stated: Callable[[int], float | None] = lambda k: None) -
     return [StreamImage(np.full((48, 64), k, np.uint8), stated(k)) for k in range(count)]
 
 
-class Given:
-    """A stream of given images; ``taken`` is set when all of them were received."""
-
-    def __init__(self, given: list[StreamImage], then: Callable[[], object] = lambda: None) -> None:
-        self._left, self._then = iter(given), then
-        self.taken = threading.Event()
-
-    def read(self) -> StreamImage | None:
-        found = next(self._left, None)
-        if found is None:
-            self.taken.set()
-            self._then()
-        return found
-
-    def close(self) -> None:
-        pass
+def endless(given: list[StreamImage]) -> Iterator[StreamImage]:
+    """Images, and then none for ever."""
+    yield from given
+    threading.Event().wait()
 
 
-class Endless(Given):
-    """The same, which waits at its end for more images that never come."""
-
-    def __init__(self, given: list[StreamImage]) -> None:
-        super().__init__(given, threading.Event().wait)
+def lost(given: list[StreamImage]) -> Iterator[StreamImage]:
+    yield from given
+    raise SourceError("test: no more images")
 
 
 def numbers(frames) -> list[int]:
@@ -56,106 +42,94 @@ def numbers(frames) -> list[int]:
 
 
 def test_the_frames_of_a_stream_come_in_order_and_have_no_length():
-    with LiveSource("test", lambda: Given(images(5)), pipe=True) as source:
+    with LiveSource("test", lambda: iter(images(5, lambda k: k / 2)), keep_all=True) as source:
         assert length_of(source) is None and length_of(open_source("synth:room?frames=3")) == 3
         frames = list(source.frames())
     assert numbers(frames) == [frame.index for frame in frames] == list(range(5))
-    assert (np.diff([frame.timestamp_s for frame in frames]) > 0).all()
+    np.testing.assert_allclose(np.diff([frame.timestamp_s for frame in frames]), 0.5, atol=1e-6)
     assert (source.kind, source.camera, source.groundtruth, source.notes) == ("live", None, None, ())
 
 
 def test_a_frame_that_was_looked_at_is_not_lost():
-    with LiveSource("test", lambda: Given(images(5)), pipe=True) as source:
+    with LiveSource("test", lambda: iter(images(5)), keep_all=True) as source:
         assert numbers(source.frames(2, 1)) == [2]
         assert numbers(source.frames(2)) == [2, 3, 4]
 
 
 def test_the_oldest_frames_are_dropped_and_counted():
-    gate, more = threading.Event(), Given(images(100))
-    # A hundred images come at once, when the processing has begun.
-    streams = iter([Given(images(2), gate.wait), more])
-    with LiveSource("test", lambda: next(streams, None) or fail("gone"), reconnects=1) as source:
+    begun, taken = threading.Event(), threading.Event()
+
+    def stream():
+        yield from images(2)
+        begun.wait()
+        yield from images(100)
+        taken.set()
+
+    with LiveSource("test", stream) as source:
         frames = source.frames()
         first = [next(frames), next(frames)]
-        gate.set()
-        more.taken.wait(10)
+        begun.set()
+        assert taken.wait(10)
         last = list(frames)
     assert numbers(first) == [0, 1]
-    assert len(last) >= QUEUE_FRAMES and numbers(last)[-1] == 99
+    assert len(last) == QUEUE_FRAMES and numbers(last)[-1] == 99
     assert source.dropped == 102 - len(first) - len(last)
     assert f"{source.dropped} of 102 frames were dropped" in source.notes[0]
     assert last[-1].index == 101, "dropped frames leave gaps in the numbers"
 
 
 def test_what_is_dropped_before_the_processing_begins_does_not_count():
-    stream = Given(images(50))
-    with LiveSource("test", lambda: stream, reconnects=0) as source:
+    begun, taken = threading.Event(), threading.Event()
+
+    def stream():
+        yield images(1)[0]
+        begun.wait()
+        yield from images(50)
+        taken.set()
+
+    with LiveSource("test", stream) as source:
         assert len(list(source.frames(0, 1))) == 1
-        assert stream.taken.wait(10)
+        begun.set()
+        assert taken.wait(10)
         frames = list(source.frames())
-    assert len(frames) == QUEUE_FRAMES and numbers(frames)[-1] == 49
+    assert len(frames) == QUEUE_FRAMES and numbers(frames)[-1] == 49, "what was looked at is too old"
     assert source.dropped == 0
 
 
 def test_a_sender_that_is_to_wait_loses_no_frame():
-    with LiveSource("test", lambda: Given(images(50)), keep_all=True, reconnects=0) as source:
+    with LiveSource("test", lambda: iter(images(50)), keep_all=True) as source:
         frames = list(source.frames())
     assert numbers(frames) == list(range(50)) and source.dropped == 0
     np.testing.assert_allclose(np.diff([frame.timestamp_s for frame in frames]), 1 / 30, atol=1e-6)
     assert any("30 frames a second are assumed" in note for note in source.notes)
 
 
-def test_a_pipe_that_runs_ahead_of_its_times_is_a_file_and_loses_no_frame():
-    with LiveSource("test", lambda: Given(images(60, lambda k: k / 2)), pipe=True) as source:
+@pytest.mark.parametrize("stated", [lambda k: None, lambda k: 3.0, lambda k: k if k < 2 else None])
+def test_times_increase_also_where_those_of_the_stream_do_not(stated):
+    with LiveSource("test", lambda: iter(images(8, stated))) as source:
         frames = list(source.frames())
-    assert numbers(frames) == list(range(60)) and source.notes == ()
-    np.testing.assert_allclose(np.diff([frame.timestamp_s for frame in frames]), 0.5, atol=1e-6)
-
-
-def test_images_without_a_later_time_are_left_out_and_then_the_times_are_not_believed():
-    with LiveSource("test", lambda: Given(images(8, lambda k: max(k, 1) / 10)), pipe=True) as source:
-        assert numbers(source.frames()) == [0, 2, 3, 4, 5, 6, 7]
-    with LiveSource("test", lambda: Given(images(8, lambda k: 3.0)), pipe=True) as source:
-        frames = list(source.frames())
-    assert numbers(frames) == [0, 4, 5, 6, 7]
     assert (np.diff([frame.timestamp_s for frame in frames]) > 0).all()
-    assert source.notes == ("the times of the stream do not increase: times of arrival are taken",)
+    told = ("the times of the stream do not increase: times of arrival are taken",) if stated(7) else ()
+    assert source.notes == told
 
 
-# -- connections ----------------------------------------------------------------------------------
+# -- the end --------------------------------------------------------------------------------------
 
 
-def test_a_lost_connection_is_made_again_and_the_times_go_on():
-    streams = iter([Given(images(3, lambda k: 5 + k / 1e4)), Given(images(3, lambda k: k / 1e4))])
-    with LiveSource("test", lambda: next(streams, None) or fail("gone"), keep_all=True, reconnects=1) as source:
-        frames = list(source.frames())
-    assert numbers(frames) == [0, 1, 2, 0, 1, 2]
-    assert (np.diff([frame.timestamp_s for frame in frames]) > 0).all()
-    assert any("made again 1 times" in note for note in source.notes)
-    assert any("1 attempts to connect again failed" in note for note in source.notes)
-
-
-def fail(text: str):
-    raise SourceError(text)
-
-
-def test_a_source_that_cannot_be_opened_is_refused_at_once():
-    with (
-        LiveSource("test", lambda: fail("nobody answers")) as source,
-        pytest.raises(SourceError, match="nobody answers"),
-    ):
+def test_a_source_that_cannot_be_opened_is_refused():
+    with LiveSource("test", lambda: lost([])) as source, pytest.raises(SourceError, match="no more images"):
         next(source.frames())
 
 
-def test_a_stream_without_an_image_is_refused():
-    source = LiveSource("the stream", lambda: Given([]), reconnects=0)
-    with source, pytest.raises(SourceError, match="the stream: no more images"):
-        next(source.frames())
+def test_a_lost_stream_ends_the_source_with_a_note():
+    with LiveSource("test", lambda: lost(images(3)), keep_all=True) as source:
+        assert numbers(source.frames()) == [0, 1, 2]
+    assert source.notes[-1] == "the source ended: test: no more images"
 
 
 def test_an_image_of_another_size_ends_the_source_with_a_note():
     given = [*images(2), StreamImage(np.zeros((10, 10), np.uint8), None)]
-    with LiveSource("test", lambda: Given(given), pipe=True) as source:
+    with LiveSource("test", lambda: iter(given), keep_all=True) as source:
         assert numbers(source.frames()) == [0, 1]
     assert any("image 2 is 10x10" in note for note in source.notes)
 
@@ -164,11 +138,8 @@ def test_an_error_of_the_program_is_no_end():
     def broken():
         raise ZeroDivisionError
 
-    with LiveSource("test", lambda: Given([], broken)) as source, pytest.raises(ZeroDivisionError):
+    with LiveSource("test", broken) as source, pytest.raises(ZeroDivisionError):
         next(source.frames())
-
-
-# -- the end --------------------------------------------------------------------------------------
 
 
 def test_a_stopped_source_ends_the_run_as_if_its_data_had_ended(tmp_path):
@@ -181,7 +152,7 @@ def test_a_stopped_source_ends_the_run_as_if_its_data_had_ended(tmp_path):
                 if frame.index == 2:
                     self.stop()
 
-    with Stopped("test", lambda: Endless(images(3)), pipe=True) as source:
+    with Stopped("test", lambda: endless(images(3)), keep_all=True) as source:
         result, summary = run(source, CAMERA, Config(), out=tmp_path / "out", max_frames=10)
     assert result.frames_read == 3 and summary.source.kind == "live"
     assert "the source was stopped by the user" in summary.notes

@@ -1,0 +1,41 @@
+# The public names, each in one line; __init__.py loads a name from its module when it is first used.
+from slam_init.calibration.files import load_camera as load_camera
+from slam_init.calibration.prior import prior_camera as prior_camera
+from slam_init.config import Config as Config
+from slam_init.config import load_config as load_config
+from slam_init.datasets.opening import open_source as open_source
+from slam_init.decision.audit import audit as audit
+from slam_init.errors import CalibrationError as CalibrationError
+from slam_init.errors import ConfigError as ConfigError
+from slam_init.errors import OutputError as OutputError
+from slam_init.errors import SlamInitError as SlamInitError
+from slam_init.errors import SourceError as SourceError
+from slam_init.exports import export as export
+from slam_init.initializer import Initializer as Initializer
+from slam_init.mapping.follower import Follower as Follower
+from slam_init.output.colmap import pycolmap_reconstruction as pycolmap_reconstruction
+from slam_init.output.results import load_graph as load_graph
+from slam_init.output.results import write_colmap as write_colmap
+from slam_init.output.results import write_results as write_results
+from slam_init.runner import run as run
+from slam_init.scale.find import find_scale as find_scale
+from slam_init.scale.metric_map import in_metres as in_metres
+from slam_init.scale.requests import parse_scale as parse_scale
+from slam_init.types.audit import Audit as Audit
+from slam_init.types.audit import AuditVerdict as AuditVerdict
+from slam_init.types.camera import Camera as Camera
+from slam_init.types.frame import Frame as Frame
+from slam_init.types.frame import Observations as Observations
+from slam_init.types.gates import Gate as Gate
+from slam_init.types.initial_map import InitialMap as InitialMap
+from slam_init.types.initial_map import Keyframe as Keyframe
+from slam_init.types.pose import Pose as Pose
+from slam_init.types.pose import Trajectory as Trajectory
+from slam_init.types.reasons import Verdict as Verdict
+from slam_init.types.result import Attempt as Attempt
+from slam_init.types.result import Result as Result
+from slam_init.types.result import Segment as Segment
+from slam_init.types.scale import Scale as Scale
+from slam_init.types.status import Status as Status
+
+__version__: str

@@ -1,0 +1,90 @@
+"""Laws of verdicts, of the gates that give them, and of the margin of a vote."""
+
+import json
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from slam_init.types.evidence import Margin
+from slam_init.types.gates import Direction, GateName, Stage, at_least, at_most, progress
+from slam_init.types.reasons import REASONS, Verdict
+
+numbers = st.floats(-1e6, 1e6, allow_nan=False)
+
+
+def small(value, threshold):
+    """A gate of a figure that has to be small."""
+    return at_most(GateName.RISK, value, threshold, Verdict.LOW_PARALLAX)
+
+
+def large(value, threshold):
+    """A gate of a figure that has to be large."""
+    return at_least(GateName.LANDMARKS, value, threshold, Verdict.TOO_FEW_LANDMARKS)
+
+
+def test_a_verdict_equals_its_text_and_survives_json_and_pickle():
+    assert Verdict("low_parallax") is Verdict.LOW_PARALLAX == "low_parallax" == f"{Verdict.LOW_PARALLAX}"
+    assert json.dumps(Verdict.LOW_PARALLAX) == '"low_parallax"'
+    assert all(pickle.loads(pickle.dumps(verdict)) is verdict for verdict in Verdict)
+    with pytest.raises(ValueError, match="magic"):
+        Verdict("magic")
+
+
+def test_each_refusal_has_an_advice_and_a_special_case_comes_before_a_general_one():
+    """A run reports the first of equally frequent reasons."""
+    assert all(reason.advice for reason in REASONS)
+    assert Verdict.ACCEPTED.advice == ""
+    assert {*REASONS, Verdict.ACCEPTED} == set(Verdict)
+    order = [REASONS.index(reason) for reason in (Verdict.STATIC_CAMERA, Verdict.PURE_ROTATION, Verdict.LOW_PARALLAX)]
+    assert order == sorted(order)
+
+
+def test_a_value_at_the_threshold_passes_and_nan_never_passes():
+    assert large(1.0, 1.0).passes() and small(1.0, 1.0).passes()
+    for gate in (large(np.nextafter(1, 0), 1.0), small(np.nextafter(1, 2), 1.0), large(np.nan, 0), small(np.nan, 0)):
+        assert not gate.passes()
+
+
+def test_a_gate_takes_its_unit_from_its_name_and_its_advice_from_its_reason():
+    gate = at_most(GateName.MOTION_PX, 7.0, 5.0, Verdict.LOW_PARALLAX)
+    assert (gate.unit, gate.direction, gate.reason) == ("px", Direction.AT_MOST, Verdict.LOW_PARALLAX)
+    assert gate.advice == Verdict.LOW_PARALLAX.advice
+    assert at_most(GateName.MOTION_PX, 7.0, 5.0, Verdict.LOW_PARALLAX, "come nearer").advice == "come nearer"
+    assert (large(1.0, 1.0).unit, large(1.0, 1.0).direction) == ("", Direction.AT_LEAST)
+
+
+@given(numbers, st.floats(1e-3, 1e6), st.sampled_from([small, large]))
+def test_the_gate_fraction_is_one_exactly_if_the_gate_passes(value, threshold, make):
+    gate = make(value, threshold)
+    assert 0 <= gate.gate_fraction() <= 1
+    assert (gate.gate_fraction() == 1) == gate.passes()
+
+
+def test_the_gate_fraction_is_the_ratio_of_value_and_threshold():
+    gates = (large(1.0, 2.0), small(4.0, 2.0), small(np.nan, 2.0), small(np.inf, 2.0), large(np.nan, 2.0))
+    assert [gate.gate_fraction() for gate in gates] == [0.5, 0.5, 0, 0, 0]
+
+
+def test_the_progress_grows_with_the_stage_and_with_the_gate_farthest_from_its_threshold():
+    half, passed = large(1.0, 2.0), large(3.0, 2.0)
+    assert progress(Stage.MOTION, [half, passed]) == (1 + 0.5) / 4
+    assert progress(Stage.MATCHES, [passed]) <= progress(Stage.MOTION) < progress(Stage.MOTION, [half])
+    assert [progress(stage) for stage in Stage] == [0.0, 0.25, 0.5, 0.75]
+
+
+Z, LOG_LIKELIHOOD = Margin(0.0, 0.0).z_needed, Margin.LOG_LIKELIHOOD_NEEDED
+
+
+def test_a_margin_decides_by_its_weaker_figure():
+    assert Margin(LOG_LIKELIHOOD, Z).decides() and Margin(LOG_LIKELIHOOD, 3.0, z_needed=3.0).decides()
+    assert Margin(0.5 * LOG_LIKELIHOOD, 0.8 * Z).decision_ratio() == pytest.approx(0.5)
+    assert Margin(2.0 * LOG_LIKELIHOOD, 0.8 * Z).decision_ratio() == pytest.approx(0.8)
+
+
+@given(st.builds(Margin, numbers, st.floats(-1e3, 1e3)))
+def test_a_margin_and_its_reverse_never_both_decide(margin):
+    assert not (margin.decides() and Margin(-margin.log_likelihood, -margin.z).decides())
+    assert margin.decides() == (margin.decision_ratio() >= 1)
