@@ -16,12 +16,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from quest.geometry.homography import homography_residuals
 from quest.geometry.quaternion import canonical
-from quest.noise import SAME_FIT_NATS, log_likelihoods_of
+from quest.noise import GATE_SIGMAS, SAME_FIT_NATS, log_likelihoods_of
 from quest.relative_pose import Hypothesis
 from quest.robust import kernels
 from quest.robust.plane import PlaneFit
 from quest.robust.pose_modes import same_mode
+from quest.robust.loss import OUTLIER_NATS
 from quest.robust.pose_problem import PoseProblem
 from quest.robust.spatial_blocks import directions_of, scatter_of_sum
 
@@ -33,6 +35,8 @@ _MOST = 3
 #: Standard deviations by which a motion has to be less probable, to be dropped: four are exceeded once in 30 000, and an
 #: alternative is dropped for good.
 _DROPPED_SIGMAS = 4.0
+#: Least cosine of a slant.
+_LEAST_COSINE = 1e-3
 #: The relief of all matches may exceed its mean by chance by this number of standard deviations, once in 160 planes. Its
 #: variance is 2 a match, and 5.4 more since the noise, by which it is divided, comes from a median of as many residuals.
 #: Two in a hundred matches may lie off the plane and add 9 each: 25 planes with 15 % outliers left 1.5 % at most.
@@ -50,6 +54,23 @@ def explained_by_plane(problem: PoseProblem, plane: PlaneFit, best: Floats, inli
     if len(plane.poses) < 2 or plane.relief > chance + _LARGEST_RELIEF * _OFF_PLANE * inliers:
         return False
     return any(not _is_less_probable(problem, pose, best, SAME_FIT_NATS) for pose in plane.poses)
+
+
+def more_probable_first(problem: PoseProblem, plane: PlaneFit, noise_rad: float) -> list[Floats]:
+    d = homography_residuals(plane.H, problem.m, problem.n)
+    on = np.sum(d**2, axis=1) < 2 * (GATE_SIGMAS * noise_rad) ** 2
+    d, m, n, scores = d[on], problem.m[on], problem.n[on], []
+    both, least = float(np.sum(d**2)), len(d) * (_LEAST_COSINE * problem.threshold_rad) ** 2
+    for model, normal in zip(plane.poses, plane.normals, strict=True):
+        epipolar = model[4:] - (n @ model[4:])[:, None] * n
+        along = float(np.sum(np.sum(d * epipolar, axis=1) ** 2 / np.maximum(np.sum(epipolar**2, axis=1), 1e-12)))
+        along = max(along, 0.5 * both)
+        relief = -0.5 * len(d) * (np.log(along + least) + np.log(max(both - along, 0.0) + least))
+        cosines = np.abs([m.mean(axis=0) @ normal, n.mean(axis=0) @ kernels.rotation_of_model(model) @ normal])
+        slant = float(np.log(np.maximum(cosines, _LEAST_COSINE)).sum())
+        behind = ~np.isfinite(problem.residuals(model)[on])
+        scores.append(relief + slant - OUTLIER_NATS * int(behind.sum()))
+    return [plane.poses[k] for k in np.argsort(scores)[::-1]]
 
 
 def equivalent_motions(

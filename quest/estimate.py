@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quest.alternatives import as_hypothesis, equivalent_motions, explained_by_plane
+from quest.alternatives import as_hypothesis, equivalent_motions, explained_by_plane, more_probable_first
 from quest.chance import (
     LARGEST_OF_MOTION,
     LARGEST_OF_ROTATION,
@@ -31,7 +31,7 @@ from quest.covariance import planar_pose_covariance, plane_of_pose, pose_covaria
 from quest.errors import InputError, as_floats, as_index, as_positive
 from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import quaternion_from_matrix
-from quest.noise import GATE_SIGMAS, MOST_COMPARED, best_of_modes, log_likelihood, refine_with_noise
+from quest.noise import GATE_SIGMAS, MOST_COMPARED, best_of_modes, refine_with_noise
 from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
 from quest.robust import kernels
 from quest.robust.lo_ransac import lo_ransac
@@ -331,7 +331,7 @@ def _pose_with_alternatives(
     if planar:
         # The two poses of the homography: with the constraint of the plane they are several times more accurate than
         # poses from epipolar lines alone.
-        best, *candidates = sorted(plane.poses, key=lambda pose: -log_likelihood(problem, pose))
+        best, *candidates = more_probable_first(problem, plane, motion.noise_rad)
         inliers = problem.explained(best, gate_rad)
         # With rays in all directions, this motion may place so many points behind a camera that fewer than ten inliers
         # remain.
@@ -380,8 +380,8 @@ def _unobserved_motions(problem: PoseProblem, motion: _Motion) -> tuple[Hypothes
     """The best motion and those of its plane, although the matches do not show their translation."""
     plane = fit_plane(motion.model, motion.m, motion.n, motion.noise_rad)
     models = [motion.model, *plane.poses]
-    if explained_by_plane(problem, plane, motion.model, len(motion.m), motion.gate_rad, motion.noise_rad):
-        models = [*more_probable_first(problem, plane, motion.gate_rad, motion.noise_rad), motion.model]
+    if explained_by_plane(problem, plane, motion.model, len(motion.m)):
+        models = [*more_probable_first(problem, plane, motion.noise_rad), motion.model]
     different: list[Floats] = []
     for model in models:
         if not any(same_mode(model, other) for other in different):

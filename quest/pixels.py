@@ -33,8 +33,6 @@ def estimate_relative_pose_px(
     confidence: float = 0.999,
     max_samples: int = 50_000,
     scores: ArrayLike | None = None,
-    solver: str = "quest5",
-    loss: str = "mixture",
 ) -> RelativePose | NoPose:
     """Estimate the motion between two pinhole views from matched pixels with outliers.
 
@@ -59,10 +57,6 @@ def estimate_relative_pose_px(
         Bound on the number of samples.
     scores : (N,) array_like, optional
         Quality of the matches, higher is better.
-    solver : {"quest5", "quest6", "five"}
-        What proposes motions, see :func:`quest.estimate_relative_pose`.
-    loss : str
-        What the last refinement minimizes, see there.
 
     Returns
     -------
@@ -94,8 +88,6 @@ def estimate_relative_pose_px(
         confidence=confidence,
         max_samples=max_samples,
         scores=scores,
-        solver=solver,
-        loss=loss,
     )
 
 
