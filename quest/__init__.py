@@ -10,7 +10,6 @@ pixels.
 
 * :func:`quest5`, :func:`quest6`, :func:`quest6_fast`, :func:`quest7`, :func:`questn`: rotations from five, six, seven
   or any number of matches. All but :func:`quest7` solve points on a plane too.
-* :data:`SOLVERS`: these solvers and the classical ones that they are compared with, by name.
 * :func:`translation_and_depths`: the translation and the depths that go with a rotation;
   :func:`translation_and_depths_printed`: the same as the paper prints it.
 * :func:`estimate_relative_pose`: the motion between two views from matches with outliers, and the other motions that
@@ -23,6 +22,8 @@ pixels.
 * :func:`parallax_statement`: whether the translation is observable, with an error rate, and |t|/depth = a +- b.
 * :class:`InputError`: the only exception that these functions raise for a wrong input.
 
+A name is loaded, and numba with it where it needs compiled loops, when it is first used.
+
 References
 ----------
 .. [F17] K. Fathian, J. P. Ramirez-Paredes, E. A. Doucette, J. W. Curtis, N. R. Gans, "Quaternion Based Camera Pose
@@ -30,29 +31,27 @@ References
 """
 
 from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING
 
-from quest.batch import estimate_relative_poses
-from quest.errors import InputError
-from quest.estimate import estimate_relative_pose, refine_relative_pose
-from quest.focal import SharedFocal, estimate_shared_focal
-from quest.gravity import estimate_upright_pose
-from quest.pixels import estimate_relative_pose_px
-from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
-from quest.uncertainty.parallax import ParallaxStatement, parallax_statement
-
 if TYPE_CHECKING:
-    from quest.registry import SOLVERS, Solver
-    from quest.solvers.printed import translation_and_depths_printed
-    from quest.solvers.quest5 import quest5
-    from quest.solvers.quest6 import quest6
-    from quest.solvers.quest6_fast import quest6_fast
-    from quest.solvers.quest7 import quest7
-    from quest.solvers.questn import questn
-    from quest.solvers.translation import translation_and_depths
+    from quest.batch import estimate_relative_poses
+    from quest.errors import InputError
+    from quest.estimate import estimate_relative_pose, refine_relative_pose
+    from quest.focal import SharedFocal, estimate_shared_focal
+    from quest.gravity import estimate_upright_pose
+    from quest.paper.printed import translation_and_depths_printed
+    from quest.paper.quest5 import quest5
+    from quest.paper.quest6 import quest6
+    from quest.paper.quest6_fast import quest6_fast
+    from quest.paper.quest7 import quest7
+    from quest.paper.questn import questn
+    from quest.paper.translation import translation_and_depths
+    from quest.pixels import estimate_relative_pose_px
+    from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
+    from quest.uncertainty.parallax import ParallaxStatement, parallax_statement
 
 __all__ = [
-    "SOLVERS",
     "Hypothesis",
     "InputError",
     "NoPose",
@@ -60,7 +59,6 @@ __all__ = [
     "PoseEvidence",
     "RelativePose",
     "SharedFocal",
-    "Solver",
     "estimate_relative_pose",
     "estimate_relative_pose_px",
     "estimate_relative_poses",
@@ -77,30 +75,39 @@ __all__ = [
     "translation_and_depths_printed",
 ]
 
-
-#: Where the solvers are. An estimate does not need them, and they take a third of the time of an import.
-_SOLVERS_IN = {
-    "SOLVERS": "quest.registry",
-    "Solver": "quest.registry",
-    "translation_and_depths_printed": "quest.solvers.printed",
-    "translation_and_depths": "quest.solvers.translation",
-    **{name: f"quest.solvers.{name}" for name in ("quest5", "quest6", "quest6_fast", "quest7", "questn")},
+#: The modules of the names.
+_HOMES = {
+    "batch": "estimate_relative_poses",
+    "errors": "InputError",
+    "estimate": "estimate_relative_pose refine_relative_pose",
+    "focal": "SharedFocal estimate_shared_focal",
+    "gravity": "estimate_upright_pose",
+    "paper.printed": "translation_and_depths_printed",
+    "paper.quest5": "quest5",
+    "paper.quest6": "quest6",
+    "paper.quest6_fast": "quest6_fast",
+    "paper.quest7": "quest7",
+    "paper.questn": "questn",
+    "paper.translation": "translation_and_depths",
+    "pixels": "estimate_relative_pose_px",
+    "relative_pose": "Hypothesis NoPose PoseEvidence RelativePose",
+    "uncertainty.parallax": "ParallaxStatement parallax_statement",
 }
+_DISTRIBUTIONS = ("slam-init", "quest-relpose")
 
 
 def __getattr__(name: str) -> object:
-    if name in _SOLVERS_IN:
-        return getattr(import_module(_SOLVERS_IN[name]), name)
-    if name == "__version__":
-        from importlib.metadata import PackageNotFoundError, version
-
-        for name_of_distribution in ("slam-init", "quest-relpose"):
-            try:
-                return version(name_of_distribution)
-            except PackageNotFoundError:
-                continue
-        return "0+unknown"
-    raise AttributeError(f"module 'quest' has no attribute {name!r}")
+    for module, names in _HOMES.items():
+        if name in names.split():
+            return getattr(import_module(f"quest.{module}"), name)
+    if name != "__version__":
+        raise AttributeError(f"module 'quest' has no attribute {name!r}")
+    for distribution in _DISTRIBUTIONS:
+        try:
+            return version(distribution)
+        except PackageNotFoundError:
+            continue
+    return "0+unknown"
 
 
 def __dir__() -> list[str]:

@@ -21,9 +21,9 @@ from quest.geometry.quaternion import canonical
 from quest.noise import GATE_SIGMAS, SAME_FIT_NATS, log_likelihoods_of
 from quest.relative_pose import Hypothesis
 from quest.robust import kernels
+from quest.robust.loss import OUTLIER_NATS
 from quest.robust.plane import PlaneFit
 from quest.robust.pose_modes import same_mode
-from quest.robust.loss import OUTLIER_NATS
 from quest.robust.pose_problem import PoseProblem
 from quest.robust.spatial_blocks import directions_of, scatter_of_sum
 
@@ -32,14 +32,14 @@ Bools = NDArray[np.bool_]
 
 #: Largest number of alternatives.
 _MOST = 3
-#: Standard deviations by which a motion has to be less probable, to be dropped: four are exceeded once in 30 000, and an
-#: alternative is dropped for good.
+#: Standard deviations by which a motion has to be less probable, to be dropped: four are exceeded once in 30 000, and
+#: an alternative is dropped for good.
 _DROPPED_SIGMAS = 4.0
-#: Least cosine of a slant.
-_LEAST_COSINE = 1e-3
-#: The relief of all matches may exceed its mean by chance by this number of standard deviations, once in 160 planes. Its
-#: variance is 2 a match, and 5.4 more since the noise, by which it is divided, comes from a median of as many residuals.
-#: Two in a hundred matches may lie off the plane and add 9 each: 25 planes with 15 % outliers left 1.5 % at most.
+#: Least cosine of a slant, and least noise in thresholds: exact matches have residuals of rounding errors.
+_LEAST_COSINE, _LEAST_NOISE = 1e-3, 1e-3
+#: The relief of all matches may exceed its mean by chance by this number of standard deviations, once in 160 planes.
+#: Its variance is 2 a match, and 5.4 more since the noise, by which it is divided, comes from a median of as many
+#: residuals. Two in a hundred matches may lie off the plane and add 9 each: 25 planes with 15 % outliers left 1.5 %.
 _RELIEF_SIGMAS, _RELIEF_VARIANCE, _OFF_PLANE, _LARGEST_RELIEF = 2.5, 7.4, 0.02, 9.0
 
 
@@ -57,19 +57,29 @@ def explained_by_plane(problem: PoseProblem, plane: PlaneFit, best: Floats, inli
 
 
 def more_probable_first(problem: PoseProblem, plane: PlaneFit, noise_rad: float) -> list[Floats]:
+    """The motions (q_wxyz, t) of a plane by the likelihood of the matches on it, the more probable one first.
+
+    Both motions have the same residuals of the homography. A relief adds to those along the epipolar lines of the true
+    motion. With A and C the sums of squares along and across the lines, the likelihood under the most probable relief
+    is ``-N/2 (log A + log C)``, or that of equal variances where A < C, so that an exact plane says nothing. A match
+    behind a camera is an outlier.
+
+    A patch of a plane fills a part of the view in proportion to the cosine of its slant, in both views. The measure of
+    homographies does not depend on which of its motions makes one: the cosines are the prior.
+    """
     d = homography_residuals(plane.H, problem.m, problem.n)
     on = np.sum(d**2, axis=1) < 2 * (GATE_SIGMAS * noise_rad) ** 2
     d, m, n, scores = d[on], problem.m[on], problem.n[on], []
-    both, least = float(np.sum(d**2)), len(d) * (_LEAST_COSINE * problem.threshold_rad) ** 2
+    both, least = float(np.sum(d**2)), len(d) * (_LEAST_NOISE * problem.threshold_rad) ** 2
     for model, normal in zip(plane.poses, plane.normals, strict=True):
-        epipolar = model[4:] - (n @ model[4:])[:, None] * n
-        along = float(np.sum(np.sum(d * epipolar, axis=1) ** 2 / np.maximum(np.sum(epipolar**2, axis=1), 1e-12)))
+        line = model[4:] - (n @ model[4:])[:, None] * n
+        along = float(np.sum(np.sum(d * line, axis=1) ** 2 / np.maximum(np.sum(line**2, axis=1), 1e-12)))
         along = max(along, 0.5 * both)
         relief = -0.5 * len(d) * (np.log(along + least) + np.log(max(both - along, 0.0) + least))
         cosines = np.abs([m.mean(axis=0) @ normal, n.mean(axis=0) @ kernels.rotation_of_model(model) @ normal])
         slant = float(np.log(np.maximum(cosines, _LEAST_COSINE)).sum())
-        behind = ~np.isfinite(problem.residuals(model)[on])
-        scores.append(relief + slant - OUTLIER_NATS * int(behind.sum()))
+        behind = int(np.isinf(problem.residuals(model)[on]).sum())
+        scores.append(relief + slant - OUTLIER_NATS * behind)
     return [plane.poses[k] for k in np.argsort(scores)[::-1]]
 
 

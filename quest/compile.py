@@ -1,7 +1,7 @@
 """Compile the estimate beforehand, for images and installers: ``python -m quest.compile [--portable]``.
 
 numba compiles each loop at its first call, and the machine code is kept on disk
-(:mod:`quest.robust.kernels.machine_code`). This program makes the calls, on a general scene, a plane, a rotation and
+(:mod:`quest.machine_code`). This program makes the calls, on a general scene, a plane, a rotation and
 random matches, so that no user waits. With ``--portable`` the machine code is that of any processor of this kind of
 machine, so that an image may run elsewhere than it was built: a tenth slower than code for one processor. It depends on
 the versions of Python and of numba.
@@ -26,7 +26,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--portable", action="store_true", help="for any processor, not for this one alone")
     if parser.parse_args(argv).portable:
         os.environ["NUMBA_CPU_NAME"] = "generic"  # numba reads it when the kernels are imported
-    from quest.robust.kernels import compiler, machine_code
+    from quest import jit, machine_code
 
     begin = time.perf_counter()
     rng = np.random.default_rng(0)
@@ -35,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     for points, t in ((general, (0.5, 0.0, 0.1)), (flat, (0.5, 0.0, 0.1)), (general, (0.0, 0.0, 0.0))):
         estimate_relative_pose(points, points + np.array(t) + rng.normal(0, 1e-3, points.shape), scores=range(60))
     estimate_relative_pose(general, rng.permutation(general), max_samples=64)
-    folders = machine_code.folders_of(compiler.FOLDER)
+    folders = machine_code.folders_of(jit.FOLDER)
     seconds = time.perf_counter() - begin
     print(f"compiled in {seconds:.1f} s, kept in {' or '.join(str(folder) for folder in folders)}")
 

@@ -34,7 +34,7 @@ from quest.geometry.quaternion import quaternion_from_matrix
 from quest.noise import GATE_SIGMAS, MOST_COMPARED, best_of_modes, refine_with_noise
 from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
 from quest.robust import kernels
-from quest.robust.lo_ransac import lo_ransac
+from quest.robust.lo_ransac import QUEST_FIVE, Proposer, lo_ransac
 from quest.robust.plane import PlaneFit, fit_plane, off_line_rad
 from quest.robust.pose_modes import same_mode, spread_out
 from quest.robust.pose_problem import PoseProblem
@@ -63,7 +63,7 @@ _LINE_SIGMAS = 10.0
 _GENERIC_AXIS = np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])
 
 
-class _Options(NamedTuple):
+class Options(NamedTuple):
     """The checked arguments of :func:`estimate_relative_pose` beside the bearings."""
 
     threshold_rad: float
@@ -153,8 +153,19 @@ def estimate_relative_pose(
     .. [F17] K. Fathian et al., "Quaternion Based Camera Pose Estimation From Matched Feature Points", 2017.
     """
     m, n = as_unit_bearings(bearings1, bearings2)
-    options = _checked_options(len(m), threshold_rad, seed, confidence, max_samples, scores)
+    options = checked_options(len(m), threshold_rad, seed, confidence, max_samples, scores)
     start = None if initial_pose is None else _checked_pose(initial_pose)
+    return pose_of_bearings(m, n, options, start)
+
+
+def pose_of_bearings(
+    m: Floats,
+    n: Floats,
+    options: Options,
+    start: tuple[Floats, Floats] | None = None,
+    proposer: Proposer = QUEST_FIVE,
+) -> RelativePose | NoPose:
+    """Estimate the motion of checked unit bearings (N, 3), see :func:`estimate_relative_pose`."""
     threshold_rad = options.threshold_rad
     rng = np.random.default_rng(options.seed)
     total = len(m)
@@ -172,6 +183,7 @@ def estimate_relative_pose(
         max_samples=options.max_samples,
         scores=options.scores,
         start=start,
+        proposer=proposer,
     )
     if report is None:
         # Every sample was singular, as for an exact rotation-only camera.
@@ -271,14 +283,15 @@ def as_unit_bearings(bearings1: ArrayLike, bearings2: ArrayLike) -> tuple[Floats
     return m, n
 
 
-def _checked_options(
+def checked_options(
     count: int,
     threshold_rad: float,
     seed: int,
     confidence: float,
     max_samples: int,
-    scores: ArrayLike | None,
-) -> _Options:
+    scores: ArrayLike | None = None,
+) -> Options:
+    """Check the arguments beside the bearings."""
     threshold_rad = as_positive(threshold_rad, "threshold_rad", "a positive angle in radians")
     if threshold_rad > 1:
         raise InputError(f"threshold_rad is {threshold_rad:g}: give an angle of at most 1 rad")
@@ -286,7 +299,7 @@ def _checked_options(
         raise InputError(f"confidence is {confidence!r}: give a probability between 0 and 1")
     max_samples = as_index(max_samples, "max_samples", 0)
     ranking = None if scores is None else _checked_scores(scores, count)
-    return _Options(threshold_rad, as_index(seed, "seed", 0), confidence, max_samples, ranking)
+    return Options(threshold_rad, as_index(seed, "seed", 0), confidence, max_samples, ranking)
 
 
 def _checked_scores(scores: ArrayLike, count: int) -> Floats:

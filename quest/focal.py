@@ -24,8 +24,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from quest.errors import InputError, as_floats, as_positive
 from quest.estimate import estimate_relative_pose, refine_relative_pose
+from quest.geometry.epipolar import tangent_basis
 from quest.geometry.quaternion import quaternion_from_matrix, rotation_from_vector
-from quest.geometry.refine import tangent_basis
 from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
 from quest.robust.loss import REACH, SCALE, log_likelihoods, weights
 from quest.robust.pose_problem import PoseProblem
@@ -43,8 +43,8 @@ _SWEEP = np.geomspace(0.5, 6.0, 15)
 _SAMPLES = 512
 #: Number of motions of the sweep that are refined.
 _REFINED = 4
-#: Factor on the scale of the first refinement: a motion that was found at another focal length misses its own matches by
-#: a little. Number of steps of a refinement.
+#: Factor on the scale of the first refinement: a motion that was found at another focal length misses its own matches
+#: by a little. Number of steps of a refinement.
 _WIDE, _STEPS = 3.0, 15
 #: Smallest threshold: the rounding errors of a coordinate of a million pixels.
 _ROUNDING_PX = 1e-9
@@ -174,7 +174,7 @@ class _Pixels:
         return [self._with_likelihood(_Motion(one.R, one.t, focal_px)) for one in poses]
 
     def refined(self, motion: _Motion) -> _Motion:
-        """Refine the motion and the focal length, within the range of the sweep: with a wide scale, then the last one."""
+        """Refine the motion and the focal length, within the range of the sweep."""
         for factor in (_WIDE, 1.0):
             motion = self._climb(motion, factor * SCALE * self.threshold_px)
         return self._with_likelihood(motion)
@@ -237,7 +237,7 @@ class _Pixels:
     def _derivatives(self, motion: _Motion, use: Bools) -> tuple[Floats, Floats]:
         """Sampson errors (N,) of some matches in pixels, and their derivatives (N, 6).
 
-        The unknowns are those of :func:`quest.geometry.refine.sampson_jacobian`, and the logarithm of the focal length.
+        The unknowns are those of :mod:`quest.robust.kernels.refinement`, and the logarithm of the focal length.
         """
         D = np.array([1.0, 1.0, motion.focal_px])
         across_t = np.tensordot(np.column_stack([motion.t, tangent_basis(motion.t)]), _CROSS, (0, 0)) @ motion.R

@@ -15,19 +15,19 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quest.errors import as_index, as_positive
-from quest.estimate import as_unit_bearings, refine_relative_pose
-from quest.relative_pose import NoPose, PoseEvidence, RelativePose
+from quest.estimate import as_unit_bearings, checked_options, pose_of_bearings
+from quest.relative_pose import NoPose, RelativePose
 from quest.robust import kernels
-from quest.robust.samples import draw_samples, samples_needed
+from quest.robust.kernels.samples import Pool
+from quest.robust.lo_ransac import Proposer
 from quest.uncertainty.parallax import as_direction
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
-#: Three matches fix the pose, and seven have to confirm it, as for five matches.
-_SAMPLE, _MIN_MATCHES, _CHUNK = 3, 10, 64
-#: Share of the samples without outliers that lead to the motion after refinement.
-_YIELD = 0.3
+#: Number of matches in a sample: three fix the pose. Share of the samples without outliers that lead to the motion
+#: after refinement.
+_SAMPLE, _YIELD = 3, 0.3
 #: Noise moves a double root off the unit circle; a root farther away than this is no angle.
 _OFF_CIRCLE = 0.2
 
@@ -75,18 +75,14 @@ def estimate_upright_pose(
         If a gravity is zero or not finite, or another argument is refused by :func:`quest.estimate_relative_pose`.
     """
     m, n = as_unit_bearings(bearings1, bearings2)
+    options = checked_options(len(m), threshold_rad, seed, confidence, max_samples)
     upright1, upright2 = (_upright(as_direction(gravity)) for gravity in (gravity1, gravity2))
-    threshold_rad = as_positive(threshold_rad, "threshold_rad", "a positive angle in radians")
-    rng = np.random.default_rng(as_index(seed, "seed", 0))
-    if len(m) < _MIN_MATCHES:
-        return NoPose("too_few_matches", PoseEvidence(len(m), needed=_MIN_MATCHES))
-    best = _search(
-        m @ upright1.T, n @ upright2.T, threshold_rad, rng, confidence, as_index(max_samples, "max_samples", 1)
-    )
-    if best is None:
-        return NoPose("no_consistent_motion", PoseEvidence(len(m)))
-    R, t = upright2.T @ best[0] @ upright1, upright2.T @ best[1]
-    return refine_relative_pose(m, n, (R, t), threshold_rad=threshold_rad, seed=seed)
+
+    def _propose(m: Floats, n: Floats, samples: Ints, threshold_rad: float, pool: Pool) -> None:
+        R, t = upright_poses(m[samples] @ upright1.T, n[samples] @ upright2.T)
+        kernels.try_poses(m, n, upright2.T @ R @ upright1, t @ upright2, threshold_rad, pool)
+
+    return pose_of_bearings(m, n, options, proposer=Proposer(_SAMPLE, _YIELD, _propose))
 
 
 def upright_poses(m: Floats, n: Floats) -> tuple[Floats, Floats]:
@@ -108,26 +104,6 @@ def upright_poses(m: Floats, n: Floats) -> tuple[Floats, Floats]:
     R = _about_gravity(np.angle(roots[sample, which]))
     normals = np.cross(np.einsum("kij,klj->kli", R, m[sample]), n[sample])
     return R, np.linalg.svd(normals)[2][:, 2]
-
-
-def _search(
-    m: Floats, n: Floats, threshold_rad: float, rng: np.random.Generator, confidence: float, max_samples: int
-) -> tuple[Floats, Floats] | None:
-    """The pose of least truncated cost."""
-    order = rng.permutation(len(m))
-    m, n = np.ascontiguousarray(m[order]), np.ascontiguousarray(n[order])
-    best: tuple[Floats, Floats] | None = None
-    least, drawn, needed = np.inf, 0, float(max_samples)
-    while drawn < min(needed, max_samples):
-        samples = draw_samples(rng, len(m), _SAMPLE, _CHUNK)
-        drawn += _CHUNK
-        for R, t in zip(*upright_poses(m[samples], n[samples]), strict=True):
-            for direction in (t, -t):
-                cost, inliers = kernels.score(m, n, R, direction, threshold_rad, least)
-                if cost < least:
-                    best, least = (R, direction), cost
-                    needed = samples_needed(inliers / len(m), _SAMPLE, confidence, _YIELD)
-    return best
 
 
 def _about_gravity(angles: Floats) -> Floats:

@@ -26,8 +26,8 @@ _LEAST_NOISE = 1e-3
 _MODES, MOST_COMPARED = 4, 500
 #: Largest number of steps of a refinement.
 _STEPS = 25
-#: By so much the likelihood of five unknowns differs from its maximum within their noise: half of the chi-square that is
-#: exceeded once in a thousand.
+#: By so much the likelihood of five unknowns differs from its maximum within their noise: half of the chi-square that
+#: is exceeded once in a thousand.
 SAME_FIT_NATS = 10.3
 #: Fewer matches than this are not sorted by their depth.
 _LEAST_TYPICAL = 8

@@ -149,7 +149,7 @@ class RelativePose(Described):
     covariance : (5, 5) float
         Covariance in rad^2, from the noise of the residuals; NaN for kind "rotation". The first three unknowns are a
         rotation vector applied to R from the left, the last two are coordinates of t in the basis
-        ``quest.geometry.refine.tangent_basis(t)``.
+        ``quest.geometry.epipolar.tangent_basis(t)``.
     evidence : PoseEvidence
         The numbers on which the decisions rest.
     H : (3, 3) float or None

@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from quest.robust.kernels import machine_code
+from quest import machine_code
 
 if TYPE_CHECKING:
     from make_source import KeptSource

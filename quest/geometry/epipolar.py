@@ -124,3 +124,15 @@ def parallax_angles(R: ArrayLike, m: ArrayLike, n: ArrayLike) -> Floats:
     # From the chord: accurate for small angles, where the arc cosine is not, and near 180 degrees.
     chord, sum_ = np.linalg.norm(rotated - n, axis=-1), np.linalg.norm(rotated + n, axis=-1)
     return np.asarray(2 * np.arctan2(chord, sum_))
+
+
+def tangent_basis(t: Floats) -> Floats:
+    """Orthonormal bases of the planes orthogonal to vectors.
+
+    Shapes: ``t`` (..., 3), returns (..., 3, 2).
+    """
+    helper = np.eye(3)[np.argmin(np.abs(t), axis=-1)]
+    first = np.cross(t, helper)
+    first /= np.linalg.norm(first, axis=-1, keepdims=True)
+    second = np.cross(t, first)
+    return np.stack([first, second / np.linalg.norm(second, axis=-1, keepdims=True)], axis=-1)

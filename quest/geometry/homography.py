@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.geometry.refine import tangent_basis
+from quest.geometry.epipolar import tangent_basis
 
 Floats = NDArray[np.float64]
 

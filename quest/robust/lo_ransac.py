@@ -1,8 +1,7 @@
-"""The search for the motion that explains most matches: locally optimized RANSAC over samples of five.
+"""The search for the motion that explains most matches: locally optimized RANSAC.
 
 numpy draws the samples in chunks. The compiled loops of :mod:`quest.robust.kernels` solve and score them. The best
-model of each chunk is refined on its inliers. The tests compare it with a readable loop in plain numpy over samples of
-six or seven, with the eigenproblems of QuEst (``tests/support/reference_ransac.py``).
+model of each chunk is refined on its inliers.
 
 References
 ----------
@@ -13,27 +12,22 @@ References
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quest.robust import kernels
+from quest.robust.kernels.samples import Pool
 from quest.robust.prosac import progressive_samples, subset_size
 from quest.robust.samples import RansacReport, samples_needed
-
-if TYPE_CHECKING:
-    from quest.robust.kernels.samples import Pool
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-#: Matches in a sample of QuEst 5, and the share of the samples without outliers that lead to the motion after
-#: refinement: 0.24 to 0.82 under noise of 0.7 px at a focal length of 458 px, over general and planar scenes with
-#: baselines from 0.03 to 0.5 of the depth.
-_SAMPLE, _YIELD = 5, 0.55
 #: The chunks grow: easy data stop after the first chunk, hard data need few calls. With 48 in place of 24 the AUC of
 #: 400 real pairs is the same (differences of .1 +- .3 %), and an estimate takes .15 ms longer.
 _FIRST_CHUNK, _LARGEST_CHUNK = 24, 1024
@@ -67,6 +61,25 @@ class _Refined(NamedTuple):
     inliers: int
 
 
+class Proposer(NamedTuple):
+    """What proposes motions.
+
+    * ``sample``: Number of matches in a sample.
+    * ``yield_``: Share of the samples without outliers that lead to the motion after refinement.
+    * ``propose``: Enters the motions of samples (S, sample) of the matches m, n (N, 3) into a pool, by a threshold in
+      radians: ``propose(m, n, samples, threshold_rad, pool)``.
+    """
+
+    sample: int
+    yield_: float
+    propose: Callable[[Floats, Floats, Ints, float, Pool], None]
+
+
+#: QuEst 5. The share is 0.24 to 0.82 under noise of 0.7 px at a focal length of 458 px, over general and planar scenes
+#: with baselines from 0.03 to 0.5 of the depth.
+QUEST_FIVE = Proposer(5, 0.55, kernels.try_samples_of_five)
+
+
 @dataclass(frozen=True, eq=False)
 class _Matches:
     """Matches in random order; ``by_score`` are their rows from the best score to the worst."""
@@ -85,11 +98,11 @@ class _Matches:
         by_score = None if scores is None else np.argsort(-scores[order], kind="stable")
         return cls(np.ascontiguousarray(m[order]), np.ascontiguousarray(n[order]), threshold_rad, by_score)
 
-    def draw(self, rng: np.random.Generator, drawn: int, batch: int) -> Ints:
-        """Samples (batch, 5)."""
+    def draw(self, rng: np.random.Generator, size: int, drawn: int, batch: int) -> Ints:
+        """Samples (batch, size)."""
         if self.by_score is None:
-            return kernels.draw_subsets(rng.random((batch, _SAMPLE)), len(self.m))
-        return self.by_score[progressive_samples(rng, len(self.m), _SAMPLE, drawn, batch)]
+            return kernels.draw_subsets(rng.random((batch, size)), len(self.m))
+        return self.by_score[progressive_samples(rng, len(self.m), size, drawn, batch)]
 
 
 def _empty_pool() -> Pool:
@@ -106,6 +119,7 @@ def lo_ransac(
     max_samples: int,
     scores: Floats | None = None,
     start: tuple[Floats, Floats] | None = None,
+    proposer: Proposer = QUEST_FIVE,
 ) -> RansacReport | None:
     """Search for the motion of least truncated cost.
 
@@ -128,8 +142,8 @@ def lo_ransac(
     drawn, chunk = 0, _FIRST_CHUNK
     while drawn < max_samples:
         chunk = min(chunk, max_samples - drawn)
-        samples = matches.draw(rng, drawn, chunk)
-        kernels.try_samples_of_five(matches.m, matches.n, samples, threshold_rad, pool)
+        samples = matches.draw(rng, proposer.sample, drawn, chunk)
+        proposer.propose(matches.m, matches.n, samples, threshold_rad, pool)
         drawn += chunk
         # A raw model from few noisy matches is worse than the same model refined, so each new leader is refined.
         if costs[0] < leading_cost:
@@ -140,9 +154,9 @@ def lo_ransac(
         share = 0.0 if best is None else best.inliers / len(m)
         if matches.by_score is not None and best is not None:
             # The samples so far came from the best-scored matches, and the share of inliers is higher among those.
-            drawn_from = matches.by_score[: subset_size(len(m), _SAMPLE, drawn)]
+            drawn_from = matches.by_score[: subset_size(len(m), proposer.sample, drawn)]
             share = max(share, _share_of_rows(matches, best, drawn_from))
-        needed = samples_needed(share, _SAMPLE, confidence, _YIELD)
+        needed = samples_needed(share, proposer.sample, confidence, proposer.yield_)
         if drawn >= needed:
             break
         chunk = min(2 * chunk, _LARGEST_CHUNK, max(_FIRST_CHUNK, math.ceil(min(needed, max_samples)) - drawn))

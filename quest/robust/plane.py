@@ -27,9 +27,6 @@ class PlaneFit(NamedTuple):
     #: on, off: Number of matches on the plane, and number of the other matches.
     on: int
     off: int
-    #: Residual of the matches on the plane along their epipolar lines, as a standard deviation by the median: the
-    #: noise, where the points do lie on a plane. Infinite where there is no plane.
-    along_rad: float
     #: Sum over all matches of their squared residuals along the epipolar lines, in units of the noise, each at most
     #: 9. Without relief it has a chi-square distribution, with as many degrees of freedom as matches.
     relief: float
@@ -50,12 +47,12 @@ def fit_plane(model: Floats, m: Floats, n: Floats, noise_rad: float) -> PlaneFit
     """
     R, t, k = kernels.rotation_of_model(model), model[4:].copy(), np.empty(3)
     if len(m) < _LEAST_ON_PLANE or not kernels.best_plane(m, n, R, t, _GATE_SIGMAS * noise_rad, _samples(), k):
-        return PlaneFit(0, len(m), np.inf, np.inf, [], [], np.eye(3))
+        return PlaneFit(0, len(m), np.inf, [], [], np.eye(3))
     H, on_plane = R + t[:, None] * k, np.empty(len(m), bool)
-    on, along_rad, relief = kernels.fit_plane(m, n, t, noise_rad, _GATE_SIGMAS, _LEAST_ON_PLANE, H, on_plane)
+    on, relief = kernels.fit_plane(m, n, t, noise_rad, _GATE_SIGMAS, _LEAST_ON_PLANE, H, on_plane)
     motions = _motions_of_plane(H, m[on_plane], model) if np.isfinite(relief) else []
     poses, normals = [pose for pose, _ in motions], [normal for _, normal in motions]
-    return PlaneFit(on, len(m) - on, along_rad, relief, poses, normals, H if np.linalg.det(H) > 0 else -H)
+    return PlaneFit(on, len(m) - on, relief, poses, normals, H if np.linalg.det(H) > 0 else -H)
 
 
 @cache

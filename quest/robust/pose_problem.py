@@ -1,4 +1,4 @@
-"""Matched rays under a motion: residuals, cost, inliers, refinement.
+"""Matched rays under a motion: residuals, cost, inliers.
 
 Models are rows (q_wxyz, t) of seven numbers, ``cam2_from_cam1``, |t| = 1; data are matches of unit bearings.
 """
@@ -47,12 +47,3 @@ class PoseProblem:
         Shapes: ``model`` (7,), returns (N,).
         """
         return np.asarray(self.residuals(model) < gate_rad**2)
-
-    def refine(self, model: Floats, use: Bools, scale_rad: float) -> Floats:
-        """Refine a model on given matches, see :func:`quest.geometry.refine.refine_pose`.
-
-        Shapes: ``model`` (7,), ``use`` (N,), returns (7,).
-        """
-        R, t = kernels.rotation_of_model(model), model[4:].copy()
-        kernels.refine(self.m, self.n, use, R, t, scale_rad, 12)
-        return kernels.model_of_pose(R, t)

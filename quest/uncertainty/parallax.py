@@ -56,7 +56,7 @@ from quest.errors import InputError, as_floats, as_index, as_positive
 from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import matrix_from_quaternion
 from quest.robust import kernels
-from quest.uncertainty.tails import gaussian_tail, poisson_tail
+from quest.tails import gaussian_tail, poisson_tail
 
 Floats = NDArray[np.float64]
 

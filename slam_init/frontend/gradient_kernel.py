@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from quest.robust.kernels.compiler import compiler_of, inlined
+from quest.jit import compiler_of, inlined
 from slam_init.types.arrays import Image, Ints
 
 compiled = compiler_of(Path(__file__).parent)

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from quest.robust.kernels.compiler import compiler_of, inlined
-from quest.robust.kernels.small_algebra import median_in_place, solve_in_place
+from quest.algebra import median_in_place, solve_in_place
+from quest.jit import compiler_of, inlined
 from slam_init.frontend.patch_size import SIDE_PX, UNKNOWNS, WIDE
 from slam_init.types.arrays import Bools, Floats, Floats32, Ints, Ints32, Pairs
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from quest.robust.kernels.compiler import compiler_of
-from quest.robust.kernels.small_algebra import copy_pose, solve_in_place, turn
+from quest.algebra import copy_pose, solve_in_place, turn
+from quest.jit import compiler_of
 from slam_init.types.arrays import Floats
 
 compiled = compiler_of(Path(__file__).parent)

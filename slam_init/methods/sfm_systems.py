@@ -20,7 +20,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from quest.geometry.refine import refine_pose
+from quest.robust import kernels
 from quest.robust.rotation import fit_rotation
 from slam_init.methods.essential import five_point
 from slam_init.methods.motions import IN_FRONT, CheckRule, motions_of_essential, motions_of_homography
@@ -186,7 +186,8 @@ class OpenSfm(RuledMethod):
         of_best = inliers[best]
         if of_best.sum() <= self.min_five_point:
             return None
-        refined_R, refined_t = refine_pose(R[best], t[best], m[of_best], n[of_best], threshold)
+        refined_R, refined_t = R[best].copy(), t[best].copy()
+        kernels.refine(m, n, of_best, refined_R, refined_t, threshold, iterations=12)
         refined = _near(pair, refined_R, refined_t, threshold)[1]
         return (refined_R, refined_t, refined) if refined.sum() > self.min_five_point else None
 

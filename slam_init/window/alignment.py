@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from quest.algebra import median_in_place
 from quest.robust.kernels.refinement import refine_rotation
-from quest.robust.kernels.small_algebra import median_in_place
 from slam_init.types.arrays import Floats
 from slam_init.window.compiler import compiled
 

@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from quest.robust.kernels.compiler import compiler_of
+from quest.jit import compiler_of
 
 compiled = compiler_of(Path(__file__).parent)

@@ -233,7 +233,7 @@ def explained_at_most(freedom: Ints) -> Floats:
 
 
 def tangent_bases(rays: Floats) -> tuple[Floats, Floats]:
-    """Two orthonormal vectors orthogonal to each ray, as :func:`quest.robust.kernels.small_algebra.tangents`.
+    """Two orthonormal vectors orthogonal to each ray, as :func:`quest.algebra.tangents`.
 
     Shapes: ``rays`` (T, 3), returns ``first, second`` (T, 3).
     """

@@ -46,8 +46,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from quest.robust.kernels.compiler import inlined
-from quest.robust.kernels.small_algebra import tangents
+from quest.algebra import tangents
+from quest.jit import inlined
 from slam_init.window.arguments import (
     Equations,
     Fitted,

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from quest.uncertainty.tails import gaussian_tail
+from quest.tails import gaussian_tail
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.levels import (
     BODIES_MOVE,

@@ -12,7 +12,7 @@ derivative of the point by the inverse distance, and ``c`` those of the inverse 
 
 from __future__ import annotations
 
-from quest.robust.kernels.compiler import inlined
+from quest.jit import inlined
 from slam_init.types.arrays import Floats
 from slam_init.window.arguments import Layout, PairSums, Row, Scene, Track, TrackSums, TurnedSums
 from slam_init.window.vectors import Six, Vector, by_pose, cross, joint

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from quest.robust.kernels.compiler import inlined
+from quest.jit import inlined
 from slam_init.types.arrays import Floats
 from slam_init.window.arguments import Equations, Known, Layout, Unknowns
 from slam_init.window.compiler import compiled

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from quest.robust.kernels.small_algebra import solve_in_place
+from quest.algebra import solve_in_place
 from slam_init.frontend.rolling_shutter import readout_places
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.window.compiler import compiled

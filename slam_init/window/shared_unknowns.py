@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from quest.robust.kernels.compiler import inlined
+from quest.jit import inlined
 from slam_init.types.arrays import Floats
 from slam_init.window.arguments import FIELD_TERMS, Equations, Layout, Observed, PairSums, Row, Track, TrackSums
 from slam_init.window.pair_sums import add_six

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from quest.robust.kernels.small_algebra import copy_pose, tangents, turn
+from quest.algebra import copy_pose, tangents, turn
 from slam_init.types.arrays import Bools, Floats
 from slam_init.window.arguments import Equations, Known, Layout, Scene, Unknowns
 from slam_init.window.compiler import compiled

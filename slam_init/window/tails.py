@@ -22,7 +22,7 @@ import math
 
 import numpy as np
 
-from quest.uncertainty.tails import gaussian_tail
+from quest.tails import gaussian_tail
 from slam_init.types.arrays import Floats
 from slam_init.window.levels import INFORMATION_GROWS
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from quest.robust.kernels.compiler import inlined
+from quest.jit import inlined
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.window.arguments import Equations, Fitted, Layout, Row, Track, TrackSums
 from slam_init.window.compiler import compiled

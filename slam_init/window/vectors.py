@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from quest.robust.kernels.compiler import inlined
+from quest.jit import inlined
 from slam_init.types.arrays import Floats
 
 Vector = tuple[float, float, float]

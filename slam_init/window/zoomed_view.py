@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from quest.robust.kernels.small_algebra import median_in_place, solve_in_place, turn
+from quest.algebra import median_in_place, solve_in_place, turn
 from slam_init.types.arrays import Floats
 from slam_init.window.compiler import compiled
 from slam_init.window.projection import project_point

@@ -14,7 +14,7 @@ Errors are angles divided by pi. The error of the rotation is the metric of [F17
 missing there: ``acos |q . q*| / pi`` in [0, 1/2]. The error of the translation is that of its direction:
 ``acos(t . t* / |t| |t*|) / pi`` in [0, 1]. A sample without any candidate counts 1/2. "Closest" is the measure of the
 paper: the candidate that is nearest to the true rotation. It favours solvers with many candidates. "Ranked" is the
-candidate that :func:`quest.solvers.selection.select_candidates` puts first; this function uses only the sample. The
+candidate that :func:`quest.paper.selection.select_candidates` puts first; this function uses only the sample. The
 translation belongs to the rotation of the candidate in both cases, and cheirality gives its sign. Every candidate of a
 5-point solver fits its five matches exactly, so that only cheirality ranks these candidates; 5-point solvers are meant
 for RANSAC and not for this experiment. A single outlier among the best matches spoils a sample. "Clean" is the share of
@@ -37,8 +37,7 @@ from pathlib import Path
 import numpy as np
 
 from quest.geometry.epipolar import parallax_angles
-from quest.registry import SOLVERS
-from quest.solvers.selection import select_candidates
+from quest.paper.selection import select_candidates
 from slam_init.datasets import TimedSource, open_source
 from slam_init.types.arrays import Floats
 from tests.benchmarks.image_pairs import (
@@ -51,6 +50,7 @@ from tests.benchmarks.image_pairs import (
 )
 from tests.benchmarks.options import data_folder, positive, progress, run_on_one_thread, save
 from tests.benchmarks.quest.paper_problems import rotation_error
+from tests.benchmarks.quest.solvers import SOLVERS
 from tests.benchmarks.tables import markdown_table
 
 _STEPS = (1, 2, 5, 10, 20, 30)

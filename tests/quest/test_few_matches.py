@@ -10,10 +10,9 @@ from make_two_views import NO_TRANSLATION, NOISE_RAD, box, is_true, plane, views
 
 from quest import RelativePose, estimate_relative_pose
 from quest.chance import chance_of_motion
-from quest.geometry.epipolar import depths_from_pose
+from quest.geometry.epipolar import depths_from_pose, tangent_basis
 from quest.geometry.homography import homography_residuals
 from quest.geometry.quaternion import rotation_from_vector
-from quest.geometry.refine import tangent_basis
 from quest.robust import kernels
 from quest.robust.pose_problem import PoseProblem
 

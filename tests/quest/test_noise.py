@@ -18,11 +18,11 @@ from make_pose_matches import (
 
 from quest.chance import chance_of_motion
 from quest.geometry.quaternion import matrix_from_quaternion
-from quest.geometry.refine import refine_pose
 from quest.noise import refine_with_noise
 from quest.robust import kernels
 from quest.robust.pose_problem import PoseProblem
 from quest.uncertainty.parallax import LEAST_SINE2, RATIO_MADS
+from tests.benchmarks.quest.reference import refine_pose
 
 SEEDS = st.integers(0, 2**32 - 1)
 laws = settings(max_examples=40)

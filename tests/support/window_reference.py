@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from quest.robust.kernels.small_algebra import tangents
+from quest.algebra import tangents
 from slam_init.window.arguments import FIELD_TERMS
 from slam_init.window.projection import camera_vector, project_point
 from slam_init.window.state import WindowState

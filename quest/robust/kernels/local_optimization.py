@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.robust.kernels.compiler import compiled
+from quest.algebra import copy_pose, copy_row, model_of_pose, rotation_of_model
+from quest.jit import compiled
 from quest.robust.kernels.refinement import refine
 from quest.robust.kernels.scoring import match_residual, rays_by_row, score_or_refute
-from quest.robust.kernels.small_algebra import copy_pose, copy_row, model_of_pose, rotation_of_model
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

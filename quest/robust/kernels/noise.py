@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.robust.kernels.compiler import compiled
+from quest.algebra import median_in_place, rotation_of_model
+from quest.jit import compiled
 from quest.robust.kernels.scoring import match_residual
-from quest.robust.kernels.small_algebra import median_in_place, rotation_of_model
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.robust.kernels.compiler import compiled
+from quest.algebra import median_in_place, tangents
+from quest.jit import compiled
 from quest.robust.kernels.noise import mark_typical
 from quest.robust.kernels.refinement import normal_equations, refine_rotation
 from quest.robust.kernels.scoring import rays_by_row
-from quest.robust.kernels.small_algebra import median_in_place, tangents
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

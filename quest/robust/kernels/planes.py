@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.robust.kernels.compiler import compiled
+from quest.algebra import eigen_in_place, median_in_place, solve_in_place, tangents
+from quest.jit import compiled
 from quest.robust.kernels.local_optimization import draw_subset
-from quest.robust.kernels.small_algebra import eigen_in_place, median_in_place, solve_in_place, tangents
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -125,18 +125,17 @@ def _fit_homography(m: Floats, n: Floats, use: Bools, H: Floats) -> None:
 @compiled
 def fit_plane(
     m: Floats, n: Floats, t: Floats, noise_rad: float, sigmas: float, least: int, H: Floats, on_plane: Bools
-) -> tuple[int, float, float]:
+) -> tuple[int, float]:
     """Refine the homography of a plane on its matches, as :func:`quest.robust.plane.fit_plane`.
 
     Shapes: ``m, n`` (N, 3), ``t`` (3,), ``H`` (3, 3), ``on_plane`` (N,).
 
     * ``sigmas``: Gate of the matches on the plane, in standard deviations of a residual.
-    * Returns ``along_rad``: Residual of these along their epipolar lines; infinite where there is no plane.
     * Returns ``relief``: See :class:`quest.robust.plane.PlaneFit`; infinite where there is no plane.
     """
     count = len(m)
     gate2 = 2 * (sigmas * noise_rad) ** 2
-    on, relief, values = 0, 0.0, np.empty(count)
+    on, relief = 0, 0.0
     for step in range(4):
         if step > 0:
             _fit_homography(m, n, on_plane, H)
@@ -147,8 +146,7 @@ def fit_plane(
             on += on_plane[i]
         # Where most points lie off the plane, they refute its other motion.
         if step < 3 and on < max(least, 0.5 * count):
-            return on, np.inf, np.inf
-    found = 0
+            return on, np.inf
     for i in range(count):
         d0, d1, d2 = _transferred(H, m, n, i)
         # (n x t) x n, the direction of the epipolar line.
@@ -156,10 +154,7 @@ def fit_plane(
         l0, l1, l2 = t[0] - s * n[i, 0], t[1] - s * n[i, 1], t[2] - s * n[i, 2]
         along = (d0 * l0 + d1 * l1 + d2 * l2) / max(np.sqrt(l0 * l0 + l1 * l1 + l2 * l2), 1e-300)
         relief += min((along / noise_rad) ** 2, sigmas * sigmas)
-        if on_plane[i]:
-            values[found] = abs(along)
-            found += 1
-    return on, 1.4826 * median_in_place(values[:found]) if found > 0 else np.inf, relief
+    return on, relief
 
 
 @compiled

@@ -1,6 +1,6 @@
 r"""The poses of five matches, points on a plane included: all solutions of QuEst 5, by a polynomial of degree 10.
 
-QuEst 5 (:mod:`quest.solvers.quest5`) states that the normals ``R m x n`` of five epipolar planes are coplanar: all ten
+QuEst 5 (:mod:`quest.paper.quest5`) states that the normals ``R m x n`` of five epipolar planes are coplanar: all ten
 determinants ``f_ijk(q)`` vanish [F18]_. They are quartics in q with 20 solutions, in ten twisted pairs. The two
 rotations of a pair have the same t and the same matrix ``E = [t]x R`` up to its sign, and the coplanarity
 ``n . E m = 0`` is linear in E. So each pair is found once, as a matrix ``E = x E1 + y E2 + z E3 + E4`` in the null
@@ -29,10 +29,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.robust.kernels.compiler import compiled
+from quest.algebra import orthonormalize
+from quest.jit import compiled
 from quest.robust.kernels.samples import Pool, enter_if_better
 from quest.robust.kernels.scoring import rays_by_row
-from quest.robust.kernels.small_algebra import orthonormalize
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

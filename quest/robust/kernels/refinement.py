@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.robust.kernels.compiler import compiled
+from quest.algebra import copy_pose, rotation_of_model, shift, solve_in_place, tangents, turn
+from quest.jit import compiled
 from quest.robust.kernels.scoring import match_residual
-from quest.robust.kernels.small_algebra import copy_pose, rotation_of_model, shift, solve_in_place, tangents, turn
 from quest.robust.loss import OUTLIERS, REACH, SCALE
 
 Floats = NDArray[np.float64]
@@ -44,7 +44,17 @@ def normal_equations(rays: Floats, R: Floats, t: Floats, scale2: float, rows: Fl
 
 @compiled
 def derivatives(rays: Floats, R: Floats, t: Floats, scale2: float, rows: Floats) -> None:
-    """Write the Sampson errors and their derivatives, those of :func:`quest.geometry.refine.sampson_jacobian`.
+    """Write the Sampson errors r and their derivatives.
+
+    With a = R m, e = n . (t x a), p = t . a and s = t . n the Sampson error is ::
+
+        r = e / sqrt(2 - p^2 - s^2 - 2 e^2)
+
+    The denominator is the norm of the gradient of e with respect to both unit bearings, each moved on its sphere. r is
+    in radians and has the standard deviation of the noise of one bearing. With R perturbed to exp(w) R and t to
+    t + B b, B a basis of the plane orthogonal to t, the derivatives follow from ::
+
+        de = w . (a x (n x t)) + (a x n) . B b,    dp = w . (a x t) + a . B b,    ds = n . B b.
 
     Shapes: ``rays`` (6, N), ``R, t`` (3, 3), ``rows`` (7, N).
 
@@ -147,7 +157,7 @@ def move(R: Floats, t: Floats, step: Floats, R_new: Floats, t_new: Floats) -> No
 
 @compiled
 def refine(m: Floats, n: Floats, use: Bools, R: Floats, t: Floats, scale_rad: float, iterations: int) -> None:
-    """Refine a pose in place, as :func:`quest.geometry.refine.refine_pose`.
+    """Refine a pose in place on the matches to ``use``, by damped steps.
 
     Shapes: ``m, n`` (N, 3), ``use`` (N,), ``R, t`` (3, 3).
     """

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.robust.kernels.compiler import compiled
+from quest.jit import compiled
 from quest.robust.kernels.local_optimization import draw_subset
 
 Floats = NDArray[np.float64]

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.robust.kernels.compiler import compiled
-from quest.robust.kernels.scoring import score_or_refute
-from quest.robust.kernels.small_algebra import copy_pose
+from quest.algebra import copy_pose
+from quest.jit import compiled
+from quest.robust.kernels.scoring import rays_by_row, score_or_refute
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -54,6 +54,18 @@ def enter_if_better(rays: Floats, R: Floats, t: Floats, threshold_rad: float, po
     chance[1] += 1
     if cost < costs[len(costs) - 1]:
         _enter_pool(R, t, cost, inliers, pool)
+
+
+@compiled
+def try_poses(m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float, pool: Pool) -> None:
+    """Enter poses into the pool, with either sign of the translation.
+
+    Shapes: ``m, n`` (N, 3), ``R`` (K, 3, 3), ``t`` (K, 3).
+    """
+    rays = rays_by_row(m, n)
+    for k in range(len(R)):
+        enter_if_better(rays, R[k], t[k], threshold_rad, pool)
+        enter_if_better(rays, R[k], -t[k], threshold_rad, pool)
 
 
 @compiled

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.robust.kernels.compiler import compiled
-from quest.robust.kernels.small_algebra import rotation_of_model
+from quest.algebra import rotation_of_model
+from quest.jit import compiled
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]

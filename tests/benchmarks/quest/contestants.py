@@ -9,10 +9,10 @@ from importlib.util import find_spec
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.baselines.essential import rotations_of_essential
-from quest.registry import SOLVERS
-from quest.solvers.printed import quest6_printed, quest7_printed
-from quest.solvers.quest6 import quest6
+from quest.paper.printed import quest6_printed, quest7_printed
+from quest.paper.quest6 import quest6
+from tests.benchmarks.quest.baselines.essential import rotations_of_essential
+from tests.benchmarks.quest.solvers import SOLVERS
 
 Floats = NDArray[np.float64]
 Solve = Callable[[Floats, Floats], Floats]

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quest import RelativePose, estimate_relative_pose
+from quest.geometry.epipolar import tangent_basis
 from quest.geometry.quaternion import vector_from_rotation
-from quest.geometry.refine import tangent_basis
 from tests.benchmarks.options import positive, run_on_one_thread, save
 from tests.benchmarks.quest.scenes import FOCAL_PX, SCENES, Scene, draw_scene
 from tests.benchmarks.tables import markdown_table

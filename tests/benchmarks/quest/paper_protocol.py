@@ -6,7 +6,7 @@ in both images. The error is the metric of [F17] with its absolute value restore
 [0, 1/2], of the candidate closest to the truth; that of the direction of the translation is ``acos (t . t*) / pi``.
 
 "Closest to the truth" favours a solver with many candidates, and the identity alone has an error of .033. So the tables
-also give the number of candidates, the error of the candidate that :mod:`quest.solvers.selection` ranks first from the
+also give the number of candidates, the error of the candidate that :mod:`quest.paper.selection` ranks first from the
 sample alone, and how often refinement on all matches of the pair reaches the end of refinement from the truth. This
 refinement starts from the candidate ranked first, or from the best of the first four.
 """

@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quest.geometry.quaternion import matrix_from_quaternion
-from quest.geometry.refine import refine_pose
-from quest.solvers.selection import select_candidates
-from quest.solvers.translation import translation_and_depths
+from quest.paper.selection import select_candidates
+from quest.paper.translation import translation_and_depths
 from tests.benchmarks.options import progress, save
 from tests.benchmarks.quest.contestants import Contestant, contestants
 from tests.benchmarks.quest.paper_cells import NOISES_PX, Cell
 from tests.benchmarks.quest.paper_problems import Problems, draw_problems, rotation_error
+from tests.benchmarks.quest.reference import refine_pose
 from tests.benchmarks.tables import markdown_table
 
 Floats = NDArray[np.float64]

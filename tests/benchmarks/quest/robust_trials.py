@@ -9,8 +9,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.geometry.refine import refine_pose
 from tests.benchmarks.quest.measures import pose_errors_deg
+from tests.benchmarks.quest.reference import refine_pose
 from tests.benchmarks.quest.robust_methods import METHODS, Estimate
 from tests.benchmarks.quest.scenes import FOCAL_PX, SCENES, Scene, draw_scene
 

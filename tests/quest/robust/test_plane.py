@@ -17,9 +17,9 @@ from quest.geometry.quaternion import (
     rotation_angle,
     rotation_from_vector,
 )
-from quest.geometry.refine import sampson_jacobian
 from quest.relative_pose import Hypothesis
 from quest.robust.plane import fit_plane, off_line_rad
+from tests.benchmarks.quest.reference import sampson_jacobian
 
 SEEDS = st.integers(0, 2**32 - 1)
 MODEL = np.concatenate([quaternion_from_matrix(R_TRUE), T_TRUE / np.linalg.norm(T_TRUE)])

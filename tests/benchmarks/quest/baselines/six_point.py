@@ -7,7 +7,13 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quest.baselines.essential import as_samples, constraints, finish, null_space, rotations_of_essential
+from tests.benchmarks.quest.baselines.essential import (
+    as_samples,
+    constraints,
+    finish,
+    null_space,
+    rotations_of_essential,
+)
 
 Floats = NDArray[np.float64]
 
@@ -40,7 +46,7 @@ def six_point(m: ArrayLike, n: ArrayLike) -> Floats:
 
     * ``m, n``: Bearings in camera 1 and camera 2, of any norm, N >= 6; more than six in least squares.
     * Returns: Unit quaternions wxyz, canonical in sign, the twisted pair; the form is that of
-      :func:`quest.solvers.quest6`.
+      :func:`quest.paper.quest6`.
     """
     m, n, single = as_samples(m, n, at_least=6)
     basis = null_space(m, n, 3)

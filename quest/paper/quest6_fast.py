@@ -1,6 +1,6 @@
 """QuEst 6, deflated: the same rotations from an eigenproblem of size 12 instead of 20, and fewer false ones.
 
-The notation is that of :mod:`quest.solvers.quest6`: x1 = w v are the 20 monomials that contain w, v the 20 cubic
+The notation is that of :mod:`quest.paper.quest6`: x1 = w v are the 20 monomials that contain w, v the 20 cubic
 monomials, and the 20 quartics of six matches are ``A1 x1 + A2 x2 = 0``. A2 has 20 rows and rank 15, so five
 combinations of the rows are free of x2. They are quartics with the factor w, that is, cubics ::
 
@@ -20,7 +20,7 @@ dimensions in which the equations are fulfilled best, x1 = V y and ::
     lambda y = (V' B_a V) y,      B_a = a_x B_x + a_y B_y + a_z B_z,   lambda = (a . q) / w
 
 is the problem of size 12. It is exact for general points and for planes: V then contains all true x1, and V V' changes
-none of them. As in :mod:`quest.solvers.quest6`, q follows from ``x1 = V y`` by ratios of monomials, the unknown is
+none of them. As in :mod:`quest.paper.quest6`, q follows from ``x1 = V y`` by ratios of monomials, the unknown is
 ``q' = p q``, so that rotations by 180 degrees are no special case, and the real part of a complex pair is a candidate.
 
 What was tried (100 to 200 problems of ``tests/benchmarks/quest/paper_protocol.py`` a level; mean error of the first
@@ -47,9 +47,9 @@ from numpy.typing import ArrayLike, NDArray
 from quest.errors import InputError, as_index
 from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import conjugate, multiply
-from quest.solvers.monomials import coefficient_rows
-from quest.solvers.newton import polish_on_matches
-from quest.solvers.quest6 import PRE_ROTATION, TIMES, quaternions_from_monomials, rotation_alone
+from quest.paper.monomials import coefficient_rows
+from quest.paper.newton import polish_on_matches
+from quest.paper.quest6 import PRE_ROTATION, TIMES, quaternions_from_monomials, rotation_alone
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -61,7 +61,7 @@ LARGEST_NUMBER = 12
 #: The direction a, of no particular orientation, so that no two rotations have the same lambda by symmetry.
 DIRECTION = np.array([0.602, -0.501, 0.622])
 
-# A2 has lost rank where its QR decomposition has a pivot this small relative to the largest, see quest.solvers.quest6.
+# A2 has lost rank where its QR decomposition has a pivot this small relative to the largest, see quest.paper.quest6.
 _SINGULAR = 1e-11
 
 

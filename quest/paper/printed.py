@@ -1,7 +1,7 @@
 """QuEst 6, QuEst 7, translation and depths exactly as printed in [F17], as a reference.
 
 The printed forms fail at rotations by 180 degrees, where w = 0, and lose accuracy under noise. The documentation of
-:mod:`quest.solvers.quest6` and :mod:`quest.solvers.quest7` lists the departures of the public solvers. Both forms use
+:mod:`quest.paper.quest6` and :mod:`quest.paper.quest7` lists the departures of the public solvers. Both forms use
 the corrected rotation matrix and quartics, since the printed ones describe no rotation.
 """
 
@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from quest.errors import InputError, as_floats
 from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import canonical, matrix_from_quaternion
-from quest.solvers.monomials import coefficient_rows, quartic_index
-from quest.solvers.quest6 import TIMES
-from quest.solvers.quest7 import cubed_eigenproblem
+from quest.paper.monomials import coefficient_rows, quartic_index
+from quest.paper.quest6 import TIMES
+from quest.paper.quest7 import cubed_eigenproblem
 
 Floats = NDArray[np.float64]
 

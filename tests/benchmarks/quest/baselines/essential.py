@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from quest.errors import InputError
 from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import quaternion_from_matrix
-from quest.solvers.quest6 import rotation_alone
+from quest.paper.quest6 import rotation_alone
 
 Floats = NDArray[np.float64]
 
@@ -70,7 +70,7 @@ def finish(q: Floats, m: Floats, n: Floats, single: bool) -> Floats:
     """Bring candidates into the form that a solver returns.
 
     For a rotation-only camera every translation fits and the essential matrix is not determined. The rotation that
-    turns m into n (:func:`quest.solvers.quest6.rotation_alone`) then replaces the candidates.
+    turns m into n (:func:`quest.paper.quest6.rotation_alone`) then replaces the candidates.
 
     Shapes: ``q`` (B, K, 4), ``m, n`` (B, N, 3), returns (B, K, 4).
     """

@@ -1,7 +1,7 @@
 """All solvers by name, with the properties that a caller needs to run any of them.
 
 Each solver takes bearings ``m, n`` (N, 3) or (B, N, 3) and returns the rotations cam2_from_cam1 that the bearings allow
-as unit quaternions wxyz: (K, 4), or (B, K, 4) padded with NaN. :func:`quest.solvers.selection.select_candidates` ranks
+as unit quaternions wxyz: (K, 4), or (B, K, 4) padded with NaN. :func:`quest.paper.selection.select_candidates` ranks
 the rotations and adds the translations.
 """
 
@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.baselines import eight_point, five_point, homography, seven_point, six_point
-from quest.solvers.quest5 import quest5
-from quest.solvers.quest6 import quest6
-from quest.solvers.quest6_fast import quest6_fast
-from quest.solvers.quest7 import quest7
-from quest.solvers.questn import questn
+from quest.paper.quest5 import quest5
+from quest.paper.quest6 import quest6
+from quest.paper.quest6_fast import quest6_fast
+from quest.paper.quest7 import quest7
+from quest.paper.questn import questn
+from tests.benchmarks.quest.baselines import eight_point, five_point, homography, seven_point, six_point
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from quest.geometry.epipolar import depths_from_pose, sampson_error
 from quest.geometry.quaternion import matrix_from_quaternion
-from quest.solvers.translation import epipolar_normals
+from quest.paper.translation import epipolar_normals
 
 Floats = NDArray[np.float64]
 

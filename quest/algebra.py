@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.robust.kernels.compiler import compiled
+from quest.jit import compiled
 
 Floats = NDArray[np.float64]
 
@@ -15,7 +15,7 @@ _SWEEPS = 30
 
 @compiled
 def tangents(t: Floats) -> tuple[float, float, float, float, float, float]:
-    """Two orthonormal vectors orthogonal to t, as :func:`quest.geometry.refine.tangent_basis`.
+    """Two orthonormal vectors orthogonal to t, as :func:`quest.geometry.epipolar.tangent_basis`.
 
     Shapes: ``t`` (3,).
     """

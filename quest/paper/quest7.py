@@ -1,6 +1,6 @@
 """QuEst 7: the relative rotation from seven matches that do not lie on a plane.
 
-The notation is that of [F17] (see :mod:`quest.solvers.monomials`). Seven matches have 35 triples, hence 35 quartics.
+The notation is that of [F17] (see :mod:`quest.paper.monomials`). Seven matches have 35 triples, hence 35 quartics.
 With x1 the four monomials ``w^3 (w, x, y, z)`` and x2 the other 31::
 
     A1 x1 + A2 x2 = 0      so      x2 = -pinv(A2) A1 x1
@@ -11,11 +11,11 @@ eigenvectors are proportional to q. ``y^3 / w^3`` and ``z^3 / w^3`` give equally
 
 The solver needs A, 35x35, to have rank 31. Points on a plane give rank 20: the pseudo-inverse then selects a solution
 of the monomials that belongs to no rotation, and the candidates are wrong, as [F17] states. For planes use
-:func:`quest.solvers.quest6.quest6`.
+:func:`quest.paper.quest6.quest6`.
 
 Departures from [F17]
 
-* The unknown is ``q' = p q`` as in :mod:`quest.solvers.quest6`.
+* The unknown is ``q' = p q`` as in :mod:`quest.paper.quest6`.
 * The candidates of the three lambdas are united.
 * Candidates are refined on the quartics, since four monomials out of 35 carry all of the rounding and noise.
 * Without translation the only candidate is the rotation that turns all rays m into n.
@@ -27,9 +27,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quest.geometry.quaternion import canonical, conjugate, multiply
-from quest.solvers.monomials import coefficient_rows, quartic_index
-from quest.solvers.newton import polish_on_quartics
-from quest.solvers.quest6 import LETTERS, PRE_ROTATION, as_batch, rotation_alone
+from quest.paper.monomials import coefficient_rows, quartic_index
+from quest.paper.newton import polish_on_quartics
+from quest.paper.quest6 import LETTERS, PRE_ROTATION, as_batch, rotation_alone
 
 Floats = NDArray[np.float64]
 

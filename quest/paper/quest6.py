@@ -1,6 +1,6 @@
 """QuEst 6: the relative rotation from six matches, planes included.
 
-The notation is that of [F17] (see :mod:`quest.solvers.monomials`), section "QuEst 6". Six matches have 20 triples. Each
+The notation is that of [F17] (see :mod:`quest.paper.monomials`), section "QuEst 6". Six matches have 20 triples. Each
 triple gives a quartic in ``q = (w, x, y, z)``; the 35 coefficients of the quartics are the rows of A. With x1 the 20
 monomials that contain w, and x2 the 15 other ones::
 
@@ -18,7 +18,7 @@ Departures from [F17]
 * q follows from the eigenvector by ratios of monomials, ``a^2 (w, x, y, z)`` with a the largest of the four, not by
   cube roots, which lose half of the accuracy under noise.
 * The unknown is ``q' = p q`` with a fixed p. The reasons: division by w fails at rotations by 180 degrees, where w = 0,
-  and ``lambda = x / w`` is a multiple eigenvalue at the identity. :mod:`quest.solvers.printed` has the printed form.
+  and ``lambda = x / w`` is a multiple eigenvalue at the identity. :mod:`quest.paper.printed` has the printed form.
 * A complex pair of eigenvectors is a real solution that noise has moved off the real axis. Its real part is a
   candidate.
 * Without translation all rows vanish to third order, A has rank 10, and A2 has no usable pseudo-inverse. The only
@@ -34,7 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 from quest.errors import InputError
 from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import canonical, conjugate, matrix_from_quaternion, multiply
-from quest.solvers.monomials import QUARTICS, coefficient_rows, quartic_index
+from quest.paper.monomials import QUARTICS, coefficient_rows, quartic_index
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -83,7 +83,7 @@ def quest6(m: ArrayLike, n: ArrayLike, lambdas: str = "xyz") -> Floats:
     (K, 4) or (B, K, 4) float
         Unit quaternions wxyz, canonical in sign; K at most 20 for each lambda. One sample: only the
         candidates. A batch: padded with NaN; only NaN for a sample that determines no rotation. The true rotation is
-        among many false ones: :func:`quest.solvers.selection.select_candidates` ranks them.
+        among many false ones: :func:`quest.paper.selection.select_candidates` ranks them.
 
     Raises
     ------

@@ -3,7 +3,7 @@
 The eigenproblems treat the monomials as independent unknowns, so that rounding and noise make them inconsistent.
 Minimization over unit q makes them consistent again: near a solution without noise each step squares the error. The
 cost is ``|A quartics(q)|^2`` or the sum of squared Sampson errors of the sample (derivatives:
-:mod:`quest.geometry.refine`).
+:mod:`quest.robust.kernels.refinement`).
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from quest.geometry.epipolar import tangent_basis
 from quest.geometry.quaternion import canonical, matrix_from_quaternion, multiply, quaternion_from_vector
-from quest.geometry.refine import tangent_basis
-from quest.solvers.monomials import QUARTICS, quartics
-from quest.solvers.selection import smallest_eigenvectors
+from quest.paper.monomials import QUARTICS, quartics
+from quest.paper.selection import smallest_eigenvectors
 
 Floats = NDArray[np.float64]
 

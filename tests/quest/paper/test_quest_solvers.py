@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from make_views import SCENES, distance, scene_points, two_views, unit
 
 from quest.geometry.quaternion import matrix_from_quaternion
-from quest.solvers.monomials import coefficient_rows, quartic_index, quartics, triples
-from quest.solvers.printed import quest6_printed, quest7_printed
-from quest.solvers.quest6 import quest6
-from quest.solvers.selection import select_candidates
+from quest.paper.monomials import coefficient_rows, quartic_index, quartics, triples
+from quest.paper.printed import quest6_printed, quest7_printed
+from quest.paper.quest6 import quest6
+from quest.paper.selection import select_candidates
 from tests.benchmarks.quest.paper_problems import draw_problems, rotation_error
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -1,6 +1,6 @@
 """QuEst 5: the relative rotation from five matches, the smallest sample that determines it.
 
-Five matches have ten triples, hence ten quartics ``A x = 0`` (see :mod:`quest.solvers.monomials`). These are too few
+Five matches have ten triples, hence ten quartics ``A x = 0`` (see :mod:`quest.paper.monomials`). These are too few
 for the 35 monomials. Multiplied by w, x, y and z they become 40 quintics in the 56 quintic monomials. The rank of the
 quintics is 36, and their null space has 20 dimensions: one for each of the ten essential matrices that five matches
 allow [1]_ and each of the two rotations of an essential matrix.
@@ -14,7 +14,7 @@ of x1 into other monomials, so that ::
     lambda y = (N1' T_a) y
 
 with T_a the rows of these monomials on the basis. This is an eigenproblem of size 20. q follows from its eigenvectors
-as in :mod:`quest.solvers.quest6`, with the same ``q' = p q``.
+as in :mod:`quest.paper.quest6`, with the same ``q' = p q``.
 
 References
 ----------
@@ -33,9 +33,9 @@ from numpy.typing import ArrayLike, NDArray
 from quest.errors import InputError
 from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import canonical, conjugate, multiply
-from quest.solvers.monomials import QUARTICS, coefficient_rows
-from quest.solvers.quest6 import PRE_ROTATION, quaternions_from_monomials, rotation_alone
-from quest.solvers.quest6_fast import DIRECTION
+from quest.paper.monomials import QUARTICS, coefficient_rows
+from quest.paper.quest6 import PRE_ROTATION, quaternions_from_monomials, rotation_alone
+from quest.paper.quest6_fast import DIRECTION
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -56,7 +56,7 @@ _TIMES: Ints = np.array([[_index(a, *letters) for letters in QUARTICS] for a in 
 # For a pivot a, the positions of the monomials ``w a^3 (w, x, y, z)`` in x1.
 _RATIOS: Ints = np.array([[_index(0, a, a, a, b) for b in range(4)] for a in range(4)])
 
-# A2 has lost rank where its QR decomposition has a pivot this small relative to the largest, see quest.solvers.quest6.
+# A2 has lost rank where its QR decomposition has a pivot this small relative to the largest, see quest.paper.quest6.
 _SINGULAR = 1e-11
 
 

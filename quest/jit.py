@@ -26,7 +26,7 @@ except (ValueError, RuntimeWarning) as error:  # ValueError: NUMBA_NUM_THREADS=0
     cause = str(error).splitlines()[0]
     raise ImportError(f"numba does not start: {cause} (look at the variables NUMBA_*)") from error
 
-from quest.robust.kernels import machine_code
+from quest import machine_code
 
 #: numba states no types for these.
 _njit: Any = numba.njit
@@ -41,17 +41,22 @@ _ANY_PROCESSOR = ("generic", "")
 Function = TypeVar("Function", bound=Callable[..., object])
 
 
+#: The sources that loops of other folders may use.
+_ROBUST = Path(__file__).parent / "robust"
+_SHARED = (Path(__file__), Path(__file__).parent / "algebra.py")
+
+
 def compiler_of(folder: Path) -> Callable[[Function], Function]:
     """The decorator for the compiled loops of a folder.
 
-    A hash of all sources of the folder, and of this folder, is a part of the name under which machine code is kept: an
-    edit of any of these files renews the machine code of all loops. A loop may call loops of these two folders only.
+    A hash of all sources of the folder, and of the loops of quest, is a part of the name under which machine code is
+    kept: an edit of any of these files renews the machine code of all loops. A loop may call loops of these only.
 
     * Returns: Compiles a function of numbers and arrays, in the part of Python that numba compiles, at its first call,
-      and keeps the machine code on disk (:mod:`quest.robust.kernels.machine_code`). Where no folder can be written,
+      and keeps the machine code on disk (:mod:`quest.machine_code`). Where no folder can be written,
       each process compiles for itself.
     """
-    files = {*Path(__file__).parent.glob("*.py"), *folder.glob("*.py")}
+    files = {*_SHARED, *_ROBUST.rglob("*.py"), *folder.glob("*.py")}
     sources = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(files))).hexdigest()
     folders = machine_code.folders_of(folder)
 
@@ -151,5 +156,5 @@ def _nothing() -> bytes:
 
 
 #: The folder of the loops of quest, and the decorator of these loops.
-FOLDER = Path(__file__).parent
+FOLDER = _ROBUST / "kernels"
 compiled = compiler_of(FOLDER)

@@ -9,10 +9,7 @@ from hypothesis import strategies as st
 from make_pose_matches import random_pose
 from make_views import unit
 
-from quest.geometry.epipolar import as_matches
-from quest.geometry.quaternion import matrix_from_quaternion, quaternion_from_matrix, rotation_from_vector
-from quest.geometry.refine import tangent_basis
-from quest.robust.kernels.small_algebra import (
+from quest.algebra import (
     eigen_in_place,
     median_in_place,
     model_of_pose,
@@ -22,6 +19,8 @@ from quest.robust.kernels.small_algebra import (
     turn,
     unit_rows,
 )
+from quest.geometry.epipolar import as_matches, tangent_basis
+from quest.geometry.quaternion import matrix_from_quaternion, quaternion_from_matrix, rotation_from_vector
 
 SEEDS = st.integers(0, 2**32 - 1)
 laws = settings(max_examples=40)

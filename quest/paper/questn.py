@@ -1,11 +1,11 @@
 """QuEst for seven and more matches, planes included.
 
-QuEst 7 (:mod:`quest.solvers.quest7`) needs A to be of rank 31 and fails on planes, where A has rank 20 for any number
+QuEst 7 (:mod:`quest.paper.quest7`) needs A to be of rank 31 and fails on planes, where A has rank 20 for any number
 of matches. QuEst 6 uses only the 15 dimensions of A with the smallest singular values. They contain the monomials of
 every true rotation, for general points and for planes. This solver does the same for any number of matches.
 
 The number of equations is bounded. The quartic of a triple is linear in each of the three matrices ``n m'`` of its
-matches (see :func:`quest.solvers.monomials.rows_of_moments`) and changes sign where two matches are exchanged. Let Z be
+matches (see :func:`quest.paper.monomials.rows_of_moments`) and changes sign where two matches are exchanged. Let Z be
 the N x 9 matrix of those matrices as rows, and ``Z = Q S`` its QR decomposition. The triples of the N matches are then
 the triples of the rows of S, at most nine, mixed by a matrix of orthonormal columns (the third compound matrix of Q),
 so that ::
@@ -16,7 +16,7 @@ where A has N (N - 1) (N - 2) / 6 rows and A_S at most 84. The two sums are equa
 decomposition grows with N.
 
 The null space is spanned by the 15 right singular vectors of A_S with the smallest singular values. The candidates
-follow from it as in :mod:`quest.solvers.quest6_fast`. For general points only four of these dimensions are null (three
+follow from it as in :mod:`quest.paper.quest6_fast`. For general points only four of these dimensions are null (three
 from eight matches on); the others, which planes need, add noise. So the four smallest dimensions alone are used too:
 this is QuEst 7 as an eigenproblem of the null space. Gauss-Newton on the Sampson errors of all matches removes the
 remaining error of the candidates near a solution.
@@ -29,16 +29,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import conjugate, multiply
-from quest.solvers.monomials import rows_of_moments
-from quest.solvers.newton import polish_on_matches
-from quest.solvers.quest6 import PRE_ROTATION, TIMES, rotation_alone
-from quest.solvers.quest6_fast import DIRECTION, candidates_from_basis, candidates_from_null_space
+from quest.paper.monomials import rows_of_moments
+from quest.paper.newton import polish_on_matches
+from quest.paper.quest6 import PRE_ROTATION, TIMES, rotation_alone
+from quest.paper.quest6_fast import DIRECTION, candidates_from_basis, candidates_from_null_space
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 # The QR decomposition of orthonormal columns has a pivot this small only where the null space contains a quartic
-# without w, that is, where a solution has w' = 0; see quest.solvers.quest6 for the number.
+# without w, that is, where a solution has w' = 0; see quest.paper.quest6 for the number.
 _SINGULAR = 1e-11
 
 # Noise of 0.5 px leaves an error of .03 rad. Gauss-Newton then needs three or four steps, and some more where the
@@ -58,7 +58,7 @@ def questn(m: ArrayLike, n: ArrayLike) -> Floats:
     -------
     (K, 4) or (B, 16, 4) float
         Unit quaternions wxyz, canonical in sign; K <= 16. One sample: only the candidates. A batch: padded with NaN.
-        The true rotation is among false ones: :func:`quest.solvers.selection.select_candidates` ranks them.
+        The true rotation is among false ones: :func:`quest.paper.selection.select_candidates` ranks them.
 
     Raises
     ------

@@ -20,21 +20,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from quest.geometry.epipolar import tangent_basis
 from quest.geometry.quaternion import rotation_from_vector
 
 Floats = NDArray[np.float64]
-
-
-def tangent_basis(t: Floats) -> Floats:
-    """Orthonormal bases of the planes orthogonal to vectors.
-
-    Shapes: ``t`` (..., 3), returns (..., 3, 2).
-    """
-    helper = np.eye(3)[np.argmin(np.abs(t), axis=-1)]
-    first = np.cross(t, helper)
-    first /= np.linalg.norm(first, axis=-1, keepdims=True)
-    second = np.cross(t, first)
-    return np.stack([first, second / np.linalg.norm(second, axis=-1, keepdims=True)], axis=-1)
 
 
 def sampson_jacobian(R: Floats, t: Floats, m: Floats, n: Floats) -> tuple[Floats, Floats]:

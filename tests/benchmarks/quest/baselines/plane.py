@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quest.baselines.essential import as_samples, finish
 from quest.geometry.quaternion import quaternion_from_matrix
+from tests.benchmarks.quest.baselines.essential import as_samples, finish
 
 Floats = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ def homography(m: ArrayLike, n: ArrayLike) -> Floats:
 
     Shapes: ``m, n`` (N, 3), returns (K, 4).
 
-    * Returns: Unit quaternions wxyz, canonical in sign, in the form of :func:`quest.solvers.quest6`.
+    * Returns: Unit quaternions wxyz, canonical in sign, in the form of :func:`quest.paper.quest6`.
     """
     m, n, single = as_samples(m, n, at_least=4)
     return finish(_rotations(_fit(m, n)), m, n, single)

@@ -77,7 +77,7 @@ def translation_and_depths(q: ArrayLike, m: ArrayLike, n: ArrayLike) -> tuple[Fl
     ----------
     [F17] Fathian et al., arXiv:1704.02672, the matrix C; G. Taubin, "Estimation of planar curves, surfaces and
     nonplanar space curves defined by implicit equations", PAMI 1991. Derived in the module docstring;
-    :func:`quest.solvers.printed.translation_and_depths_printed` takes the null vector of C.
+    :func:`quest.paper.printed.translation_and_depths_printed` takes the null vector of C.
     """
     m, n = as_matches(m, n, at_least=2)
     q = as_floats(q, "q")

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from quest.robust.kernels import machine_code
+from quest import machine_code
 
 pytestmark = pytest.mark.process
 
 ROTATION = (
-    "import sys, numpy as np; from quest.robust.kernels import small_algebra; R = np.eye(3);"
+    "import sys, numpy as np; from quest import algebra; R = np.eye(3);"
     "small_algebra.turn(R, 0.1, *small_algebra.tangents(R[2])[:2]); print(*R.ravel(), 'scipy.linalg' in sys.modules)"
 )
 

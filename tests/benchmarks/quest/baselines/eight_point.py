@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quest.baselines.essential import as_samples, finish, null_space, rotations_of_essential
+from tests.benchmarks.quest.baselines.essential import as_samples, finish, null_space, rotations_of_essential
 
 
 def eight_point(m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
@@ -19,7 +19,7 @@ def eight_point(m: ArrayLike, n: ArrayLike) -> NDArray[np.float64]:
     Shapes: ``m, n`` (N, 3), returns (2, 4).
 
     * Returns: Unit quaternions wxyz, canonical in sign, the twisted pair; the form is that of
-      :func:`quest.solvers.quest6`.
+      :func:`quest.paper.quest6`.
     """
     m, n, single = as_samples(m, n, at_least=8)
     q = rotations_of_essential(null_space(m, n, 1)[:, 0])

@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quest.baselines.essential import as_samples, constraints, finish, null_space, rotations_of_essential
+from tests.benchmarks.quest.baselines.essential import (
+    as_samples,
+    constraints,
+    finish,
+    null_space,
+    rotations_of_essential,
+)
 
 Floats = NDArray[np.float64]
 
@@ -48,7 +54,7 @@ def five_point(m: ArrayLike, n: ArrayLike) -> Floats:
     Shapes: ``m, n`` (5, 3), returns (K, 4).
 
     * Returns: Unit quaternions wxyz, canonical in sign, two for each of at most ten essential matrices; the form is
-      that of :func:`quest.solvers.quest6`.
+      that of :func:`quest.paper.quest6`.
     """
     m, n, single = as_samples(m, n, at_least=5, at_most=5)
     basis = np.einsum("kl,blij->bkij", _MIXING, null_space(m, n, 4))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quest.baselines.essential import as_samples, finish, null_space, rotations_of_essential
+from tests.benchmarks.quest.baselines.essential import as_samples, finish, null_space, rotations_of_essential
 
 Floats = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ def seven_point(m: ArrayLike, n: ArrayLike) -> Floats:
     Shapes: ``m, n`` (N, 3), returns (K, 4).
 
     * ``m, n``: Bearings in camera 1 and camera 2, of any norm, N >= 7; more than seven in least squares.
-    * Returns: Unit quaternions wxyz, canonical in sign, in the form of :func:`quest.solvers.quest6`.
+    * Returns: Unit quaternions wxyz, canonical in sign, in the form of :func:`quest.paper.quest6`.
     """
     m, n, single = as_samples(m, n, at_least=7)
     pencil = null_space(m, n, 2)

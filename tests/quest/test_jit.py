@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import quest
-from quest.robust.kernels.compiler import inlined, numba
+from quest.jit import inlined, numba
 
 pytestmark = pytest.mark.process
 
@@ -68,8 +68,7 @@ def test_without_a_writable_folder_each_process_compiles(copied_package):
     environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
     environment |= dict.fromkeys(("HOME", "XDG_CACHE_HOME", "LOCALAPPDATA"), str(no_folder / "nowhere"))
     code = (
-        "import numpy; from quest.robust.kernels import small_algebra;"
-        "small_algebra.tangents(numpy.eye(3)[2]); print(small_algebra.__file__)"
+        "import numpy; from quest import algebra;small_algebra.tangents(numpy.eye(3)[2]); print(small_algebra.__file__)"
     )
     assert run(code, cwd=copied_package.parent, env=environment).strip() == str(module)
 
@@ -77,7 +76,7 @@ def test_without_a_writable_folder_each_process_compiles(copied_package):
 def test_a_person_who_waits_is_told_once_that_loops_compile_and_nothing_where_machine_code_is_on_disk(tmp_path):
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
     code = (
-        "import numpy as np; from quest.robust.kernels.small_algebra import tangents;"
+        "import numpy as np; from quest.algebra import tangents;"
         "tangents(np.eye(3)[2]); tangents(np.eye(3, dtype=np.float32)[2])"
     )
     command = [sys.executable, "-c", code]

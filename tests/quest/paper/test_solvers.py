@@ -10,17 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from make_views import SCENES, distance, scene_points, two_views, unit
 
-from quest.baselines import homography
 from quest.errors import InputError
 from quest.geometry.homography import decompose_homography, fit_homography
 from quest.geometry.quaternion import conjugate, matrix_from_quaternion, multiply, quaternion_from_matrix
-from quest.registry import SOLVERS, Solver
-from quest.solvers.monomials import coefficient_rows, quartics, rows_of_moments
-from quest.solvers.newton import polish_on_matches
-from quest.solvers.quest6_fast import quest6_fast
-from quest.solvers.questn import questn
-from quest.solvers.selection import select_candidates
+from quest.paper.monomials import coefficient_rows, quartics, rows_of_moments
+from quest.paper.newton import polish_on_matches
+from quest.paper.quest6_fast import quest6_fast
+from quest.paper.questn import questn
+from quest.paper.selection import select_candidates
+from tests.benchmarks.quest.baselines import homography
 from tests.benchmarks.quest.paper_problems import draw_problems, rotation_error
+from tests.benchmarks.quest.solvers import SOLVERS, Solver
 
 ALL = pytest.mark.parametrize("solver", SOLVERS.values(), ids=SOLVERS)
 SEEDS = st.integers(0, 2**32 - 1)

@@ -7,8 +7,8 @@ import pytest
 
 from quest.geometry.epipolar import depths_from_pose, essential_from_pose, parallax_angles, sampson_error
 from quest.geometry.quaternion import matrix_from_quaternion
-from quest.solvers.printed import translation_and_depths_printed
-from quest.solvers.translation import translation_and_depths
+from quest.paper.printed import translation_and_depths_printed
+from quest.paper.translation import translation_and_depths
 
 
 def two_views(seed: int, points: int = 8, baseline: float = 1.0):
