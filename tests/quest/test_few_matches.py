@@ -120,8 +120,8 @@ def test_the_covariance_states_the_error(points, count):
     """The median of chi-square with five degrees of freedom is 0.87 of its mean."""
     errors = []
     for seed in range(40):
-        pair = drawn(seed, count=count, ratio=0.15, noise_rad=5e-4, points=points(seed))
-        pose = estimate_relative_pose(pair.m, pair.n)
+        pair = drawn(seed, count=count, ratio=0.15, noise_rad=NOISE_RAD, points=points(seed))
+        pose = estimate_relative_pose(pair.m, pair.n, threshold_rad=3 * NOISE_RAD)
         # On a plane the better one of the two motions may be the twin.
         if pose and np.degrees(np.arccos(min(1.0, pose.t @ pair.t))) < 5:
             errors.append(nees(pose, pair))

@@ -62,14 +62,12 @@ def test_the_result_without_compilation_is_the_same():
 
 
 def test_without_a_writable_folder_each_process_compiles(copied_package):
-    module = copied_package / "robust" / "kernels" / "small_algebra.py"
+    module = copied_package / "algebra.py"
     no_folder = module.parent / "__pycache__"
     no_folder.touch()  # a file, so that no folder can be made there
     environment = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
     environment |= dict.fromkeys(("HOME", "XDG_CACHE_HOME", "LOCALAPPDATA"), str(no_folder / "nowhere"))
-    code = (
-        "import numpy; from quest import algebra;small_algebra.tangents(numpy.eye(3)[2]); print(small_algebra.__file__)"
-    )
+    code = "import numpy; from quest import algebra; algebra.tangents(numpy.eye(3)[2]); print(algebra.__file__)"
     assert run(code, cwd=copied_package.parent, env=environment).strip() == str(module)
 
 
@@ -93,7 +91,7 @@ def test_an_edit_of_a_called_loop_renews_the_machine_code_of_its_callers(copied_
         "move(np.eye(3), t, np.array([0.1, 0.2, 0.3, 0.0, 0.0]), R, t.copy()); print(np.trace(R))"
     )
     before = run(code, cwd=copied_package.parent, env=environment)
-    module = copied_package / "robust" / "kernels" / "small_algebra.py"
+    module = copied_package / "algebra.py"
     source = module.read_text()
     halved = source.replace(
         "angle = np.sqrt(w0 * w0 + w1 * w1 + w2 * w2)", "w0 *= 0.5\n    angle = np.sqrt(w0 * w0 + w1 * w1 + w2 * w2)"
@@ -106,10 +104,10 @@ def test_an_edit_of_a_called_loop_renews_the_machine_code_of_its_callers(copied_
 def test_portable_machine_code_serves_a_processor_without_its_own_and_may_be_called_by_a_loop(tmp_path):
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
     code = (
-        "import numpy as np; from quest.robust.kernels import compiler, small_algebra;"
-        "t = np.array([0.6, 0.0, 0.8]); print(*small_algebra.tangents(t));"
-        "caller = compiler.numba.njit(lambda t: small_algebra.tangents(t)[5]);"
-        "print(caller(t), sum(small_algebra.tangents.stats.cache_hits.values()))"
+        "import numpy as np; from quest import algebra, jit;"
+        "t = np.array([0.6, 0.0, 0.8]); print(*algebra.tangents(t));"
+        "caller = jit.numba.njit(lambda t: algebra.tangents(t)[5]);"
+        "print(caller(t), sum(algebra.tangents.stats.cache_hits.values()))"
     )
     portable = run(code, env=environment | {"NUMBA_CPU_NAME": "generic"}).split()
     kept = sorted(tmp_path.rglob("*.code"))

@@ -15,7 +15,7 @@ pytestmark = pytest.mark.process
 
 ROTATION = (
     "import sys, numpy as np; from quest import algebra; R = np.eye(3);"
-    "small_algebra.turn(R, 0.1, *small_algebra.tangents(R[2])[:2]); print(*R.ravel(), 'scipy.linalg' in sys.modules)"
+    "algebra.turn(R, 0.1, *algebra.tangents(R[2])[:2]); print(*R.ravel(), 'scipy.linalg' in sys.modules)"
 )
 
 
@@ -84,11 +84,6 @@ def test_the_machine_code_of_an_installation_comes_first(tmp_path):
     machine_code.write((own,), "loop.code", b"own")
     machine_code.write((installed,), "loop.code", b"installed")
     assert machine_code.read((installed, own), "loop.code") == b"installed"
-
-
-def test_all_that_the_machine_code_depends_on_is_in_the_name_of_its_file():
-    names = {machine_code.name_of("loop", parts) for parts in (("a", "b"), ("a", "c"), ("b", "a"), ("ab",))}
-    assert len(names) == 4
 
 
 def test_a_named_folder_is_the_only_one(monkeypatch, tmp_path):

@@ -7,25 +7,9 @@ import pytest
 from make_pose_matches import THRESHOLD_RAD, as_model, disturbed, pose_and_matches
 
 from quest.chance import chance_of_motion, false_alarms_beside_rotation
-from quest.noise import best_of_modes, likelihoods, log_likelihood, refine_with_noise
-from quest.robust import kernels
+from quest.noise import best_of_modes, refine_with_noise
 from quest.robust.pose_problem import PoseProblem
 from quest.robust.samples import RansacReport
-
-
-def test_a_smaller_residual_is_more_probable_and_the_threshold_tells_little():
-    logs, _ = likelihoods(np.linspace(0.0, 1.0, 201))
-    assert (np.diff(logs) < 0).all()
-    assert logs[0] > 5
-    assert 0 < logs[-1] < 0.2
-
-
-def test_the_likelihood_of_a_motion_is_the_sum_over_its_matches():
-    R, t, m, n = pose_and_matches(0, 80, wrong=20)
-    r2, behind = kernels.residuals(m, n, R, t, THRESHOLD_RAD)
-    near = np.sqrt(r2[(r2 < THRESHOLD_RAD**2) & ~behind]) / THRESHOLD_RAD
-    expected = likelihoods(near)[0].sum()
-    assert log_likelihood(PoseProblem(m, n, THRESHOLD_RAD), as_model(R, t)) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("count", [40, 900])

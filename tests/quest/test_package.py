@@ -24,7 +24,7 @@ def test_without_an_installed_distribution_the_version_is_unknown(monkeypatch):
     def not_installed(name: str) -> str:
         raise importlib.metadata.PackageNotFoundError(name)
 
-    monkeypatch.setattr(importlib.metadata, "version", not_installed)
+    monkeypatch.setattr(quest, "version", not_installed)
     assert quest.__version__ == "0+unknown"
 
 

@@ -45,8 +45,8 @@ def test_each_camera_has_its_own_matrix():
 def test_lists_options_and_results_are_those_of_the_bearing_function():
     m, n = views(box(0), noise_rad=NOISE_RAD)
     points1, points2 = pixels_of(m, K1).tolist(), pixels_of(n, K1).tolist()
-    options = {"seed": 5, "confidence": 0.99, "max_samples": 200, "scores": range(200), "solver": "five"}
-    assert estimate_relative_pose_px(points1, points2, K1.tolist(), K1.tolist(), **options).kind == "general"
+    options = {"seed": 5, "confidence": 0.99, "max_samples": 200, "scores": range(200)}
+    assert estimate_relative_pose_px(points1, points2, K1.tolist(), **options).kind == "general"
     assert isinstance(estimate_relative_pose_px(points1[:4], points2[:4], K1, K1), NoPose)
 
 
@@ -55,18 +55,14 @@ def test_lists_options_and_results_are_those_of_the_bearing_function():
     [
         ({"K1": np.eye(4)}, r"K1 has shape \(4, 4\)"),
         ({"K2": np.full((3, 3), np.nan)}, "K2 .* finite"),
-        ({"K1": "camera"}, "K1"),
         ({"K1": np.diag([0.0, 500.0, 1.0])}, "K1 has the focal lengths 0 and 500"),
-        ({"K2": np.diag([500.0, -500.0, 1.0])}, "K2 has the focal lengths 500 and -500"),
         ({"K1": np.diag([500.0, 500.0, 2.0])}, "K1 is no camera matrix"),
-        ({"K1": K1.T}, "K1 is no camera matrix"),
         ({"K1": K1 + np.diag([1.0, 0.0], -1)}, "K1 is no camera matrix"),
         ({"points1": np.ones((20, 3))}, r"points1 have shape \(20, 3\)"),
         ({"points2": np.ones(20)}, r"points2 have shape \(20,\)"),
         ({"points2": np.full((20, 2), np.inf)}, "points2 .* not finite"),
         ({"points2": np.ones((21, 2))}, "one shape"),
         ({"threshold_px": 0.0}, "threshold_px"),
-        ({"threshold_px": None}, "threshold_px"),
         ({"seed": -1}, "seed"),
     ],
 )
@@ -74,14 +70,3 @@ def test_wrong_arguments_are_named(change, message):
     arguments = {"points1": np.ones((20, 2)), "points2": np.ones((20, 2)), "K1": K1, "K2": K2} | change
     with pytest.raises(InputError, match=message):
         estimate_relative_pose_px(**arguments)
-
-
-def test_the_second_camera_is_the_first_where_none_is_given():
-    rng = np.random.default_rng(0)
-    points = rng.uniform((-1, -1, 2), (1, 1, 4), (60, 3))
-    K = np.array([[500.0, 0, 320], [0, 510, 240], [0, 0, 1]])
-    views = [view @ K.T for view in (points, points + np.array([0.3, 0.1, 0.0]))]
-    pixels = [view[:, :2] / view[:, 2:] for view in views]
-    one, two = estimate_relative_pose_px(*pixels, K), estimate_relative_pose_px(*pixels, K, K)
-    np.testing.assert_array_equal(one.R, two.R)
-    np.testing.assert_array_equal(one.t, two.t)

@@ -9,6 +9,7 @@ import pytest
 from make_two_views import NO_TRANSLATION, NOISE_RAD, box, line, plane, views
 
 from quest import PoseEvidence, estimate_relative_pose
+from quest.geometry.homography import homography_residuals
 
 BEFORE_PARALLAX = ["matches", "samples", "inliers", "noise_rad"]
 PARALLAX = ["chance_inliers", "false_alarms", "parallax_z", "parallax_p"]
@@ -29,6 +30,16 @@ def test_the_dictionary_has_the_known_fields_in_order(matches, names):
     evidence = estimate_relative_pose(*matches).evidence
     assert list(evidence.as_dict()) == names
     assert evidence.as_dict() == {name: getattr(evidence, name) for name in names}
+
+
+@pytest.mark.parametrize(("scene", "options"), [(plane, {}), (box, {"t": NO_TRANSLATION})], ids=["planar", "rotation"])
+def test_the_homography_takes_rays_of_a_plane_and_of_a_rotation_to_the_other_view(request, scene, options):
+    m, n = views(scene(0), noise_rad=NOISE_RAD, outliers=0.2, **options)
+    pose = estimate_relative_pose(m, n)
+    assert pose.kind == request.node.callspec.id
+    errors = np.linalg.norm(homography_residuals(pose.H, m[pose.inliers], n[pose.inliers]), axis=1)
+    assert np.median(errors) < 1.5 * NOISE_RAD
+    assert estimate_relative_pose(*views(box(0), noise_rad=NOISE_RAD)).H is None
 
 
 def test_a_field_of_zero_is_known_and_a_field_of_none_is_not():

@@ -85,6 +85,8 @@ def called(name, m, n):
     return FUNCTIONS[name](m, n)
 
 
+#: Functions that take one number of matches only.
+EXACT = {"quest5": 5, "five_point": 5, "quest6_fast": 6}
 #: Functions that are given a rotation.
 TAKING_ONE = ("parallax_statement", "translation_and_depths", "translation_and_depths_printed")
 GIVING_ONE = pytest.mark.parametrize("name", [name for name in FUNCTIONS if name not in TAKING_ONE])
@@ -94,8 +96,7 @@ GIVING_ONE = pytest.mark.parametrize("name", [name for name in FUNCTIONS if name
 @settings(max_examples=25)
 @given(seed=st.integers(0, 2**32 - 1), kind=st.sampled_from(sorted(RAYS)), count=st.sampled_from([5, 6, 7, 8, 12, 30]))
 def test_each_public_function_gives_rotations_or_refuses(name, seed, kind, count):
-    exact = {"quest5": 5, "five_point": 5, "quest6_fast": 6}
-    m, n = RAYS[kind](np.random.default_rng(seed), exact.get(name, count))
+    m, n = RAYS[kind](np.random.default_rng(seed), EXACT.get(name, count))
     try:
         result = called(name, m, n)
     except quest.InputError as error:
@@ -108,8 +109,7 @@ def test_each_public_function_gives_rotations_or_refuses(name, seed, kind, count
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 @pytest.mark.parametrize("view", [0, 1])
 def test_one_row_without_meaning_is_refused(name, bad, view):
-    exact = {"quest5": 5, "five_point": 5, "quest6_fast": 6}
-    views = list(general(np.random.default_rng(0), exact.get(name, 12))[:2])
+    views = list(general(np.random.default_rng(0), EXACT.get(name, 12))[:2])
     views[view][3] = bad
     with pytest.raises(quest.InputError):
         called(name, *views)
@@ -117,8 +117,7 @@ def test_one_row_without_meaning_is_refused(name, bad, view):
 
 @GIVING_ONE
 def test_views_are_not_changed_and_may_be_read_only(name):
-    exact = {"quest5": 5, "five_point": 5, "quest6_fast": 6}
-    views = general(np.random.default_rng(0), exact.get(name, 12))[:2]
+    views = general(np.random.default_rng(0), EXACT.get(name, 12))[:2]
     before = [view.copy() for view in views]
     for view in views:
         view.setflags(write=False)

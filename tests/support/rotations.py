@@ -8,11 +8,12 @@ from collections.abc import Callable
 import numpy as np
 
 import quest
+from tests.benchmarks.quest.solvers import SOLVERS
 
-#: Every function of the package by its name, with the classical solvers of :data:`quest.SOLVERS`.
+#: Every function of the package by its name, with the classical solvers that it is compared with.
 FUNCTIONS: dict[str, Callable[..., object]] = {
     **{name: getattr(quest, name) for name in quest.__all__ if inspect.isfunction(getattr(quest, name))},
-    **{name: solver.function for name, solver in quest.SOLVERS.items()},
+    **{name: solver.function for name, solver in SOLVERS.items()},
 }
 
 

@@ -19,11 +19,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from quest import SOLVERS
 from quest.geometry.quaternion import matrix_from_quaternion
 from tests.benchmarks.options import positive, run_on_one_thread, save
 from tests.benchmarks.quest.contestants import contestants
 from tests.benchmarks.quest.paper_problems import rotation_error
+from tests.benchmarks.quest.solvers import SOLVERS
 from tests.benchmarks.tables import markdown_table
 
 Floats = NDArray[np.float64]

@@ -11,8 +11,8 @@ basis of the plane orthogonal to t, the derivatives are ::
 
     de = w . (a x (n x t)) + (a x n) . B b,    dp = w . (a x t) + a . B b,    ds = n . B b.
 
-The five unknowns are found by damped Gauss-Newton steps with the weights of Geman and McClure. The weights fade with
-the fourth power of the residual, so that gross outliers have practically no influence.
+The five unknowns are found by damped steps of re-weighted least squares, with the loss of :mod:`quest.robust.loss`: the
+readable counterpart of the compiled refinement.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from quest.geometry.epipolar import tangent_basis
 from quest.geometry.quaternion import rotation_from_vector
+from quest.robust.loss import log_likelihoods, weights
 
 Floats = NDArray[np.float64]
 
@@ -53,31 +54,30 @@ def sampson_jacobian(R: Floats, t: Floats, m: Floats, n: Floats) -> tuple[Floats
 def refine_pose(
     R: Floats, t: Floats, m: Floats, n: Floats, scale_rad: float, iterations: int = 12
 ) -> tuple[Floats, Floats]:
-    """Minimize the robust sum of squared Sampson errors, starting from R, t.
+    """Maximize the likelihood of the Sampson errors, starting from R, t.
 
     Shapes: ``R`` (3, 3), ``t`` (3,), ``m, n`` (N, 3), returns ``R`` (3, 3), returns ``t`` (3,).
 
-    * ``scale_rad``: Scale of the Geman-McClure kernel: a match at this error has a quarter of the weight.
+    * ``scale_rad``: Scale of the loss. One radian makes it that of least squares.
     * ``iterations``: Largest number of steps. The loop ends earlier where a step changes nothing.
-    * Returns ``R``: Rotation of the refined pose, whose robust cost is never larger than that of the start.
+    * Returns ``R``: Rotation of the refined pose, whose likelihood is never less than that of the start.
     """
-    scale2 = scale_rad * scale_rad
     r, J = sampson_jacobian(R, t, m, n)
-    cost, damping = _robust_cost(r, scale2), 1e-4
+    cost, damping = _cost(r, scale_rad), 1e-4
     for _ in range(iterations):
-        weight = 1 / (1 + r * r / scale2) ** 2
-        Jw = J * weight[:, None]
-        A, g = J.T @ Jw, Jw.T @ r
+        weighted = J * weights(r, scale_rad)[:, None]
+        A, g = J.T @ weighted, weighted.T @ r
         trace = np.trace(A)
         if not np.isfinite(trace) or trace <= 0:
             break
         A[np.diag_indices(5)] += damping * np.diag(A) + 1e-12 * trace
         step = -np.linalg.solve(A, g)
+        step /= max(1.0, float(np.abs(step).max()))  # a radian: the derivatives are not valid beyond
         R_new = rotation_from_vector(step[:3]) @ R
         t_new = t + tangent_basis(t) @ step[3:]
         t_new = t_new / np.linalg.norm(t_new)
         r_new, J_new = sampson_jacobian(R_new, t_new, m, n)
-        cost_new = _robust_cost(r_new, scale2)
+        cost_new = _cost(r_new, scale_rad)
         if cost_new <= cost:
             gain = cost - cost_new
             R, t, r, J, cost = R_new, t_new, r_new, J_new, cost_new
@@ -91,7 +91,6 @@ def refine_pose(
     return R, t
 
 
-def _robust_cost(r: Floats, scale2: float) -> float:
-    """Sum of the Geman-McClure kernel over the residuals r (N,)."""
-    r2 = r * r
-    return float(np.sum(r2 / (scale2 + r2)))
+def _cost(r: Floats, scale_rad: float) -> float:
+    """Logarithm of the likelihood of exact matches less that of the residuals r (N,)."""
+    return float(np.sum(log_likelihoods(np.zeros(1), scale_rad) - log_likelihoods(r, scale_rad)))

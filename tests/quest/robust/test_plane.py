@@ -43,7 +43,7 @@ def test_all_points_of_a_plane_lie_on_it_and_its_poses_are_the_motion_and_the_tw
     plane = fit_plane(MODEL, m, n, NOISE_RAD)
     assert plane.on + plane.off == 200
     assert plane.off <= 8  # three deviations of each component are exceeded once in a hundred or less
-    assert 0.6 * NOISE_RAD < plane.along_rad < 1.5 * NOISE_RAD
+    assert 120 < plane.relief < 290  # chi-square of 200 degrees of freedom: four deviations
     motion, twin = plane.poses
     for pose in plane.poses:
         assert np.linalg.norm(pose[:4]) == pytest.approx(1)
@@ -56,7 +56,7 @@ def test_all_points_of_a_plane_lie_on_it_and_its_poses_are_the_motion_and_the_tw
 def test_an_exact_plane_gives_the_exact_motion():
     plane = fit_plane(MODEL, *views(points(0, on_plane=1.0)), NOISE_RAD)
     assert (plane.on, plane.off) == (200, 0)
-    assert plane.along_rad < 1e-9
+    assert plane.relief < 1e-9
     assert abs(plane.poses[0][:4] @ MODEL[:4]) == pytest.approx(1, abs=1e-12)
     assert plane.poses[0][4:] == pytest.approx(MODEL[4:], abs=1e-6)
 
@@ -77,7 +77,6 @@ def test_points_off_a_plane_are_counted(seed):
 def test_a_minority_of_points_on_a_plane_gives_no_plane(seed, on_plane):
     plane = fit_plane(MODEL, *views(points(seed, on_plane=on_plane), noise_rad=NOISE_RAD, seed=seed), NOISE_RAD)
     assert plane.poses == []
-    assert plane.along_rad == np.inf
     assert plane.on < plane.off
 
 
@@ -88,13 +87,6 @@ def test_seven_points_and_equal_points_give_no_plane():
     assert fit_plane(MODEL, *(np.repeat(rays[:1], 20, axis=0) for rays in (m, n)), NOISE_RAD).poses == []
 
 
-def test_points_on_a_line_give_finite_poses():
-    X = np.array([-0.8, 0.2, 4.0]) + np.linspace(0, 1, 50)[:, None] * [1.6, 0.3, 1.0]
-    plane = fit_plane(MODEL, *views(X), NOISE_RAD)
-    assert plane.on + plane.off == 50
-    assert all(np.isfinite(pose).all() for pose in plane.poses)
-
-
 @laws
 @given(seed=SEEDS)
 def test_rotating_the_second_camera_rotates_the_motions_of_a_plane(seed):
@@ -103,7 +95,7 @@ def test_rotating_the_second_camera_rotates_the_motions_of_a_plane(seed):
     turned_model = np.concatenate([quaternion_from_matrix(Q @ R_TRUE), Q @ MODEL[4:]])
     plane, turned = fit_plane(MODEL, m, n, NOISE_RAD), fit_plane(turned_model, m, n @ Q.T, NOISE_RAD)
     assert (turned.on, turned.off) == (plane.on, plane.off)
-    assert turned.along_rad == pytest.approx(plane.along_rad, rel=1e-6)
+    assert turned.relief == pytest.approx(plane.relief, rel=1e-6)
     for pose, turned_pose in zip(plane.poses, turned.poses, strict=True):
         expected = Q @ matrix_from_quaternion(pose[:4])
         assert matrix_from_quaternion(turned_pose[:4]) == pytest.approx(expected, abs=1e-7)
@@ -140,14 +132,6 @@ def test_rays_on_a_line_have_no_width(seed):
 def test_the_width_of_a_strip_is_measured(seed, half_width_rad):
     # A median of 300 values has a deviation of 7 %; the bound is five deviations.
     assert off_line_rad(strip(seed, half_width_rad)) == pytest.approx(half_width_rad, rel=0.35)
-
-
-@laws
-@given(seed=SEEDS)
-def test_a_few_rays_off_the_line_do_not_change_the_width(seed):
-    rays = strip(seed, 1e-3)
-    rays[:45] = unit(np.random.default_rng(seed).normal(size=(45, 3)))
-    assert off_line_rad(rays) < 2e-3
 
 
 @laws

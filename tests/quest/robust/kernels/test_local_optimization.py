@@ -29,29 +29,6 @@ def test_all_subsets_are_drawn_equally_often():
 
 
 @laws
-@given(seed=SEEDS, count=st.integers(5, 40), starts=st.integers(1, 3))
-def test_samples_are_distinct_rows_and_directions_have_unit_norm(seed, count, starts):
-    samples, directions = np.empty((30, 5), np.int64), np.empty((30, starts, 3))
-    uniform = np.random.default_rng(seed).random((30, 5 + 2 * starts))
-    kernels.draw_starts(uniform, count, samples, directions)
-    assert ((samples >= 0) & (samples < count)).all()
-    assert all(len(set(row)) == 5 for row in samples.tolist())
-    assert np.linalg.norm(directions, axis=-1) == pytest.approx(np.ones((30, starts)))
-    given_samples = samples.copy()
-    kernels.draw_starts(uniform, 0, samples, directions)
-    assert (samples == given_samples).all()
-
-
-def test_directions_are_uniform_on_the_sphere():
-    directions = np.empty((20_000, 1, 3))
-    uniform = np.random.default_rng(0).random((len(directions), 7))
-    kernels.draw_starts(uniform, 5, np.empty((len(directions), 5), np.int64), directions)
-    second_moments = np.einsum("nki,nkj->ij", directions, directions) / len(directions)
-    assert directions.mean(axis=0) == pytest.approx(np.zeros((1, 3)), abs=0.02)
-    assert second_moments == pytest.approx(np.eye(3) / 3, abs=0.01)
-
-
-@laws
 @given(seed=SEEDS, most=st.integers(0, 80))
 def test_the_score_of_a_climb_is_that_of_its_pose(seed, most):
     R, t, m, n = pose_and_matches(seed, wrong=20)

@@ -19,6 +19,7 @@ from make_views import unit
 
 from quest.geometry.quaternion import rotation_from_vector
 from quest.robust import kernels
+from quest.robust.loss import log_likelihoods
 from tests.benchmarks.quest.reference import refine_pose
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -46,11 +47,11 @@ def test_refinement_never_raises_the_robust_cost_and_returns_a_pose(seed):
 
     def robust_cost() -> float:
         r2, _ = kernels.residuals(m, n, R, t, THRESHOLD_RAD)
-        return float(np.sum(r2 / (THRESHOLD_RAD**2 + r2)))
+        return -float(log_likelihoods(np.sqrt(r2), THRESHOLD_RAD).sum())
 
     before = robust_cost()
     kernels.refine(m, n, np.ones(len(m), bool), R, t, THRESHOLD_RAD, 20)
-    assert robust_cost() <= before * (1 + 1e-9)
+    assert robust_cost() <= before + 1e-9 * abs(before)
     assert_orthonormal(R)
     assert np.linalg.norm(t) == pytest.approx(1)
 
@@ -88,12 +89,3 @@ def test_half_turns_and_the_identity_are_refined(axis):
     found = rotation_from_vector([0.02, -0.03, 0.01]) @ R
     kernels.refine_rotation(m, m @ R.T, found, 0.1, 50)
     assert angle_between(found, R) < 1e-9
-
-
-@pytest.mark.parametrize("count", [0, 1])
-def test_no_ray_or_one_ray_gives_a_rotation_that_fits_it(count):
-    _, _, m, n = pose_and_matches(0)
-    R = np.eye(3)
-    kernels.refine_rotation(m[:count], n[:count], R, 0.5, 20)
-    assert_orthonormal(R)
-    assert m[:count] @ R.T == pytest.approx(n[:count], abs=1e-6)
