@@ -80,10 +80,6 @@ def test_eigenvectors_equal_those_of_numpy(seed, size, rank, scale):
     assert (V * values) @ V.T == pytest.approx(A, abs=tolerance)
 
 
-def test_eigenvectors_of_numbers_that_are_not_finite_end():
-    eigen_in_place(np.full((3, 3), np.nan), np.empty((3, 3)))
-
-
 @laws
 @given(seed=SEEDS, count=st.integers(1, 60), different=st.integers(1, 60))
 def test_the_median_is_that_of_numpy(seed, count, different):

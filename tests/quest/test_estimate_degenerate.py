@@ -73,14 +73,6 @@ def test_repeated_matches_are_counted_once(points):
     assert result.evidence.matches == points
 
 
-def test_duplicated_matches_give_the_same_kind_and_pose():
-    m, n = views(box(0), noise_rad=NOISE_RAD, outliers=0.2)
-    pose = estimate_relative_pose(np.repeat(m, 2, axis=0), np.repeat(n, 2, axis=0))
-    assert pose.kind == "general"
-    assert is_true(pose, rotation_deg=0.5, direction_deg=2)
-    assert (pose.inliers[::2] == pose.inliers[1::2]).all()
-
-
 def test_points_behind_both_cameras_are_no_inliers():
     # The rays of a quarter of the points are negated: the same epipolar lines, but the points lie behind the cameras.
     m, n = views(box(0), noise_rad=NOISE_RAD)
@@ -89,7 +81,3 @@ def test_points_behind_both_cameras_are_no_inliers():
     assert is_true(pose, rotation_deg=0.5, direction_deg=2)
     assert not pose.inliers[:50].any()
     assert pose.inliers[50:].mean() > 0.95
-
-
-def test_without_samples_a_moving_camera_has_no_pose():
-    assert not estimate_relative_pose(*views(box(0)), max_samples=0)

@@ -108,12 +108,6 @@ def test_depths_at_low_parallax_are_not_biased_although_those_of_the_midpoint_ar
     assert inverse_midpoint > 1.15
 
 
-def test_exact_matches_have_the_depths_of_the_midpoint():
-    pair = drawn(1, count=50, ratio=0.1, noise_rad=0.0)
-    for along, midpoint in zip(depths_of(pair), depths_from_pose(pair.R, pair.t, pair.m, pair.n), strict=True):
-        assert along == pytest.approx(midpoint, rel=1e-9)
-
-
 @pytest.mark.parametrize("points", [box, plane], ids=["general", "planar"])
 @pytest.mark.parametrize("count", [30, 200])
 def test_the_covariance_states_the_error(points, count):

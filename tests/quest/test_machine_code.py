@@ -79,13 +79,6 @@ def test_a_folder_that_is_no_folder_is_passed_over(tmp_path):
     assert machine_code.read((blocked,), "loop.code") is None
 
 
-def test_the_machine_code_of_an_installation_comes_first(tmp_path):
-    installed, own = tmp_path / "installed", tmp_path / "own"
-    machine_code.write((own,), "loop.code", b"own")
-    machine_code.write((installed,), "loop.code", b"installed")
-    assert machine_code.read((installed, own), "loop.code") == b"installed"
-
-
 def test_a_named_folder_is_the_only_one(monkeypatch, tmp_path):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     assert machine_code.folders_of(Path("kernels")) == (tmp_path / "quest",)

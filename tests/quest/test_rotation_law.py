@@ -140,13 +140,6 @@ def test_a_fitted_rotation_is_one_even_where_no_pair_of_rays_determines_it(seed,
     assert all(is_rotation(R) for R, _, _ in poses)
 
 
-@pytest.mark.parametrize(
-    "H", [np.zeros((3, 3)), np.ones((3, 3)), np.diag([1.0, 0, 0]), np.full((3, 3), np.nan), np.eye(3)]
-)
-def test_a_matrix_that_is_no_homography_of_a_plane_has_no_poses(H):
-    assert decompose_homography(H, np.eye(3)) == []
-
-
 @given(st.lists(st.floats(-1e308, 1e308, allow_subnormal=False), min_size=4, max_size=4).filter(any))
 def test_quaternions_of_any_norm_but_zero_are_rotations(q):
     R = matrix_from_quaternion(q)
@@ -158,8 +151,3 @@ def test_quaternions_of_any_norm_but_zero_are_rotations(q):
 def test_a_quaternion_that_is_no_rotation_is_refused(q):
     with pytest.raises(quest.InputError):
         matrix_from_quaternion(q)
-
-
-@given(st.lists(st.floats(-1e6, 1e6), min_size=3, max_size=3))
-def test_vectors_are_rotations(w):
-    assert is_rotation(rotation_from_vector(w))

@@ -43,17 +43,6 @@ def test_the_fit_to_exact_points_is_the_homography_of_the_plane(seed):
 
 @settings(max_examples=50)
 @given(seed=SEEDS)
-def test_points_of_weight_zero_have_no_influence(seed):
-    _, _, _, m, n = plane_views(seed)
-    weight = np.ones(len(m))
-    weight[:10] = 0
-    wrong = n.copy()
-    wrong[:10] = wrong[9::-1]
-    assert fit_homography(m, wrong, weight) == pytest.approx(fit_homography(m[10:], n[10:]), abs=1e-12)
-
-
-@settings(max_examples=50)
-@given(seed=SEEDS)
 def test_rotating_the_second_camera_rotates_the_residuals(seed):
     R, t, k, m, n = plane_views(seed)
     rng = np.random.default_rng(seed)
@@ -94,25 +83,6 @@ def test_both_poses_explain_the_homography_with_the_plane_in_front(seed):
         H_i = R_i + np.outer(t_i, k_i)
         assert np.abs(H_i / np.linalg.norm(H_i)) == pytest.approx(np.abs(H / np.linalg.norm(H)), abs=1e-9)
         assert np.median(m @ k_i) > 0
-
-
-def test_the_points_determine_the_sign():
-    R, t, k, m, _ = plane_views(7)
-    H = R + np.outer(t, k)
-    for (R1, t1, k1), (R2, t2, k2) in zip(decompose_homography(H, m), decompose_homography(H, -m), strict=True):
-        assert pytest.approx(R1) == R2
-        assert t2 == pytest.approx(-t1)
-        assert k2 == pytest.approx(-k1)
-
-
-def test_motion_along_the_normal_gives_the_same_pose_twice():
-    # For motion towards a wall at right angles to the axis the two solutions are equal.
-    R, k = rotation_from_vector([0.1, -0.2, 0.05]), np.array([0.0, 0.0, 0.25])
-    t = R @ np.array([0.0, 0.0, 0.5])
-    m = unit(np.random.default_rng(0).uniform([-0.5, -0.4, 1], [0.5, 0.4, 1], (40, 3)))
-    solutions = decompose_homography(R + np.outer(t, k), m)
-    assert len(solutions) == 2
-    assert distances(solutions, R, t, k) == pytest.approx([0, 0], abs=1e-6)
 
 
 @given(w=st.tuples(*[st.floats(-1.7, 1.7)] * 3), scale=st.sampled_from([1.0, -2.0, 1e-3]))

@@ -68,22 +68,10 @@ def test_the_angle_is_accurate_near_zero_and_near_a_half_turn(seed: int, angle: 
     assert rotation_angle(R) == pytest.approx(angle, abs=1e-15 + 1e-14 * angle + 1e-15)
 
 
-@given(SEEDS, ANGLES)
-def test_opposite_vectors_are_inverse_rotations(seed: int, angle: float):
-    w = angle * axis_of(seed)
-    assert np.allclose(rotation_from_vector(-w), rotation_from_vector(w).T, atol=1e-15)
-
-
 def test_where_w_is_zero_the_first_non_zero_entry_is_positive():
     assert canonical([0.0, -1.0, 0.0, 0.0]) == pytest.approx([0, 1, 0, 0])
     assert canonical([0.0, 0.0, -0.6, 0.8]) == pytest.approx([0, 0, 0.6, -0.8])
     assert canonical([-0.5, 0.5, 0.5, 0.5])[0] > 0
-
-
-def test_canonical_leaves_nan_rows_as_they_are():
-    q = canonical([[np.nan] * 4, [-1.0, 0.0, 0.0, 0.0]])
-    assert np.isnan(q[0]).all()
-    assert q[1] == pytest.approx([1, 0, 0, 0])
 
 
 def test_a_batch_equals_its_members_one_by_one():

@@ -1,13 +1,12 @@
 """QuEst 6 and its printed forms: the quartics, the selection of candidates, the published accuracy.
 
-What all solvers obey is stated in ``tests/quest/test_registry.py``.
+What all solvers obey is stated in ``tests/quest/paper/test_solvers.py``.
 """
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
 from hypothesis import strategies as st
 from make_views import SCENES, distance, scene_points, two_views, unit
 
@@ -81,12 +80,6 @@ def test_the_ranks_of_A_are_the_corrected_ones_of_the_paper(count: int, coplanar
     assert np.sum(values > 1e-12 * values[0]) == rank
 
 
-def test_without_translation_the_rank_is_ten():
-    m, n = two_views(scene_points(0, 6), unit([0.9, 0.1, -0.2, 0.3]), [0, 0, 0])
-    values = np.linalg.svd(coefficient_rows(m[None], n[None])[0], compute_uv=False)
-    assert np.sum(values > 1e-12 * values[0]) == 10
-
-
 # --- exact data ---
 
 
@@ -100,34 +93,7 @@ def test_the_printed_forms_are_right_except_at_half_turns(solve, count: int):
     assert all(misses)
 
 
-@settings(max_examples=60)
-@given(SEEDS, st.sampled_from([0.0, 1e-9, 1e-4, 0.1, 1.0, 3.0, np.pi]))
-def test_rotations_of_any_axis_and_angle_are_found(seed: int, angle: float):
-    rng = np.random.default_rng(seed)
-    q = np.r_[np.cos(angle / 2), np.sin(angle / 2) * unit(rng.normal(size=3))]
-    t = unit(rng.normal(size=3))
-    X = scene_points(seed, 6)
-    m, n = two_views(X, q, t)
-    assert distance(quest6(m, n), q) < 1e-5
-
-
-def test_more_matches_make_the_candidate_ranked_first_more_accurate():
-    # Not the candidate closest to the truth: among forty candidates one is close by chance.
-    p = draw_problems(np.random.default_rng(0), 100, 12, 0.5)
-
-    def error_of_first(count: int) -> float:
-        m, n = p.m[:, :count], p.n[:, :count]
-        return float(rotation_error(select_candidates(quest6(m, n), m, n, keep=1)[0], p.q).mean())
-
-    assert error_of_first(12) < 0.8 * error_of_first(6)
-
-
 # --- degenerate samples and wrong input ---
-
-
-def test_other_eigenproblems_are_refused():
-    with pytest.raises(ValueError, match="xyz"):
-        quest6(np.ones((6, 3)), np.ones((6, 3)), lambdas="w")
 
 
 def test_five_distinct_matches_give_no_quest6_candidate():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from quest.geometry.epipolar import depths_from_pose, essential_from_pose, parallax_angles, sampson_error
+from quest.geometry.epipolar import essential_from_pose, sampson_error
 from quest.geometry.quaternion import matrix_from_quaternion
 from quest.paper.printed import translation_and_depths_printed
 from quest.paper.translation import translation_and_depths
@@ -64,13 +64,6 @@ def test_under_noise_the_direction_is_more_accurate_than_that_of_the_null_vector
     assert ours < printed
 
 
-def test_50000_matches_are_solved_in_linear_memory():
-    q, t, m, n, u, _ = two_views(0, points=50_000)
-    t_, u_, _ = translation_and_depths(q, m, n)
-    assert t_ == pytest.approx(t, abs=1e-10)
-    assert np.median(np.abs(u_ / u - 1)) < 1e-12
-
-
 def test_many_rotations_equal_one_by_one_and_nan_gives_nan():
     q, _, m, n, _, _ = two_views(0)
     other = np.roll(q, 1)
@@ -79,14 +72,6 @@ def test_many_rotations_equal_one_by_one_and_nan_gives_nan():
         for a, b in zip(translation_and_depths(alone, m, n), together, strict=True):
             assert b[row] == pytest.approx(a)
     assert all(np.isnan(a[1]).all() for a in together)
-
-
-def test_a_rotation_only_camera_has_no_translation():
-    q, _, m, n, _, _ = two_views(0, baseline=0.0)
-    t, u, v = translation_and_depths(q, m, n)
-    assert np.array_equal(t, np.zeros(3))
-    residual = u[:, None] * (m @ matrix_from_quaternion(q).T) + t - v[:, None] * n
-    assert np.abs(residual).max() < 1e-14
 
 
 def test_most_depths_are_positive_where_some_points_are_behind():
@@ -103,8 +88,6 @@ def test_most_depths_are_positive_where_some_points_are_behind():
     [
         (np.ones(3), np.ones((6, 3)), r"\(4,\) or \(K, 4\)"),
         (np.ones(4), np.ones((1, 3)), "at least 2"),
-        (np.ones(4), np.full((6, 3), np.inf), "not finite"),
-        (np.ones(4), np.zeros((6, 3)), "zero"),
         (np.zeros(4), np.ones((6, 3)), "q is zero"),
         (np.array([1, np.inf, 0, 0]), np.ones((6, 3)), "infinite"),
     ],
@@ -144,24 +127,3 @@ def test_the_sampson_error_is_symmetric_in_the_views_and_independent_of_the_leng
     there, back = sampson_error(R, 7 * t, m, n), sampson_error(R.T, -R.T @ t, n, m)
     assert np.abs(there) == pytest.approx(np.abs(back))
     assert np.abs(there).min() > 0
-
-
-def test_many_hypotheses_equal_one_by_one():
-    q, t, m, n, _, _ = two_views(5)
-    R = np.stack([matrix_from_quaternion(np.roll(q, k)) for k in range(4)])
-    ts = np.stack([np.roll(t, k) for k in range(4)])
-    errors, (u, v) = sampson_error(R, ts, m, n), depths_from_pose(R, ts, m, n)
-    angles = parallax_angles(R, m, n)
-    for k in range(4):
-        assert errors[k] == pytest.approx(sampson_error(R[k], ts[k], m, n))
-        assert u[k] == pytest.approx(depths_from_pose(R[k], ts[k], m, n)[0])
-        assert v[k] == pytest.approx(depths_from_pose(R[k], ts[k], m, n)[1])
-        assert angles[k] == pytest.approx(parallax_angles(R[k], m, n))
-
-
-def test_the_parallax_of_two_rays_is_the_angle_between_them():
-    m = np.array([[0.0, 0.0, 1.0]])
-    angle = 1e-7
-    n = np.array([[np.sin(angle), 0.0, np.cos(angle)]])
-    assert parallax_angles(np.eye(3), m, m) == pytest.approx([0.0])
-    assert parallax_angles(np.eye(3), m, n) == pytest.approx([angle], rel=1e-6)

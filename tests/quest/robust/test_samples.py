@@ -36,11 +36,6 @@ def test_all_needed_samples_fail_with_the_remaining_probability(share, size, con
     assert all_fail == pytest.approx(1 - confidence)
 
 
-def test_one_sample_is_enough_without_outliers_and_no_number_is_enough_without_inliers():
-    assert samples_needed(1.0, 6, 0.99, 1.0) == 1
-    assert samples_needed(0.0, 6, 0.99, 0.5) == math.inf
-
-
 # --- draw_samples ---
 
 
