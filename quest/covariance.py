@@ -25,7 +25,7 @@ _PLANE_FITS = 5
 
 
 def pose_covariance(hypothesis: Hypothesis, m: Floats, n: Floats, noise_rad: float, outliers: float = 0.0) -> Floats:
-    """Covariance (5, 5) of an M-estimate with the kernel of Geman and McClure, from the inliers m, n (N, 3) of a pose.
+    """Covariance (5, 5) of an M-estimate with the weights of Cauchy, from the inliers m, n (N, 3) of a pose.
 
     It is ``K^2 mean(psi^2) / mean(psi')^2`` times ``A^-1 J^T J A^-1``, psi the derivative of the kernel, in rad^2, in
     the unknowns of :attr:`quest.RelativePose.covariance`.
@@ -121,7 +121,7 @@ def planar_pose_covariance(
     The unknowns are the five of the pose and the three of k. A match has two residuals then, those of the homography
     ``R + t k^T``, so that the pose is better known than from epipolar lines alone.
     """
-    scale_rad = KERNEL_SIGMAS * noise_rad
+    scale_rad = GATE_SIGMAS * noise_rad
     information, psi2, slope = kernels.planar_information(m, n, hypothesis.R, hypothesis.t, scale_rad)
     residuals = 2 * len(m)
     spread = _spread_of_means(residuals, 8, psi2 / residuals, slope / residuals)

@@ -13,11 +13,14 @@ from quest.robust.samples import RansacReport
 from quest.uncertainty.parallax import LEAST_SINE2, RATIO_MADS
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
 #: A Gaussian error exceeds three standard deviations in 0.3 % of the cases.
 GATE_SIGMAS = 3.0
-#: Scale of the kernel by which the covariance of a pose counts its residuals, in standard deviations of the noise.
-KERNEL_SIGMAS = 3.0
+#: Scale of the loss of the last refinement, in standard deviations of the noise. Errors of normal noise are larger than
+#: those of least squares by 7 % then, by 46 % with the scale of the search where the threshold is three deviations. On
+#: 391 real pairs the AUC is within .3 %.
+KERNEL_SIGMAS = 1.5
 #: Number of unknowns of a motion.
 _UNKNOWNS = 5
 #: Smallest noise, in thresholds: it keeps the gates of exact data open.
@@ -81,14 +84,12 @@ def _of_typical_depth(problem: PoseProblem, model: Floats) -> Floats:
     An outlier that fits a motion by chance lies anywhere on its epipolar line, and with a long lever. A foreground is
     of untypical depth as well, and then the likelihood falls by more than the noise of the motion explains.
     """
-    scale_rad = SCALE * problem.threshold_rad
-    R, t = kernels.rotation_of_model(model), model[4:].copy()
+    R, t = kernels.rotation_of_model(model), model[4:]
     typical = problem.explained(model, REACH * problem.threshold_rad)
     kernels.mark_typical(problem.m, problem.n, R, t, RATIO_MADS, LEAST_SINE2, typical)
     if typical.sum() < _LEAST_TYPICAL:
         return model
-    kernels.refine(problem.m, problem.n, typical, R, t, scale_rad, _STEPS)
-    refined = kernels.model_of_pose(R, t)
+    refined = _refined_on(problem, model, typical, SCALE * problem.threshold_rad)
     return refined if log_likelihood(problem, refined) > log_likelihood(problem, model) - SAME_FIT_NATS else model
 
 
@@ -97,7 +98,8 @@ def refine_with_noise(problem: PoseProblem, model: Floats) -> tuple[Floats, floa
 
     The noise is the standard deviation of a bearing, from the median absolute residual; at least a thousandth of the
     threshold. Matches of untypical depth do not take part in it: an outlier that fits a motion by chance lies anywhere
-    on its epipolar line, while with little parallax the points of the scene lie within a few pixels of their lines.
+    on its epipolar line, while with little parallax the points of the scene lie within a few pixels of their lines. The
+    last refinement has the scale of this noise, where it is wider than that of the search.
 
     P. J. Rousseeuw and A. M. Leroy, "Robust Regression and Outlier Detection", 1987, section 5.1: the factor for small
     samples.
@@ -108,4 +110,13 @@ def refine_with_noise(problem: PoseProblem, model: Floats) -> tuple[Floats, floa
         return model, threshold_rad / GATE_SIGMAS
     # The motion has adapted to few matches. 1.4826 times the median absolute deviation is the deviation of a Gaussian.
     few_matches = 1 + _UNKNOWNS / max(count - _UNKNOWNS, 1)
-    return model, max(1.4826 * few_matches * median_rad, _LEAST_NOISE * threshold_rad)
+    noise_rad = max(1.4826 * few_matches * median_rad, _LEAST_NOISE * threshold_rad)
+    scale_rad = max(KERNEL_SIGMAS * noise_rad, SCALE * threshold_rad)
+    return _refined_on(problem, model, problem.explained(model, REACH * threshold_rad), scale_rad), noise_rad
+
+
+def _refined_on(problem: PoseProblem, model: Floats, use: Bools, scale_rad: float) -> Floats:
+    """The motion refined on some of the matches (N,)."""
+    R, t = kernels.rotation_of_model(model), model[4:].copy()
+    kernels.refine(problem.m, problem.n, use, R, t, scale_rad, _STEPS)
+    return kernels.model_of_pose(R, t)

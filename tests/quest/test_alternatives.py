@@ -25,9 +25,7 @@ def test_noise_of_one_to_three_thresholds_leaves_the_true_motion_among_the_retur
     assert np.mean(found) > 0.6
 
 
-@pytest.mark.skipif(
-    not PAIRS.is_file(), reason=f"no {PAIRS}: set SLAM_INIT_DATA"
-)
+@pytest.mark.skipif(not PAIRS.is_file(), reason=f"no {PAIRS}: set SLAM_INIT_DATA")
 def test_tags_on_a_table_are_seen_from_the_right_places():
     """Six pairs on which a scale for each match was wrong by 13 to 91 degrees."""
     pairs, errors = np.load(PAIRS), []

@@ -33,10 +33,10 @@ def pose_information(
     for i in range(count):
         r2 = rows[5, i] * rows[5, i]
         u = r2 / (gate_rad * gate_rad)
-        weight = 1 / ((1 + u) * (1 + u))
+        weight = 1 / (1 + u)
         squares += r2
         psi2 += r2 * weight * weight
-        one = (1 - 3 * u) * weight / (1 + u)
+        one = (1 - u) * weight * weight
         slope += one
         slope2 += one * one
     return information, squares, psi2, slope, slope2
