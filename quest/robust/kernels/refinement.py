@@ -39,7 +39,8 @@ def normal_equations(rays: Floats, R: Floats, t: Floats, scale2: float, rows: Fl
         if i % 8 == 7:
             cost -= np.log(product)
             product = 1.0
-    return cost - np.log(product)
+    rest: float = np.log(product)
+    return cost - rest
 
 
 @compiled
