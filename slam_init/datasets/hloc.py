@@ -22,7 +22,7 @@ from slam_init.datasets.match_chains import PairMatches, chain_matches
 from slam_init.datasets.track_source import TrackSource, by_name, track_source
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import check_inside, open_regular
-from slam_init.types.arrays import Floats
+from slam_init.types.arrays import Floats, as_array
 
 if TYPE_CHECKING:
     import h5py
@@ -99,11 +99,7 @@ def _numbers(path: Path, name: str, entry: object, shape: tuple[int | None, ...]
 
     if not isinstance(entry, h5py.Dataset) or entry.is_virtual or entry.external:
         raise SourceError(f"{path}: {name[:200]}: is no array in this file")
-    fits = len(shape) == entry.ndim and all(a in (None, b) for a, b in zip(shape, entry.shape, strict=True))
-    array = np.asarray(entry[()], float) if fits and entry.dtype.kind in "iuf" else None
-    if array is None or not np.isfinite(array).all():
-        raise SourceError(f"{path}: {name[:200]}: is {entry.dtype} of shape {entry.shape}: expected finite numbers")
-    return array
+    return as_array(entry[()], np.float64, shape, f"{path}: {name[:200]}", error=SourceError)
 
 
 def _read_features(path: Path, features: h5py.File) -> tuple[list[str], list[Floats], tuple[int, int]]:
@@ -113,7 +109,7 @@ def _read_features(path: Path, features: h5py.File) -> tuple[list[str], list[Flo
     for name, entry in _entries(path, features):
         if name.endswith("/keypoints"):
             image = name.removesuffix("/keypoints")
-            points[image] = _numbers(path, name, entry, (None, entry.shape[-1]))[:, :2]
+            points[image] = _numbers(path, name, entry, (None, None))[:, :2]
             size = entry.parent.get("image_size")
             sizes[image] = tuple(_numbers(path, f"{image}/image_size", size, (2,)).tolist())
     if not points:

@@ -191,15 +191,20 @@ def frame_range(length: int, start: int, max_frames: int | None, name: str) -> r
     return range(start, length if max_frames is None else min(length, start + max_frames))
 
 
-def stored_camera(folder: str | os.PathLike[str], first_image: str | os.PathLike[str]) -> Camera | None:
-    """Read the calibration in the ``camera.yaml`` of a folder."""
+def stored_camera(folder: Path, first_image: Path, *names: str) -> Camera | None:
+    """Read the calibration of a folder.
+
+    * ``names``: Of the file, by default ``camera.yaml``. The first that exists is read.
+    * Returns: None if none exists.
+    """
     from slam_init.calibration.files import load_camera
 
-    path = Path(folder) / "camera.yaml"
-    if not path.is_file():
+    files = (folder / name for name in names or ("camera.yaml",))
+    path = next((file for file in files if file.is_file()), None)
+    if path is None:
         return None
     check_inside(path, folder)
-    orientation = photograph_facts(Path(first_image), Path(folder)).orientation
+    orientation = photograph_facts(first_image, folder).orientation
     return load_camera(path, image_size(first_image, folder), orientation)
 
 

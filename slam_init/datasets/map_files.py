@@ -20,10 +20,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slam_init.bundle.graph import map_of_graph
+from slam_init.calibration.values import at_place
 from slam_init.config import Config
-from slam_init.datasets.bounded import checked_array, read_npz
+from slam_init.datasets.bounded import read_npz
 from slam_init.datasets.colmap import read_model
 from slam_init.datasets.image_files import ImageFileSource, natural_key
 from slam_init.datasets.layouts.photographs import TRANSFORMS, find_colmap, read_transforms
@@ -37,7 +39,7 @@ from slam_init.frontend.tracks import Tracker
 from slam_init.output.handover import FORMAT, VERSION
 from slam_init.output.results import load_graph
 from slam_init.system.regular_file import kind_problem
-from slam_init.types.arrays import Floats, Ints
+from slam_init.types.arrays import Floats, Ints, as_array
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations, TimedSource
 from slam_init.types.pose import Pose, Trajectory
@@ -45,13 +47,11 @@ from slam_init.types.pose import Pose, Trajectory
 _HANDOVER, _GRAPH, _VALUES = "handover.npz", "graph.txt", "values.txt"
 #: A pose belongs to the image that is nearest in time, within this time.
 _SAME_TIME_S = 0.02
-#: The arrays of ``handover.npz`` that are read: their shapes, -1 for any number, and kinds.
-_ARRAYS: dict[str, tuple[tuple[int, ...], str]] = {
-    "format": ((), "U"), "version": ((), "iu"), "camera_model": ((), "U"), "camera_size": ((2,), "iu"),
-    "camera_parameters": ((-1,), "iuf"), "keyframe_frames": ((-1,), "iu"), "keyframe_poses": ((-1, 4, 4), "f"),
-    "point_ids": ((-1,), "iu"), "observation_keyframes": ((-1,), "iu"), "observation_points": ((-1,), "iu"),
-    "observation_pixels": ((-1, 2), "f"),
-}  # fmt: skip
+#: The arrays of ``handover.npz`` that are read.
+_ARRAYS = (
+    *("format", "version", "camera_model", "camera_size", "camera_parameters", "keyframe_frames", "keyframe_poses"),
+    *("point_ids", "observation_keyframes", "observation_points", "observation_pixels"),
+)
 #: A map of a million observations has 32 MB.
 _MAX_BYTES = 500_000_000
 #: Frames of a source from the first pose on: ten seconds of video, in which a first map is made.
@@ -257,11 +257,10 @@ def _trajectory(path: Path) -> MapFile:
     rows = list(read_poses(path, None, TUM_COLUMNS))
     if not rows:
         raise SourceError(f"{path}: holds no pose: give a map, or a trajectory: {TUM_COLUMNS}")
-    stamps, poses = stamps_of(rows), tuple(row.pose for row in rows)
+    stamps, poses = stamps_of(rows), tuple(pose for _, pose in rows)
     if stamps is None or 2 * len(set(stamps)) <= len(stamps):  # equal stamps are no times
         return MapFile(path, poses, tuple(range(len(poses))))
-    found = trajectory(list(zip(stamps, poses, strict=True)))
-    return MapFile(path, poses, trajectory=found)
+    return MapFile(path, poses, trajectory=trajectory(zip(stamps, poses, strict=True)))
 
 
 def _transforms(path: Path) -> MapFile:
@@ -307,25 +306,26 @@ def _table(frames: Ints, track_ids: Ints, pixels: Floats) -> TrackTable:
 
 
 def _handover(path: Path) -> MapFile:
-    arrays: Any = read_npz(path, _ARRAYS, _MAX_BYTES, "the handover of a map")
-    for name, (shape, kinds) in _ARRAYS.items():
-        checked_array(path, arrays, name, shape, kinds, "the handover.npz of slam-init run")
-    if str(arrays["format"]) != FORMAT or int(arrays["version"]) != VERSION:
+    arrays = read_npz(path, _ARRAYS, _MAX_BYTES, "the handover.npz of slam-init run")
+
+    def array(name: str, kind: type, *shape: int | None) -> NDArray[Any]:
+        return as_array(arrays[name], kind, shape, f"{path}: {name}", error=SourceError)
+
+    if str(arrays["format"]) != FORMAT or str(arrays["version"]) != str(VERSION):
         raise SourceError(f"{path}: is no {FORMAT} of version {VERSION}: give that of slam-init run")
-    width, height = arrays["camera_size"].tolist()
-    frames, ids = (arrays[name].astype(np.int64) for name in ("keyframe_frames", "point_ids"))
-    keyframes, points = (arrays[f"observation_{name}"].astype(np.int64) for name in ("keyframes", "points"))
-    pixels, matrices = arrays["observation_pixels"].astype(float), arrays["keyframe_poses"].astype(float)
-    fits = len(frames) == len(matrices) and len(keyframes) == len(points) == len(pixels)
+    width, height = array("camera_size", np.int64, 2).tolist()
+    frames, ids = (array(name, np.int64, None) for name in ("keyframe_frames", "point_ids"))
+    keyframes, points = (array(f"observation_{name}", np.int64, None) for name in ("keyframes", "points"))
+    pixels, matrices = array("observation_pixels", np.float64, None, 2), array("keyframe_poses", np.float64, None, 4, 4)
+    parameters = array("camera_parameters", np.float64, None).tolist()
+    fits = len(parameters) >= 4 and len(frames) == len(matrices) and len(keyframes) == len(points) == len(pixels)
     if not fits or not all(((k >= 0) & (k < n)).all() for k, n in ((keyframes, len(frames)), (points, len(ids)))):
         raise SourceError(f"{path}: its arrays do not fit together: run again")
     if len(np.unique(frames)) < len(frames) or (frames < 0).any():
         raise SourceError(f"{path}: keyframe_frames has a frame twice, or a negative one: run again")
-    try:
-        fx, fy, cx, cy, *distortion = arrays["camera_parameters"].tolist()
+    fx, fy, cx, cy, *distortion = parameters
+    with at_place(path):
         camera = Camera(str(arrays["camera_model"]), width, height, fx, fy, cx, cy, tuple(distortion))
-    except (CalibrationError, ValueError) as error:  # ValueError: fewer parameters
-        raise CalibrationError(f"{path}: {error}") from None
     poses = tuple(pose_from_matrix(f"{path}: pose {k}", matrix[:3]) for k, matrix in enumerate(matrices))
     table = _table(frames[keyframes], ids[points], pixels)
     return MapFile(path, poses, tuple(frames.tolist()), camera=camera, table=table)

@@ -37,7 +37,7 @@ from slam_init.datasets.image_files import ImageFileSource, image_size, stored_c
 from slam_init.datasets.inertial import InertialSensor, read_densities, read_samples
 from slam_init.datasets.posed_images import Layout, file_of, image_sequence
 from slam_init.datasets.stamps import stamp_of
-from slam_init.datasets.text import fields_of, numbers, pinhole, pose_from_matrix, read_rows, read_trajectory
+from slam_init.datasets.text import pose_from_matrix, read_rows, read_trajectory
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.system.regular_file import check_inside
 from slam_init.types.camera import Camera
@@ -88,7 +88,7 @@ def open_tum(folder: Path, index: Path) -> ImageFileSource:
         raise SourceError(f"{folder}: several *.gt.freiburg: keep the one that belongs to the images")
     split = _name_may_hold_spaces if index.name == "rgb.txt" else _colour_of_pair
     paths, stamps = _read_list(index, folder, split, "a timestamp and a file name")
-    camera = stored_camera(folder, paths[0]) or _eth3d_camera(folder, paths[0])
+    camera = stored_camera(folder, paths[0], "camera.yaml", "calibration.txt")
     truth: Trajectory | None = None
     if reflected:
         stamps = [(place, stamp / _ICL_NUIM_RATE_HZ) for place, stamp in stamps]
@@ -108,18 +108,6 @@ def _name_may_hold_spaces(line: str) -> list[str]:
 def _colour_of_pair(line: str) -> list[str]:
     fields = line.split()
     return fields[2:] if len(fields) >= 4 and fields[1].lower().startswith("depth") else fields
-
-
-def _eth3d_camera(folder: Path, first_image: Path) -> Camera | None:
-    """The camera of ``calibration.txt``; None if there is no such file."""
-    path = folder / "calibration.txt"
-    if not path.is_file():
-        return None
-    row = next(read_rows(path, folder), None)
-    if row is None:
-        raise SourceError(f"{path}: is empty: expected fx fy cx cy")
-    fx, fy, cx, cy = numbers(row, fields_of(row), 4, "fx fy cx cy")
-    return pinhole(row[0], image_size(first_image, folder), fx, fy, cx, cy)
 
 
 def _reflected(truth: Trajectory | None) -> Trajectory | None:
