@@ -7,7 +7,7 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -48,6 +48,21 @@ def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
     return tuple(
         (0, int(part), part) if part.isdecimal() else (1, 0, part) for part in re.split(r"(\d+)", name) if part
     )
+
+
+def find_by_end(names: Iterable[str], known: Iterable[str]) -> list[list[int]]:
+    """Find paths whose folders have another place: for each name the known paths with the longest common end."""
+    by_file: dict[str, list[tuple[list[str], int]]] = {}
+    for i, path in enumerate(known):
+        parts = path.split("/")[::-1]
+        by_file.setdefault(parts[0], []).append((parts, i))
+    found = []
+    for name in names:
+        parts = name.split("/")[::-1]
+        ends = ((i, os.path.commonprefix([parts, other])) for other, i in by_file.get(parts[0], ()))  # noqa: RUF071 (parts)
+        shared = {i: len(end) for i, end in ends}
+        found.append([i for i, count in shared.items() if count == max(shared.values())])
+    return found
 
 
 def list_images(folder: str | os.PathLike[str]) -> list[Path]:

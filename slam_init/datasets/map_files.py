@@ -13,7 +13,6 @@ chosen by the map, so that a wrong map is found more often.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +26,7 @@ from slam_init.calibration.values import at_place
 from slam_init.config import Config
 from slam_init.datasets.bounded import read_npz
 from slam_init.datasets.colmap import read_model
-from slam_init.datasets.image_files import ImageFileSource, natural_key
+from slam_init.datasets.image_files import ImageFileSource, find_by_end, natural_key
 from slam_init.datasets.layouts.photographs import TRANSFORMS, find_colmap, read_transforms
 from slam_init.datasets.match_chains import TrackTable
 from slam_init.datasets.posed_images import common_camera
@@ -207,14 +206,9 @@ def _in_source(map_: MapFile, source: TimedSource) -> tuple[dict[int, Pose], tup
                 "each pose, or give a pose for each image"
             )
         return {frame: pose for frame, pose in map_.poses.items() if frame < len(source)}, ()
-    names, found = _names_of(source), dict[int, Pose]()
-    for name, pose in zip(map_.names, map_.world_from_cam, strict=True):
-        # The folders of the images may have another place: the longest common end decides.
-        shared = [_common_end(name, one) for one in names]
-        longest = max(shared, default=0)
-        if longest and shared.count(longest) == 1:
-            found[shared.index(longest)] = pose
-    return found, ()
+    found = find_by_end(map_.names, _names_of(source))
+    named = zip(found, map_.world_from_cam, strict=True)
+    return {candidates[0]: pose for candidates, pose in named if len(candidates) == 1}, ()
 
 
 def _by_time(known: Trajectory, times_s: Floats) -> tuple[dict[int, Pose], tuple[str, ...]]:
@@ -238,12 +232,6 @@ def _clocks(stamps: Floats, times_s: Floats) -> str:
     return (
         f"time stamps of {stamps[0]:.12g} to {stamps[-1]:.12g}, and images of {times_s[0]:.12g} to {times_s[-1]:.12g} s"
     )
-
-
-def _common_end(name: str, other: str) -> int:
-    """How many parts two paths have in common at their ends."""
-    parts = zip(reversed(name.split("/")), reversed(other.split("/")), strict=False)
-    return sum(1 for _ in itertools.takewhile(lambda pair: pair[0] == pair[1], parts))
 
 
 def _names_of(source: TimedSource) -> list[str]:
