@@ -103,11 +103,12 @@ def _check(camera: Camera, image_size: tuple[int, int] | None, orientation: int 
         )
 
 
-def load_yaml(path: str | os.PathLike[str]) -> object:
-    """Read a YAML file by the safe loader."""
+def load_yaml(path: str | os.PathLike[str]) -> dict[str, object]:
+    """Read a YAML file by the safe loader; empty where there is no mapping at its top."""
     data = read_regular(path, _MAX_BYTES, _WHAT, CalibrationError)
     with at_place(path):
-        return parse_yaml(_text(data))
+        content = parse_yaml(_text(data))
+    return content if isinstance(content, dict) else {}
 
 
 def _text(data: bytes) -> str:

@@ -24,6 +24,7 @@ import numpy as np
 
 from slam_init.calibration.formats import parse_colmap
 from slam_init.calibration.models import COLMAP_PARAMETERS, NUMBERED
+from slam_init.calibration.values import at_place
 from slam_init.datasets.match_chains import PairMatches, chain_matches
 from slam_init.datasets.posed_images import common_camera
 from slam_init.datasets.text import Row, numbers, pose_from_quaternion, read_lines, read_rows
@@ -100,10 +101,8 @@ def _images_of_text(path: Path, root: Path) -> Iterator[ColmapImage]:
 
 
 def _parsed_camera(place: str, line: str) -> Camera:
-    try:
+    with at_place(place):
         return parse_colmap(line)
-    except CalibrationError as error:
-        raise CalibrationError(f"{place}: {error}") from None
 
 
 def _numbered_camera(place: str, name: str, width: int, height: int, parameters: Sequence[float]) -> Camera:

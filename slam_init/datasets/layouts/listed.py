@@ -33,12 +33,13 @@ from pathlib import Path
 import numpy as np
 
 from slam_init.calibration.files import load_camera, load_yaml
+from slam_init.calibration.values import Section
 from slam_init.datasets.image_files import ImageFileSource, image_size, stored_camera
-from slam_init.datasets.inertial import InertialSensor, read_densities, read_samples
+from slam_init.datasets.inertial import InertialSensor, pose_of_yaml, read_densities, read_samples
 from slam_init.datasets.posed_images import Layout, file_of, image_sequence
 from slam_init.datasets.stamps import stamp_of
-from slam_init.datasets.text import pose_from_matrix, read_rows, read_trajectory
-from slam_init.errors import CalibrationError, SourceError
+from slam_init.datasets.text import read_rows, read_trajectory
+from slam_init.errors import SourceError
 from slam_init.system.regular_file import check_inside
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose, Trajectory
@@ -119,17 +120,6 @@ def _reflected(truth: Trajectory | None) -> Trajectory | None:
     return Trajectory(truth.timestamps_s * (1 / _ICL_NUIM_RATE_HZ), poses)
 
 
-def _matrix(path: Path, key: str, data: object) -> Pose | None:
-    """The pose of 16 numbers of a YAML file; None where it is not stated."""
-    if data is None:
-        return None
-    try:
-        matrix = np.array(data, float).reshape(4, 4)
-    except (TypeError, ValueError):
-        raise CalibrationError(f"{path}: {key} is not a matrix of 4x4 numbers") from None
-    return pose_from_matrix(f"{path}: {key}", matrix)
-
-
 def find_euroc(folder: Path) -> Path | None:
     """Find the folder that holds the ``data.csv`` of the first camera."""
     candidates = (folder / "mav0" / "cam0", folder / "cam0", folder)
@@ -183,9 +173,9 @@ def _comma(line: str) -> list[str]:
 
 def _body_from_sensor(sensor: Path) -> Pose | None:
     """The pose ``T_BS`` of a sensor in the body; None where it is not stated."""
-    content = load_yaml(sensor)
-    entry = content.get("T_BS") if isinstance(content, dict) else None
-    return _matrix(sensor, "T_BS", entry.get("data") if isinstance(entry, dict) else entry)
+    entry = load_yaml(sensor).get("T_BS")
+    data = entry.get("data") if isinstance(entry, dict) else entry
+    return None if data is None else pose_of_yaml(f"{sensor}: T_BS", data)
 
 
 def _read_imu0(folder: Path, root: Path, body_from_cam: Pose, unit: TimeUnit) -> InertialSensor:
@@ -196,7 +186,7 @@ def _read_imu0(folder: Path, root: Path, body_from_cam: Pose, unit: TimeUnit) ->
     if body_from_imu is None:
         raise SourceError(f"{sensor}: no T_BS, the pose of the sensor: add it, or leave --imu out")
     stamps, samples = read_samples(table, root, "timestamp,w_x,w_y,w_z (rad/s),a_x,a_y,a_z (m/s^2)")
-    densities = read_densities(sensor, load_yaml(sensor))
+    densities = read_densities(sensor, Section(load_yaml(sensor)))
     return InertialSensor.made(
         in_seconds(stamps, unit), samples, body_from_cam.inverse() @ body_from_imu, densities, name="imu0"
     )

@@ -14,7 +14,7 @@ from slam_init.datasets import open_source
 from slam_init.datasets.gyroscope import Gyroscope, gyroscope_of, made_gyroscope
 from slam_init.datasets.inertial import inertial_of
 from slam_init.datasets.views import SourceView
-from slam_init.errors import SourceError
+from slam_init.errors import SlamInitError, SourceError
 from slam_init.initializer import Initializer
 from slam_init.runner import run
 
@@ -155,7 +155,7 @@ def test_a_broken_gyroscope_of_euroc_is_refused_with_its_file_where_it_is_used(e
     write(euroc / "imu0" / file, text)
     source = open_source(euroc)
     run(source, source.camera, Config(), max_frames=1)
-    with pytest.raises(SourceError, match=message):
+    with pytest.raises(SlamInitError, match=message):
         run(source, source.camera, Config(), max_frames=1, imu=True)
 
 
