@@ -183,15 +183,23 @@ def image_size(path: str | os.PathLike[str], root: str | os.PathLike[str]) -> tu
     return width, height
 
 
-def check_size(what: str, size: tuple[int, int], expected: tuple[int, int], of: str, path: Path | None = None) -> None:
+def check_size(
+    what: str,
+    size: tuple[int, ...],
+    expected: tuple[int, int],
+    of: str,
+    path: Path | None = None,
+    otherwise: str = "all sizes must be equal",
+) -> None:
     """Check that an image has the expected size.
 
     * ``of``: Name of the thing that has the expected size, for the message.
     * ``path``: The file of the image, if there is one.
+    * ``otherwise``: The remedy where the sizes tell no cause.
     """
     if size != expected:
         orientation = 1 if path is None else photograph_facts(path).orientation
-        remedy = size_remedy(size, expected, orientation, "all sizes must be equal")
+        remedy = size_remedy(size, expected, orientation, otherwise)
         raise SourceError(f"{what}: image is {size[0]}x{size[1]}, but {of} is {expected[0]}x{expected[1]}: {remedy}")
 
 

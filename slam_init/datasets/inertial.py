@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slam_init.calibration.values import Section, at_place
-from slam_init.datasets.gyroscope import Gyroscope, made_gyroscope
+from slam_init.datasets.gyroscope import NOISE_DENSITY, Gyroscope, without_bias
 from slam_init.datasets.stamps import stamp_of
 from slam_init.datasets.text import fields_of, numbers, pose_from_matrix, read_rows
 from slam_init.errors import CalibrationError, SourceError
@@ -53,14 +53,11 @@ class InertialSensor(NamedTuple):
         * ``stated``: Noise densities, by their names in :func:`read_densities`.
         * ``clock_sigma_s``: None where one clock has taken images and samples.
         """
-        gyroscope = made_gyroscope(
-            timestamps_s,
-            samples[:, :3],
-            cam_from_imu.R,
-            noise_density=stated.get("gyroscope_noise_density"),
-            clock_sigma_s=clock_sigma_s or 0.0,
-            name=name,
+        density = stated.get("gyroscope_noise_density", NOISE_DENSITY)
+        raw = Gyroscope(
+            timestamps_s, samples[:, :3], cam_from_imu.R, density, clock_sigma_s=clock_sigma_s or 0.0, name=name
         )
+        gyroscope = without_bias(raw)
         if samples.shape[1] < 6:
             return InertialSensor(gyroscope, None)
         more = {name.replace("_noise", ""): value for name, value in stated.items()}

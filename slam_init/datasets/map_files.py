@@ -26,21 +26,21 @@ from slam_init.calibration.values import at_place
 from slam_init.config import Config
 from slam_init.datasets.bounded import read_npz
 from slam_init.datasets.colmap import read_model
-from slam_init.datasets.image_files import ImageFileSource, find_by_end, natural_key
+from slam_init.datasets.image_files import ImageFileSource, check_size, find_by_end, natural_key
 from slam_init.datasets.layouts.photographs import TRANSFORMS, find_colmap, read_transforms
 from slam_init.datasets.match_chains import TrackTable
 from slam_init.datasets.posed_images import common_camera
 from slam_init.datasets.stamps import line_by_line, truth_on_clock
 from slam_init.datasets.text import TUM_COLUMNS, pose_from_matrix, read_poses, stamps_of, trajectory
 from slam_init.datasets.track_source import KnowsTracks, TrackSource
-from slam_init.errors import CalibrationError, SourceError
+from slam_init.errors import SourceError
 from slam_init.frontend.tracks import Tracker
 from slam_init.output.handover import FORMAT, VERSION
 from slam_init.output.results import load_graph
 from slam_init.system.regular_file import kind_problem
 from slam_init.types.arrays import Floats, Ints, as_array
 from slam_init.types.camera import Camera
-from slam_init.types.frame import Frame, Observations, TimedSource
+from slam_init.types.frame import Observations, TimedSource
 from slam_init.types.pose import Pose, Trajectory
 
 _HANDOVER, _GRAPH, _VALUES = "handover.npz", "graph.txt", "values.txt"
@@ -53,6 +53,7 @@ _ARRAYS = (
 )
 #: A map of a million observations has 32 MB.
 _MAX_BYTES = 500_000_000
+_OTHER_SIZE = "give the images of the map, or their calibration by --camera"
 #: Frames of a source from the first pose on: ten seconds of video, in which a first map is made.
 _MOST_FRAMES = 300
 
@@ -145,7 +146,8 @@ def tracked_by(
         if isinstance(source, KnowsTracks):
             views.append(source.observed(frame, camera))
         else:
-            _check_size(source, frame, camera)
+            size, expected = frame.image.shape[1::-1], (camera.width, camera.height)
+            check_size(source.name, size, expected, "the calibration", otherwise=_OTHER_SIZE)
             tracker.track(frame)
     return poses, views or list(tracker.history), notes
 
@@ -184,15 +186,6 @@ def _moved(first: tuple[Ints, Floats], second: tuple[Ints, Floats]) -> tuple[Flo
     """The pixels (N, 2) of common tracks in the first of two frames, and how they move to the second."""
     _, i, j = np.intersect1d(first[0], second[0], return_indices=True)
     return first[1][i], second[1][j] - first[1][i]
-
-
-def _check_size(source: TimedSource, frame: Frame, camera: Camera) -> None:
-    height, width = frame.image.shape[:2]
-    if (width, height) != (camera.width, camera.height):
-        raise CalibrationError(
-            f"{source.name}: images of {width}x{height}, the calibration is of {camera.width}x{camera.height}: give "
-            "the images of the map, or their calibration by --camera"
-        )
 
 
 def _in_source(map_: MapFile, source: TimedSource) -> tuple[dict[int, Pose], tuple[str, ...]]:
