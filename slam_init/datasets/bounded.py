@@ -38,6 +38,12 @@ def read_json(path: str | os.PathLike[str], root: str | os.PathLike[str], what: 
     return cast(JsonObject, content)
 
 
+def first_bytes(path: str | os.PathLike[str], count: int) -> bytes:
+    """Read the start of a file, by which its kind is told."""
+    with open_regular(path, SourceError) as file:
+        return file.read(count)
+
+
 def read_npz(
     path: str | os.PathLike[str], required: Collection[str], limit_bytes: int, what: str, optional: Collection[str] = ()
 ) -> dict[str, NDArray[Any]]:

@@ -18,10 +18,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from slam_init.datasets.bounded import first_bytes
 from slam_init.datasets.match_chains import PairMatches, chain_matches
 from slam_init.datasets.track_source import TrackSource, by_name, track_source
 from slam_init.errors import SourceError
-from slam_init.system.regular_file import check_inside, open_regular
+from slam_init.system.regular_file import check_inside
 from slam_init.types.arrays import Floats, as_array
 
 if TYPE_CHECKING:
@@ -32,12 +33,7 @@ _MAGIC = b"\x89HDF\r\n\x1a\n"
 
 def is_hdf5(path: Path) -> bool:
     """Tell whether a file is in HDF5, by its content or its suffix."""
-    return path.suffix.lower() in (".h5", ".hdf5") or _has_magic(path)
-
-
-def _has_magic(path: Path) -> bool:
-    with open_regular(path, SourceError) as file:
-        return file.read(len(_MAGIC)) == _MAGIC
+    return path.suffix.lower() in (".h5", ".hdf5") or first_bytes(path, len(_MAGIC)) == _MAGIC
 
 
 def open_hloc(path: Path) -> TrackSource:
@@ -70,7 +66,7 @@ def _opened(path: Path) -> Iterator[h5py.File]:
         import h5py
     except ImportError:
         raise SourceError(f'{path}: reading .h5 needs h5py: pip install ".[hloc]"') from None
-    if not _has_magic(path):
+    if first_bytes(path, len(_MAGIC)) != _MAGIC:
         raise SourceError(f"{path}: is no HDF5 file of hloc")
     try:
         with h5py.File(path, "r") as file:

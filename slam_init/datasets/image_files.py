@@ -65,14 +65,14 @@ def find_by_end(names: Iterable[str], known: Iterable[str]) -> list[list[int]]:
     return found
 
 
-def list_images(folder: str | os.PathLike[str]) -> list[Path]:
+def list_images(folder: Path) -> list[Path]:
     """List the image files of a folder, without hidden files. What an entry is (a file, a pipe) is not looked up."""
     if names := sorted(_image_names(folder), key=natural_key):
-        return [Path(folder, name) for name in names]
+        return [folder / name for name in names]
     raise SourceError(f"{folder}: holds no image")
 
 
-def _image_names(folder: str | os.PathLike[str]) -> Iterator[str]:
+def _image_names(folder: Path) -> Iterator[str]:
     with os.scandir(folder) as entries:
         for entry in entries:
             suffix = os.path.splitext(entry.name)[1]  # noqa: PTH122 (a Path for each of a million names takes seconds)
@@ -151,6 +151,16 @@ def _has_whole_chunks(png: bytes) -> bool:
             return True
         at += 12 + int.from_bytes(png[at : at + 4], "big")
     return False
+
+
+def check_pixels(place: str, width: int, height: int, least: int = 1) -> None:
+    """Refuse the size of an image that has none or too many pixels, before any is decoded.
+
+    * ``least``: The shortest side; 0 for a header that may leave the size to the first image.
+    """
+    if min(width, height) < least or width * height > MAX_PIXELS:
+        most = f"at most {MAX_PIXELS / 1e6:.0f} million"
+        raise SourceError(f"{place}: {width}x{height} pixels: an image has at least one and {most}: shrink the images")
 
 
 def _check_header(name: str, data: bytes) -> None:
@@ -301,12 +311,11 @@ NOMINAL_RATE_HZ = 30.0
 PHOTO_RATE_HZ = 1.0
 
 
-def open_folder(folder: str | os.PathLike[str]) -> ImageFileSource:
+def open_folder(folder: Path) -> ImageFileSource:
     """Open a folder of images in natural order of their names; they may lie in its subfolder ``images``.
 
     * ``folder``: If it holds ``camera.yaml``, this is the calibration.
     """
-    folder = Path(folder)
     paths = list_images(image_folder(folder) or folder)
     timestamps_s, notes = _times(paths, folder)
     if turn := TURNS.get(photograph_facts(paths[0], folder).orientation):

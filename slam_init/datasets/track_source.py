@@ -12,9 +12,9 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from slam_init.datasets.image_files import (
-    MAX_PIXELS,
     PHOTO_RATE_HZ,
     ImageFileSource,
+    check_pixels,
     check_size,
     find_by_end,
     frame_range,
@@ -134,9 +134,7 @@ def track_source(
 
     Shapes: ``timestamps_s`` (F,).
     """
-    width, height = size
-    if width < 1 or height < 1 or width * height > MAX_PIXELS:
-        raise SourceError(f"{path}: images of {width}x{height} pixels: expected 1 to {MAX_PIXELS / 1e6:.0f} million")
+    check_pixels(str(path), *size)
     # Keypoints of the last row lie up to half a pixel beyond its centre; some detectors refine them beyond that.
     inside = ((table.pixels >= -1.0) & (table.pixels <= np.array(size))).all(axis=1)
     if not inside.all():

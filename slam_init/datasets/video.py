@@ -16,7 +16,6 @@ left keep their places, so the calibration and earlier tracks stay valid; only t
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -27,7 +26,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.datasets.image_files import MAX_PIXELS, NOMINAL_RATE_HZ, check_size, frame_range
+from slam_init.datasets.bounded import first_bytes
+from slam_init.datasets.image_files import NOMINAL_RATE_HZ, check_pixels, check_size, frame_range
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import open_regular
 from slam_init.types.arrays import Floats, Image
@@ -178,8 +178,7 @@ def count_frames(path: Path) -> int:
 
 def is_gif(path: Path) -> bool:
     """Whether a file is a GIF."""
-    with open_regular(path, SourceError) as file:
-        return file.read(6) in (b"GIF87a", b"GIF89a")
+    return first_bytes(path, 6) in (b"GIF87a", b"GIF89a")
 
 
 def _start_s(stream: VideoStream) -> float:
@@ -269,22 +268,16 @@ class VideoSource:
             yield Frame(index, last_s, f"frame-{index:06d}", image)
 
 
-def open_video(path: str | os.PathLike[str]) -> VideoSource:
+def open_video(path: Path) -> VideoSource:
     """Open a video file and decode its first frame."""
     import av
 
-    path = Path(path)
     _check_file(path)
     try:
         with _opened(path) as (container, stream):
             if stream.codec_context is None:
                 raise SourceError(f"{path}: no installed decoder knows the codec of the video: {_CONVERT}")
-            width, height = stream.codec_context.width, stream.codec_context.height
-            if width * height > MAX_PIXELS:
-                raise SourceError(
-                    f"{path}: the header states {width}x{height} pixels, more than {MAX_PIXELS / 1e6:.0f} million: "
-                    "shrink the video"
-                )
+            check_pixels(str(path), stream.codec_context.width, stream.codec_context.height, least=0)
             first = next(container.decode(stream), None)
             if first is None:
                 raise SourceError(f"{path}: not a readable video, or a video without frames")
@@ -318,8 +311,7 @@ def _next_time(time_s: float, last_s: float | None, interval_s: float) -> float:
 
 def _check_file(path: Path) -> None:
     """Refuse a file that is not to be given to a decoder."""
-    with open_regular(path, SourceError) as file:
-        start = file.read(_TEXT_BYTES)
+    start = first_bytes(path, _TEXT_BYTES)
     # A playlist is a text with the names of other files, or of addresses, which FFmpeg would read.
     if start and not _NOT_TEXT.search(start):
         raise SourceError(f"{path}: is a text, not a readable video; give a video file, or a folder of images")
