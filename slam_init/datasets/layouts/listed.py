@@ -38,7 +38,7 @@ from slam_init.datasets.image_files import ImageFileSource, image_size, stored_c
 from slam_init.datasets.inertial import InertialSensor, pose_of_yaml, read_densities, read_samples
 from slam_init.datasets.posed_images import Layout, file_of, image_sequence
 from slam_init.datasets.stamps import stamp_of
-from slam_init.datasets.text import read_rows, read_trajectory
+from slam_init.datasets.text import Row, fields_of, read_rows, read_trajectory
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import check_inside
 from slam_init.types.camera import Camera
@@ -63,7 +63,7 @@ _ICL_NUIM_RATE_HZ = 30.0
 
 
 def _read_list(
-    path: Path, folder: Path, fields_of_image: Callable[[str], list[str]], what: str
+    path: Path, folder: Path, fields_of_image: Callable[[Row], list[str]], what: str
 ) -> tuple[list[Path], list[tuple[str, float]]]:
     """The images of a list, and the time stamp of each with the place of its line.
 
@@ -72,7 +72,7 @@ def _read_list(
     paths: list[Path] = []
     stamps: list[tuple[str, float]] = []
     for row in read_rows(path, folder if path.is_relative_to(folder) else None):
-        fields = fields_of_image(row[1])
+        fields = fields_of_image(row)
         stamps.append((row[0], stamp_of(row, fields, what)))
         if len(fields) < 2 or not fields[1]:
             raise SourceError(f"{row[0]}: expected {what}, found {row[1][:60]!r}")
@@ -102,12 +102,12 @@ def open_tum(folder: Path, index: Path) -> ImageFileSource:
     return image_sequence("tum", folder, paths, stamps=stamps, camera=camera, truth=truth)
 
 
-def _name_may_hold_spaces(line: str) -> list[str]:
-    return line.split(maxsplit=1)
+def _name_may_hold_spaces(row: Row) -> list[str]:
+    return row[1].split(maxsplit=1)
 
 
-def _colour_of_pair(line: str) -> list[str]:
-    fields = line.split()
+def _colour_of_pair(row: Row) -> list[str]:
+    fields = row[1].split()
     return fields[2:] if len(fields) >= 4 and fields[1].lower().startswith("depth") else fields
 
 
@@ -131,7 +131,7 @@ def open_euroc(folder: Path, found: Path) -> ImageFileSource:
     cam0 = found.resolve()
     # The camera of a sequence has its ground truth beside it, so that the folder of the camera alone names its parent.
     root = cam0.parent if found == folder else folder
-    names, stamps = _read_list(cam0 / "data.csv", root, _comma, "timestamp,filename")
+    names, stamps = _read_list(cam0 / "data.csv", root, fields_of, "timestamp,filename")
     # An absolute name stays what it is, and leads out of the folder.
     paths = [cam0 / "data" / (path.relative_to(cam0) if path.is_relative_to(cam0) else path) for path in names]
     camera, body_from_cam = None, None
@@ -165,10 +165,6 @@ def open_euroc(folder: Path, found: Path) -> ImageFileSource:
         notes=notes,
         imu=imu,
     )
-
-
-def _comma(line: str) -> list[str]:
-    return [field.strip() for field in line.split(",")]
 
 
 def _body_from_sensor(sensor: Path) -> Pose | None:
