@@ -146,14 +146,13 @@ class SubsampledSource(DerivedSource):
 
         * ``start``: Absolute index of the first frame; for renumbered frames their own number.
         """
-        if self.renumbered:
-            wanted = frame_range(len(self), start, max_frames, self.name)
-            positions = {int(self._included[k]): k for k in wanted}
-            for frame in self._read(list(positions)):
-                yield replace(frame, index=positions[frame.index])
+        if not self.renumbered:
+            frame_range(len(self.source), start, max_frames, self.name)
+            yield from self._read(self._indices(start)[:max_frames].tolist())
             return
-        frame_range(len(self.source), start, max_frames, self.name)
-        yield from self._read(self._indices(start)[:max_frames].tolist())
+        wanted = frame_range(len(self), start, max_frames, self.name)
+        for number, frame in zip(wanted, self._read(self._included[wanted].tolist()), strict=False):
+            yield replace(frame, index=number)
 
     def _read(self, indices: list[int]) -> Iterator[Frame]:
         if isinstance(self.source, ImageFileSource | SynthSource):
