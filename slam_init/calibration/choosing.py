@@ -1,7 +1,6 @@
 """The camera of frames: the given one, that of their source, or one whose focal length is to be estimated.
 
-The ``camera.txt`` of DSO beside images is read here and not by their source: most state a lens that is an error, and
-whoever gives a camera has no use for it.
+The ``camera.txt`` of DSO beside images is read here and not by their source: whoever gives a camera has no use for it.
 """
 
 from __future__ import annotations

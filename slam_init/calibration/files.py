@@ -16,6 +16,7 @@ from slam_init.calibration.formats import camera_of_content, content_of_text
 from slam_init.calibration.prior import AUTO, FIELDS_DEG, NUMBERS, camera_of_number, prior_camera
 from slam_init.calibration.size_problem import size_remedy
 from slam_init.calibration.syntax import parse_arrays, parse_yaml
+from slam_init.calibration.values import at_place
 from slam_init.errors import CalibrationError
 from slam_init.system.regular_file import read_regular, user_path
 from slam_init.types.camera import Camera
@@ -71,10 +72,8 @@ def load_camera(
     if "=" in text and not path.exists():
         raise CalibrationError(f"--camera {text!r}: give a file, f=1250 (pixels) or fov=72 (degrees)")
     data = read_regular(path, _MAX_BYTES, _WHAT, CalibrationError)
-    try:
+    with at_place(path):
         content = parse_arrays(data) if data.startswith(_ZIP) else content_of_text(_text(data))
-    except CalibrationError as error:
-        raise CalibrationError(f"{path}: {error}") from None
     return camera_of(str(path), content, image_size, orientation)
 
 
@@ -82,37 +81,34 @@ def camera_of(
     place: str, content: Mapping[str, object], image_size: tuple[int, int] | None = None, orientation: int = 1
 ) -> Camera:
     """Make a camera of a calibration that is no file, for example a message."""
-    try:
+    with at_place(place):
         camera = camera_of_content(content, image_size)
-    except CalibrationError as error:
-        raise CalibrationError(f"{place}: {error}") from None
-    _check(place, camera, image_size, orientation)
+        _check(camera, image_size, orientation)
     return replace(camera, source="file")
 
 
-def _check(place: str, camera: Camera, image_size: tuple[int, int] | None, orientation: int = 1) -> None:
+def _check(camera: Camera, image_size: tuple[int, int] | None, orientation: int = 1) -> None:
     """Refuse a calibration of other images, and distortion coefficients that leave most of the image without rays."""
     if image_size is not None and (camera.width, camera.height) != image_size:
         ours, theirs = f"{camera.width}x{camera.height}", f"{image_size[0]}x{image_size[1]}"
         otherwise = "give their calibration, or scale fx, fy, cx, cy if the images are resized"
         remedy = size_remedy(image_size, (camera.width, camera.height), orientation, otherwise)
-        raise CalibrationError(f"{place}: calibration is for {ours} images, but the images are {theirs}: {remedy}")
+        raise CalibrationError(f"calibration is for {ours} images, but the images are {theirs}: {remedy}")
     grid = np.stack(np.meshgrid(np.linspace(0, camera.width - 1, 21), np.linspace(0, camera.height - 1, 21)), axis=-1)
     reached = float(np.isfinite(camera.bearings(grid.reshape(-1, 2))).all(axis=1).mean())
     if reached < _MIN_REACHED:
         raise CalibrationError(
-            f"{place}: distortion {list(camera.distortion)} gives rays for {100 * reached:.0f} % of the image only: "
+            f"distortion {list(camera.distortion)} gives rays for {100 * reached:.0f} % of the image only: "
             "check the coefficients and their order"
         )
 
 
-def load_yaml(path: str | os.PathLike[str]) -> object:
-    """Read a YAML file by the safe loader."""
+def load_yaml(path: str | os.PathLike[str]) -> dict[str, object]:
+    """Read a YAML file by the safe loader; empty where there is no mapping at its top."""
     data = read_regular(path, _MAX_BYTES, _WHAT, CalibrationError)
-    try:
-        return parse_yaml(_text(data))
-    except CalibrationError as error:
-        raise CalibrationError(f"{os.fspath(path)}: {error}") from None
+    with at_place(path):
+        content = parse_yaml(_text(data))
+    return content if isinstance(content, dict) else {}
 
 
 def _text(data: bytes) -> str:

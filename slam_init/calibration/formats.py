@@ -305,18 +305,12 @@ def _dso(text: str) -> Content:
     if len(values) == 5 and values[4] == 0:
         values.pop()
     model = [*named, {4: "pinhole", 5: "fov", 8: "radtan"}[len(values)]][0].lower()
-    size = width, height = Section({"resolution": sides}).size(None)
-    relative = values[2] < 1 and values[3] < 1
-    if relative:  # pixel centres of relative numbers lie at .5, those of others at integers
+    width, height = Section({"resolution": sides}).size(None)
+    if (
+        values[2] < 1 and values[3] < 1
+    ):  # relative to the size: their pixel centres lie at .5, those of others at integers
         values[:4] = width * values[0], height * values[1], width * values[2] - 0.5, height * values[3] - 0.5
-    if relative or model == "fov":
-        parts = ["the FOV (atan) lens"] * (model == "fov") + ["numbers relative to the image size"] * relative
-        focal = ", ".join(f"{name}: {value:.6g}" for name, value in zip(_FOCAL, values, strict=False))
-        raise CalibrationError(
-            f"the form of DSO and LSD-SLAM, {' with '.join(parts)}: write a camera.yaml with the lines model: {model}, "
-            f"width: {width}, height: {height}, {focal}, distortion: {values[4:]}"
-        )
-    return {"model": model, "resolution": list(size), "calibration": values}
+    return {"model": model, "width": width, "height": height, "calibration": values}
 
 
 def _xml(text: str) -> Content:

@@ -15,7 +15,7 @@ TURNS = {
 _QUARTER_TURNS = (5, 6, 7, 8)
 
 
-def size_remedy(size: tuple[int, int], expected: tuple[int, int], orientation: int, otherwise: str) -> str:
+def size_remedy(size: tuple[int, ...], expected: tuple[int, int], orientation: int, otherwise: str) -> str:
     """Name the cause of an unexpected size, and the remedy.
 
     * ``size, expected``: Width and height.

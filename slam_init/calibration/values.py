@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import TypeAlias
 
 from slam_init.errors import CalibrationError
@@ -18,6 +19,15 @@ Content: TypeAlias = Mapping[str, object]
 _PREFIX = re.compile(r"camera1?\.", re.IGNORECASE)
 _SIDES = tuple(re.compile(rf"(?:(?:image|img|im|frame)_?)?(?:{names})") for names in ("width|cols", "height|rows"))
 _PAIRS = ("resolution", "image_size", "img_size")
+
+
+@contextmanager
+def at_place(place: object) -> Iterator[None]:
+    """Put a file, or a place in it, before the message of an impossible calibration."""
+    try:
+        yield
+    except CalibrationError as error:
+        raise CalibrationError(f"{place}: {error}") from None
 
 
 class Section:

@@ -11,7 +11,6 @@ beside it.
 
 from __future__ import annotations
 
-import os
 import sqlite3
 import struct
 from collections.abc import Callable, Iterator, Sequence
@@ -24,12 +23,14 @@ import numpy as np
 
 from slam_init.calibration.formats import parse_colmap
 from slam_init.calibration.models import COLMAP_PARAMETERS, NUMBERED
+from slam_init.calibration.values import at_place
+from slam_init.datasets.bounded import first_bytes
 from slam_init.datasets.match_chains import PairMatches, chain_matches
 from slam_init.datasets.posed_images import common_camera
 from slam_init.datasets.text import Row, numbers, pose_from_quaternion, read_lines, read_rows
 from slam_init.datasets.track_source import TrackSource, by_name, track_source
 from slam_init.errors import CalibrationError, SourceError
-from slam_init.system.regular_file import check_inside, open_regular, read_regular
+from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
@@ -53,9 +54,8 @@ class ColmapImage:
     keypoints: Callable[[], tuple[Floats, Ints]]
 
 
-def model_files(folder: str | os.PathLike[str]) -> tuple[Path, Path] | None:
+def model_files(folder: Path) -> tuple[Path, Path] | None:
     """Find the files of a model in a folder. Binary files are preferred, as COLMAP does."""
-    folder = Path(folder)
     for suffix in (".bin", ".txt"):
         files = folder / f"cameras{suffix}", folder / f"images{suffix}"
         if all(file.is_file() for file in files):
@@ -100,10 +100,8 @@ def _images_of_text(path: Path, root: Path) -> Iterator[ColmapImage]:
 
 
 def _parsed_camera(place: str, line: str) -> Camera:
-    try:
+    with at_place(place):
         return parse_colmap(line)
-    except CalibrationError as error:
-        raise CalibrationError(f"{place}: {error}") from None
 
 
 def _numbered_camera(place: str, name: str, width: int, height: int, parameters: Sequence[float]) -> Camera:
@@ -204,17 +202,12 @@ _WATERMARK = 7
 
 def is_colmap_database(path: Path) -> bool:
     """Tell whether a file is a database of SQLite, by its content or the suffix ``.db``."""
-    return path.suffix.lower() == ".db" or _is_sqlite(path)
-
-
-def _is_sqlite(path: Path) -> bool:
-    with open_regular(path, SourceError) as file:
-        return file.read(len(_MAGIC)) == _MAGIC
+    return path.suffix.lower() == ".db" or first_bytes(path, len(_MAGIC)) == _MAGIC
 
 
 def open_colmap_database(path: Path) -> TrackSource:
     """Open a database as a source of tracks."""
-    if not _is_sqlite(path):
+    if first_bytes(path, len(_MAGIC)) != _MAGIC:
         raise SourceError(f"{path}: is no SQLite database: give a database of COLMAP")
     log = path.with_name(path.name + "-wal")
     if log.exists() and log.stat().st_size:

@@ -10,30 +10,12 @@ from slam_init.datasets import TimedSource
 from slam_init.datasets.match_chains import TrackTable
 from slam_init.datasets.track_source import TrackSource
 from slam_init.errors import plain_line
+from slam_init.output.records import CameraRecord, record
 from slam_init.types.camera import Camera
 from slam_init.types.frame import notes_of
 
 # A true pose belongs to a frame if their time stamps differ by no more than this.
 _TOLERANCE_S = 0.02
-
-
-@dataclass(frozen=True)
-class CameraDescription:
-    """A calibration."""
-
-    #: ``pinhole``, ``radtan`` or ``fisheye``.
-    model: str
-    #: fx, fy, cx, cy: Focal lengths and principal point in pixels.
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    #: Coefficients of the model.
-    distortion: tuple[float, ...]
-    #: Where the focal length is from.
-    source: str
-    #: Standard deviation of the focal length; None for a calibration.
-    focal_sigma_px: float | None
 
 
 @dataclass(frozen=True)
@@ -77,7 +59,7 @@ class SourceDescription:
     #: Frames per second; None if all frames have the same time.
     fps: float | None
     #: None if the source has no calibration.
-    camera: CameraDescription | None
+    camera: CameraRecord | None
     #: None if the source has no ground truth.
     ground_truth: TruthDescription | None
     #: What the user should know about the source, for example the unit of its time stamps.
@@ -103,7 +85,7 @@ def describe(source: TimedSource, camera: Camera | None) -> SourceDescription:
         color=first.image.ndim == 3,
         duration_s=round(duration_s, 6),
         fps=round((len(times_s) - 1) / duration_s, 3) if duration_s > 0 else None,
-        camera=None if camera is None else _describe_camera(camera),
+        camera=None if camera is None else record(CameraRecord, camera),
         ground_truth=_describe_truth(source),
         notes=(*notes_of(source), *(camera.notes if camera is not None else ())),
         tracks=_describe_tracks(source.table) if isinstance(source, TrackSource) else None,
@@ -141,11 +123,6 @@ def describe_text(info: SourceDescription) -> str:
         lines.append(f"  ground truth  for {matched}, path of {truth.path_length:.3f}")
     lines += [f"  note          {note}" for note in info.notes]
     return "\n".join(plain_line(line) for line in lines) + "\n"
-
-
-def _describe_camera(camera: Camera) -> CameraDescription:
-    focal = (camera.fx, camera.fy, camera.cx, camera.cy)
-    return CameraDescription(camera.model, *focal, tuple(camera.distortion), camera.source, camera.focal_sigma_px)
 
 
 def _describe_tracks(table: TrackTable) -> TracksDescription:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 
 import numpy as np
@@ -39,7 +39,7 @@ _RAW_BIAS_RAD_S = 0.1
 #: by as much.
 _RESTED_BIAS_RAD_S = 0.005
 #: Noise density where none is stated: 0.01 deg/s/sqrt(Hz), that of the gyroscopes in phones.
-_NOISE_DENSITY = 2e-4
+NOISE_DENSITY = 2e-4
 #: At rest the rate scatters by the noise alone: 0.003 rad/s at 200 Hz. A hand that holds a camera scatters by 0.02.
 #: A moving hand may be calm for a single second.
 _REST_S, _REST_SCATTER_RAD_S, _LEAST_RESTS = 1.0, 0.01, 2
@@ -61,7 +61,7 @@ class Gyroscope:
     #: (3, 3) Maps directions of the axes of the gyroscope to the camera.
     R_cam_from_imu: Floats
     #: White noise of the rate in rad/s/sqrt(Hz).
-    noise_density: float = _NOISE_DENSITY
+    noise_density: float = NOISE_DENSITY
     #: Standard deviation of the constant error of the rate.
     bias_sigma_rad_s: float = _RAW_BIAS_RAD_S
     #: Standard deviation of the delay between the clocks of gyroscope and camera.
@@ -105,28 +105,12 @@ class Gyroscope:
         return R, max(sigma_rad, _SIGMAS_RAD[0])
 
 
-def made_gyroscope(
-    timestamps_s: Floats,
-    rates_rad_s: Floats,
-    R_cam_from_imu: Floats,
-    *,
-    noise_density: float | None = None,
-    clock_sigma_s: float = 0.0,
-    name: str = "the gyroscope",
-) -> Gyroscope:
-    """Make a gyroscope from a raw record. Its bias is measured where the record shows that it was at rest.
-
-    Shapes: ``timestamps_s`` (N,), ``rates_rad_s`` (N, 3), ``R_cam_from_imu`` (3, 3).
-
-    * ``noise_density``: In rad/s/sqrt(Hz); by default that of the gyroscopes in phones.
-    """
-    density = _NOISE_DENSITY if noise_density is None else noise_density
-    raw = Gyroscope(timestamps_s, rates_rad_s, R_cam_from_imu, density, _RAW_BIAS_RAD_S, clock_sigma_s, name)
-    bias = _bias_at_rest(timestamps_s, rates_rad_s)
+def without_bias(raw: Gyroscope) -> Gyroscope:
+    """Subtract the bias of a raw record, which is measured where the record shows that the sensor was at rest."""
+    bias = _bias_at_rest(raw.timestamps_s, raw.rates_rad_s)
     if bias is None:
         return raw
-    rates = rates_rad_s - bias
-    return Gyroscope(timestamps_s, rates, R_cam_from_imu, density, _RESTED_BIAS_RAD_S, clock_sigma_s, name)
+    return replace(raw, rates_rad_s=raw.rates_rad_s - bias, bias_sigma_rad_s=_RESTED_BIAS_RAD_S)
 
 
 def _bias_at_rest(times_s: Floats, rates: Floats) -> Floats | None:

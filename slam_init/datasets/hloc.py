@@ -18,11 +18,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from slam_init.datasets.bounded import first_bytes
 from slam_init.datasets.match_chains import PairMatches, chain_matches
 from slam_init.datasets.track_source import TrackSource, by_name, track_source
 from slam_init.errors import SourceError
-from slam_init.system.regular_file import check_inside, open_regular
-from slam_init.types.arrays import Floats
+from slam_init.system.regular_file import check_inside
+from slam_init.types.arrays import Floats, as_array
 
 if TYPE_CHECKING:
     import h5py
@@ -32,12 +33,7 @@ _MAGIC = b"\x89HDF\r\n\x1a\n"
 
 def is_hdf5(path: Path) -> bool:
     """Tell whether a file is in HDF5, by its content or its suffix."""
-    return path.suffix.lower() in (".h5", ".hdf5") or _has_magic(path)
-
-
-def _has_magic(path: Path) -> bool:
-    with open_regular(path, SourceError) as file:
-        return file.read(len(_MAGIC)) == _MAGIC
+    return path.suffix.lower() in (".h5", ".hdf5") or first_bytes(path, len(_MAGIC)) == _MAGIC
 
 
 def open_hloc(path: Path) -> TrackSource:
@@ -70,7 +66,7 @@ def _opened(path: Path) -> Iterator[h5py.File]:
         import h5py
     except ImportError:
         raise SourceError(f'{path}: reading .h5 needs h5py: pip install ".[hloc]"') from None
-    if not _has_magic(path):
+    if first_bytes(path, len(_MAGIC)) != _MAGIC:
         raise SourceError(f"{path}: is no HDF5 file of hloc")
     try:
         with h5py.File(path, "r") as file:
@@ -99,11 +95,7 @@ def _numbers(path: Path, name: str, entry: object, shape: tuple[int | None, ...]
 
     if not isinstance(entry, h5py.Dataset) or entry.is_virtual or entry.external:
         raise SourceError(f"{path}: {name[:200]}: is no array in this file")
-    fits = len(shape) == entry.ndim and all(a in (None, b) for a, b in zip(shape, entry.shape, strict=True))
-    array = np.asarray(entry[()], float) if fits and entry.dtype.kind in "iuf" else None
-    if array is None or not np.isfinite(array).all():
-        raise SourceError(f"{path}: {name[:200]}: is {entry.dtype} of shape {entry.shape}: expected finite numbers")
-    return array
+    return as_array(entry[()], np.float64, shape, f"{path}: {name[:200]}", error=SourceError)
 
 
 def _read_features(path: Path, features: h5py.File) -> tuple[list[str], list[Floats], tuple[int, int]]:
@@ -113,7 +105,7 @@ def _read_features(path: Path, features: h5py.File) -> tuple[list[str], list[Flo
     for name, entry in _entries(path, features):
         if name.endswith("/keypoints"):
             image = name.removesuffix("/keypoints")
-            points[image] = _numbers(path, name, entry, (None, entry.shape[-1]))[:, :2]
+            points[image] = _numbers(path, name, entry, (None, None))[:, :2]
             size = entry.parent.get("image_size")
             sizes[image] = tuple(_numbers(path, f"{image}/image_size", size, (2,)).tolist())
     if not points:

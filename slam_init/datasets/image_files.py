@@ -7,7 +7,7 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -50,14 +50,29 @@ def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
     )
 
 
-def list_images(folder: str | os.PathLike[str]) -> list[Path]:
+def find_by_end(names: Iterable[str], known: Iterable[str]) -> list[list[int]]:
+    """Find paths whose folders have another place: for each name the known paths with the longest common end."""
+    by_file: dict[str, list[tuple[list[str], int]]] = {}
+    for i, path in enumerate(known):
+        parts = path.split("/")[::-1]
+        by_file.setdefault(parts[0], []).append((parts, i))
+    found = []
+    for name in names:
+        parts = name.split("/")[::-1]
+        ends = ((i, os.path.commonprefix([parts, other])) for other, i in by_file.get(parts[0], ()))  # noqa: RUF071 (parts)
+        shared = {i: len(end) for i, end in ends}
+        found.append([i for i, count in shared.items() if count == max(shared.values())])
+    return found
+
+
+def list_images(folder: Path) -> list[Path]:
     """List the image files of a folder, without hidden files. What an entry is (a file, a pipe) is not looked up."""
     if names := sorted(_image_names(folder), key=natural_key):
-        return [Path(folder, name) for name in names]
+        return [folder / name for name in names]
     raise SourceError(f"{folder}: holds no image")
 
 
-def _image_names(folder: str | os.PathLike[str]) -> Iterator[str]:
+def _image_names(folder: Path) -> Iterator[str]:
     with os.scandir(folder) as entries:
         for entry in entries:
             suffix = os.path.splitext(entry.name)[1]  # noqa: PTH122 (a Path for each of a million names takes seconds)
@@ -138,6 +153,16 @@ def _has_whole_chunks(png: bytes) -> bool:
     return False
 
 
+def check_pixels(place: str, width: int, height: int, least: int = 1) -> None:
+    """Refuse the size of an image that has none or too many pixels, before any is decoded.
+
+    * ``least``: The shortest side; 0 for a header that may leave the size to the first image.
+    """
+    if min(width, height) < least or width * height > MAX_PIXELS:
+        most = f"at most {MAX_PIXELS / 1e6:.0f} million"
+        raise SourceError(f"{place}: {width}x{height} pixels: an image has at least one and {most}: shrink the images")
+
+
 def _check_header(name: str, data: bytes) -> None:
     """Refuse an image by the size that its header states: a few bytes may state one of 40 GB."""
     from PIL import Image as Pillow
@@ -168,15 +193,23 @@ def image_size(path: str | os.PathLike[str], root: str | os.PathLike[str]) -> tu
     return width, height
 
 
-def check_size(what: str, size: tuple[int, int], expected: tuple[int, int], of: str, path: Path | None = None) -> None:
+def check_size(
+    what: str,
+    size: tuple[int, ...],
+    expected: tuple[int, int],
+    of: str,
+    path: Path | None = None,
+    otherwise: str = "all sizes must be equal",
+) -> None:
     """Check that an image has the expected size.
 
     * ``of``: Name of the thing that has the expected size, for the message.
     * ``path``: The file of the image, if there is one.
+    * ``otherwise``: The remedy where the sizes tell no cause.
     """
     if size != expected:
         orientation = 1 if path is None else photograph_facts(path).orientation
-        remedy = size_remedy(size, expected, orientation, "all sizes must be equal")
+        remedy = size_remedy(size, expected, orientation, otherwise)
         raise SourceError(f"{what}: image is {size[0]}x{size[1]}, but {of} is {expected[0]}x{expected[1]}: {remedy}")
 
 
@@ -191,15 +224,20 @@ def frame_range(length: int, start: int, max_frames: int | None, name: str) -> r
     return range(start, length if max_frames is None else min(length, start + max_frames))
 
 
-def stored_camera(folder: str | os.PathLike[str], first_image: str | os.PathLike[str]) -> Camera | None:
-    """Read the calibration in the ``camera.yaml`` of a folder."""
+def stored_camera(folder: Path, first_image: Path, *names: str) -> Camera | None:
+    """Read the calibration of a folder.
+
+    * ``names``: Of the file, by default ``camera.yaml``. The first that exists is read.
+    * Returns: None if none exists.
+    """
     from slam_init.calibration.files import load_camera
 
-    path = Path(folder) / "camera.yaml"
-    if not path.is_file():
+    files = (folder / name for name in names or ("camera.yaml",))
+    path = next((file for file in files if file.is_file()), None)
+    if path is None:
         return None
     check_inside(path, folder)
-    orientation = photograph_facts(Path(first_image), Path(folder)).orientation
+    orientation = photograph_facts(first_image, folder).orientation
     return load_camera(path, image_size(first_image, folder), orientation)
 
 
@@ -273,12 +311,11 @@ NOMINAL_RATE_HZ = 30.0
 PHOTO_RATE_HZ = 1.0
 
 
-def open_folder(folder: str | os.PathLike[str]) -> ImageFileSource:
+def open_folder(folder: Path) -> ImageFileSource:
     """Open a folder of images in natural order of their names; they may lie in its subfolder ``images``.
 
     * ``folder``: If it holds ``camera.yaml``, this is the calibration.
     """
-    folder = Path(folder)
     paths = list_images(image_folder(folder) or folder)
     timestamps_s, notes = _times(paths, folder)
     if turn := TURNS.get(photograph_facts(paths[0], folder).orientation):

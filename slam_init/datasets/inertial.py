@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from slam_init.datasets.gyroscope import Gyroscope, made_gyroscope
+from slam_init.calibration.values import Section, at_place
+from slam_init.datasets.gyroscope import NOISE_DENSITY, Gyroscope, without_bias
 from slam_init.datasets.stamps import stamp_of
-from slam_init.datasets.text import fields_of, numbers, read_rows
-from slam_init.errors import SourceError
+from slam_init.datasets.text import fields_of, numbers, pose_from_matrix, read_rows
+from slam_init.errors import CalibrationError, SourceError
 from slam_init.types.arrays import Floats
 from slam_init.types.frame import Source
 from slam_init.types.inertial import InertialRecord
@@ -53,14 +53,11 @@ class InertialSensor(NamedTuple):
         * ``stated``: Noise densities, by their names in :func:`read_densities`.
         * ``clock_sigma_s``: None where one clock has taken images and samples.
         """
-        gyroscope = made_gyroscope(
-            timestamps_s,
-            samples[:, :3],
-            cam_from_imu.R,
-            noise_density=stated.get("gyroscope_noise_density"),
-            clock_sigma_s=clock_sigma_s or 0.0,
-            name=name,
+        density = stated.get("gyroscope_noise_density", NOISE_DENSITY)
+        raw = Gyroscope(
+            timestamps_s, samples[:, :3], cam_from_imu.R, density, clock_sigma_s=clock_sigma_s or 0.0, name=name
         )
+        gyroscope = without_bias(raw)
         if samples.shape[1] < 6:
             return InertialSensor(gyroscope, None)
         more = {name.replace("_noise", ""): value for name, value in stated.items()}
@@ -130,18 +127,23 @@ def read_samples(table: Path, root: Path | None, what: str) -> tuple[Floats, Flo
     return np.array(stamps), np.array(samples)
 
 
-def read_densities(place: Path, content: object) -> dict[str, float]:
+def pose_of_yaml(place: str, value: object) -> Pose:
+    """The pose of 16 numbers of a YAML file, flat or by rows."""
+    try:
+        matrix = np.array(value, float).reshape(4, 4)
+    except (TypeError, ValueError):
+        raise SourceError(f"{place} is missing or not a matrix of 4x4 numbers") from None
+    return pose_from_matrix(place, matrix)
+
+
+def read_densities(place: Path, stated: Section) -> dict[str, float]:
     """Read the noise densities that a YAML file states, by their names in EuRoC and Kalibr."""
     found = {}
-    for name, (least, most, example) in _DENSITIES.items():
-        stated: Any = content.get(name) if isinstance(content, dict) else None
-        if stated is None:
-            continue
-        try:
-            density = float(stated)
-        except (TypeError, ValueError):
-            density = math.nan
-        if not least <= density <= most:
-            raise SourceError(f"{place}: {name} is {stated!r}: give {example}")
-        found[name] = density
+    with at_place(place):
+        for name, (least, most, example) in _DENSITIES.items():
+            if name not in stated.values:
+                continue
+            found[name] = stated.number(name)
+            if not least <= found[name] <= most:
+                raise CalibrationError(f"{name} is {found[name]!r}: give {example}")
     return found

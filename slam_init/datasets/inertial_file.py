@@ -12,14 +12,11 @@ or below ``cam0`` and ``imu0``:
 
 from __future__ import annotations
 
-import math
 import os
 
-import numpy as np
-
 from slam_init.calibration.files import load_yaml
-from slam_init.datasets.inertial import InertialSensor, read_densities, read_samples
-from slam_init.datasets.text import pose_from_matrix
+from slam_init.calibration.values import Section, at_place
+from slam_init.datasets.inertial import InertialSensor, pose_of_yaml, read_densities, read_samples
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import user_path
 from slam_init.types.time_stamps import in_seconds, time_unit
@@ -35,23 +32,18 @@ def read_inertial_file(path: str | os.PathLike[str]) -> InertialSensor:
     sensor = table.with_suffix(".yaml")
     if not sensor.exists():
         raise SourceError(f"{sensor}: no such file: write T_cam_imu in it, the pose of the sensor in the camera (4x4)")
-    content = load_yaml(sensor)
-    stated = dict(content) if isinstance(content, dict) else {}
+    values = load_yaml(sensor)
     for part in ("cam0", "imu0"):
-        below = stated.get(part)
-        stated |= below if isinstance(below, dict) else {}
-    try:
-        cam_from_imu = pose_from_matrix(f"{sensor}: T_cam_imu", np.array(stated.get("T_cam_imu"), float).reshape(4, 4))
-    except (TypeError, ValueError):
-        raise SourceError(f"{sensor}: T_cam_imu is missing or not a matrix of 4x4 numbers") from None
-    shift = stated.get("timeshift_cam_imu")
-    if shift is not None and not (isinstance(shift, int | float) and math.isfinite(shift)):
-        raise SourceError(f"{sensor}: timeshift_cam_imu is {shift!r}: give seconds")
+        below = values.get(part)
+        values |= below if isinstance(below, dict) else {}
+    stated = Section(values)
+    with at_place(sensor):
+        shift_s = stated.number("timeshift_cam_imu", 0.0)
     return InertialSensor.made(
-        in_seconds(stamps, time_unit(stamps)) - (shift or 0.0),
+        in_seconds(stamps, time_unit(stamps)) - shift_s,
         samples,
-        cam_from_imu,
+        pose_of_yaml(f"{sensor}: T_cam_imu", values.get("T_cam_imu")),
         read_densities(sensor, stated),
-        clock_sigma_s=_UNKNOWN_S if shift is None else _CALIBRATED_S,
+        clock_sigma_s=_CALIBRATED_S if "timeshift_cam_imu" in stated.values else _UNKNOWN_S,
         name=table.name,
     )

@@ -13,47 +13,47 @@ chosen by the map, so that a wrong map is found more often.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slam_init.bundle.graph import map_of_graph
+from slam_init.calibration.values import at_place
 from slam_init.config import Config
-from slam_init.datasets.bounded import checked_array, read_npz
+from slam_init.datasets.bounded import read_npz
 from slam_init.datasets.colmap import read_model
-from slam_init.datasets.image_files import ImageFileSource, natural_key
+from slam_init.datasets.image_files import ImageFileSource, check_size, find_by_end, natural_key
 from slam_init.datasets.layouts.photographs import TRANSFORMS, find_colmap, read_transforms
 from slam_init.datasets.match_chains import TrackTable
 from slam_init.datasets.posed_images import common_camera
 from slam_init.datasets.stamps import line_by_line, truth_on_clock
 from slam_init.datasets.text import TUM_COLUMNS, pose_from_matrix, read_poses, stamps_of, trajectory
 from slam_init.datasets.track_source import KnowsTracks, TrackSource
-from slam_init.errors import CalibrationError, SourceError
+from slam_init.errors import SourceError
 from slam_init.frontend.tracks import Tracker
 from slam_init.output.handover import FORMAT, VERSION
 from slam_init.output.results import load_graph
 from slam_init.system.regular_file import kind_problem
-from slam_init.types.arrays import Floats, Ints
+from slam_init.types.arrays import Floats, Ints, as_array
 from slam_init.types.camera import Camera
-from slam_init.types.frame import Frame, Observations, TimedSource
+from slam_init.types.frame import Observations, TimedSource
 from slam_init.types.pose import Pose, Trajectory
 
 _HANDOVER, _GRAPH, _VALUES = "handover.npz", "graph.txt", "values.txt"
 #: A pose belongs to the image that is nearest in time, within this time.
 _SAME_TIME_S = 0.02
-#: The arrays of ``handover.npz`` that are read: their shapes, -1 for any number, and kinds.
-_ARRAYS: dict[str, tuple[tuple[int, ...], str]] = {
-    "format": ((), "U"), "version": ((), "iu"), "camera_model": ((), "U"), "camera_size": ((2,), "iu"),
-    "camera_parameters": ((-1,), "iuf"), "keyframe_frames": ((-1,), "iu"), "keyframe_poses": ((-1, 4, 4), "f"),
-    "point_ids": ((-1,), "iu"), "observation_keyframes": ((-1,), "iu"), "observation_points": ((-1,), "iu"),
-    "observation_pixels": ((-1, 2), "f"),
-}  # fmt: skip
+#: The arrays of ``handover.npz`` that are read.
+_ARRAYS = (
+    *("format", "version", "camera_model", "camera_size", "camera_parameters", "keyframe_frames", "keyframe_poses"),
+    *("point_ids", "observation_keyframes", "observation_points", "observation_pixels"),
+)
 #: A map of a million observations has 32 MB.
 _MAX_BYTES = 500_000_000
+_OTHER_SIZE = "give the images of the map, or their calibration by --camera"
 #: Frames of a source from the first pose on: ten seconds of video, in which a first map is made.
 _MOST_FRAMES = 300
 
@@ -146,7 +146,8 @@ def tracked_by(
         if isinstance(source, KnowsTracks):
             views.append(source.observed(frame, camera))
         else:
-            _check_size(source, frame, camera)
+            size, expected = frame.image.shape[1::-1], (camera.width, camera.height)
+            check_size(source.name, size, expected, "the calibration", otherwise=_OTHER_SIZE)
             tracker.track(frame)
     return poses, views or list(tracker.history), notes
 
@@ -187,15 +188,6 @@ def _moved(first: tuple[Ints, Floats], second: tuple[Ints, Floats]) -> tuple[Flo
     return first[1][i], second[1][j] - first[1][i]
 
 
-def _check_size(source: TimedSource, frame: Frame, camera: Camera) -> None:
-    height, width = frame.image.shape[:2]
-    if (width, height) != (camera.width, camera.height):
-        raise CalibrationError(
-            f"{source.name}: images of {width}x{height}, the calibration is of {camera.width}x{camera.height}: give "
-            "the images of the map, or their calibration by --camera"
-        )
-
-
 def _in_source(map_: MapFile, source: TimedSource) -> tuple[dict[int, Pose], tuple[str, ...]]:
     """The poses of a map by the frames of a source: by time, by the names of the images, or by their numbers."""
     if map_.trajectory is not None:
@@ -207,14 +199,9 @@ def _in_source(map_: MapFile, source: TimedSource) -> tuple[dict[int, Pose], tup
                 "each pose, or give a pose for each image"
             )
         return {frame: pose for frame, pose in map_.poses.items() if frame < len(source)}, ()
-    names, found = _names_of(source), dict[int, Pose]()
-    for name, pose in zip(map_.names, map_.world_from_cam, strict=True):
-        # The folders of the images may have another place: the longest common end decides.
-        shared = [_common_end(name, one) for one in names]
-        longest = max(shared, default=0)
-        if longest and shared.count(longest) == 1:
-            found[shared.index(longest)] = pose
-    return found, ()
+    found = find_by_end(map_.names, _names_of(source))
+    named = zip(found, map_.world_from_cam, strict=True)
+    return {candidates[0]: pose for candidates, pose in named if len(candidates) == 1}, ()
 
 
 def _by_time(known: Trajectory, times_s: Floats) -> tuple[dict[int, Pose], tuple[str, ...]]:
@@ -240,12 +227,6 @@ def _clocks(stamps: Floats, times_s: Floats) -> str:
     )
 
 
-def _common_end(name: str, other: str) -> int:
-    """How many parts two paths have in common at their ends."""
-    parts = zip(reversed(name.split("/")), reversed(other.split("/")), strict=False)
-    return sum(1 for _ in itertools.takewhile(lambda pair: pair[0] == pair[1], parts))
-
-
 def _names_of(source: TimedSource) -> list[str]:
     """The names of the images of a source."""
     if isinstance(source, ImageFileSource):
@@ -257,11 +238,10 @@ def _trajectory(path: Path) -> MapFile:
     rows = list(read_poses(path, None, TUM_COLUMNS))
     if not rows:
         raise SourceError(f"{path}: holds no pose: give a map, or a trajectory: {TUM_COLUMNS}")
-    stamps, poses = stamps_of(rows), tuple(row.pose for row in rows)
+    stamps, poses = stamps_of(rows), tuple(pose for _, pose in rows)
     if stamps is None or 2 * len(set(stamps)) <= len(stamps):  # equal stamps are no times
         return MapFile(path, poses, tuple(range(len(poses))))
-    found = trajectory(list(zip(stamps, poses, strict=True)))
-    return MapFile(path, poses, trajectory=found)
+    return MapFile(path, poses, trajectory=trajectory(zip(stamps, poses, strict=True)))
 
 
 def _transforms(path: Path) -> MapFile:
@@ -307,25 +287,26 @@ def _table(frames: Ints, track_ids: Ints, pixels: Floats) -> TrackTable:
 
 
 def _handover(path: Path) -> MapFile:
-    arrays: Any = read_npz(path, _ARRAYS, _MAX_BYTES, "the handover of a map")
-    for name, (shape, kinds) in _ARRAYS.items():
-        checked_array(path, arrays, name, shape, kinds, "the handover.npz of slam-init run")
-    if str(arrays["format"]) != FORMAT or int(arrays["version"]) != VERSION:
+    arrays = read_npz(path, _ARRAYS, _MAX_BYTES, "the handover.npz of slam-init run")
+
+    def array(name: str, kind: type, *shape: int | None) -> NDArray[Any]:
+        return as_array(arrays[name], kind, shape, f"{path}: {name}", error=SourceError)
+
+    if str(arrays["format"]) != FORMAT or str(arrays["version"]) != str(VERSION):
         raise SourceError(f"{path}: is no {FORMAT} of version {VERSION}: give that of slam-init run")
-    width, height = arrays["camera_size"].tolist()
-    frames, ids = (arrays[name].astype(np.int64) for name in ("keyframe_frames", "point_ids"))
-    keyframes, points = (arrays[f"observation_{name}"].astype(np.int64) for name in ("keyframes", "points"))
-    pixels, matrices = arrays["observation_pixels"].astype(float), arrays["keyframe_poses"].astype(float)
-    fits = len(frames) == len(matrices) and len(keyframes) == len(points) == len(pixels)
+    width, height = array("camera_size", np.int64, 2).tolist()
+    frames, ids = (array(name, np.int64, None) for name in ("keyframe_frames", "point_ids"))
+    keyframes, points = (array(f"observation_{name}", np.int64, None) for name in ("keyframes", "points"))
+    pixels, matrices = array("observation_pixels", np.float64, None, 2), array("keyframe_poses", np.float64, None, 4, 4)
+    parameters = array("camera_parameters", np.float64, None).tolist()
+    fits = len(parameters) >= 4 and len(frames) == len(matrices) and len(keyframes) == len(points) == len(pixels)
     if not fits or not all(((k >= 0) & (k < n)).all() for k, n in ((keyframes, len(frames)), (points, len(ids)))):
         raise SourceError(f"{path}: its arrays do not fit together: run again")
     if len(np.unique(frames)) < len(frames) or (frames < 0).any():
         raise SourceError(f"{path}: keyframe_frames has a frame twice, or a negative one: run again")
-    try:
-        fx, fy, cx, cy, *distortion = arrays["camera_parameters"].tolist()
+    fx, fy, cx, cy, *distortion = parameters
+    with at_place(path):
         camera = Camera(str(arrays["camera_model"]), width, height, fx, fy, cx, cy, tuple(distortion))
-    except (CalibrationError, ValueError) as error:  # ValueError: fewer parameters
-        raise CalibrationError(f"{path}: {error}") from None
     poses = tuple(pose_from_matrix(f"{path}: pose {k}", matrix[:3]) for k, matrix in enumerate(matrices))
     table = _table(frames[keyframes], ids[points], pixels)
     return MapFile(path, poses, tuple(frames.tolist()), camera=camera, table=table)

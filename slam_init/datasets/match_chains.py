@@ -77,18 +77,13 @@ def chain_matches(
 
 def _nodes(keypoints: Sequence[Floats]) -> tuple[list[Ints], Ints, Floats]:
     """For each keypoint the number of its node; for each node its image and place. Nodes are sorted by image."""
-    nodes: list[Ints] = []
-    places: list[Floats] = [np.zeros((0, 2))]
-    count = 0
-    for points in keypoints:
-        unique, first, inverse = np.unique(points, axis=0, return_index=True, return_inverse=True)
-        # Numbered as the keypoints are, and not by place.
-        rank = np.argsort(np.argsort(first, kind="stable"), kind="stable")
-        nodes.append(count + rank[inverse.reshape(-1)] if len(points) else np.zeros(0, np.int64))
-        places.append(points[np.sort(first)] if len(points) else np.zeros((0, 2)))
-        count += len(unique) if len(points) else 0
-    sizes = [len(place) for place in places[1:]]
-    return nodes, np.repeat(np.arange(len(keypoints)), sizes), np.concatenate(places)
+    sizes = [len(points) for points in keypoints]
+    images, places = np.repeat(np.arange(len(sizes)), sizes), np.concatenate([np.zeros((0, 2)), *keypoints])
+    _, first, inverse = np.unique(np.column_stack([images, places]), axis=0, return_index=True, return_inverse=True)
+    # Numbered as the keypoints are, and not by place.
+    nodes = np.argsort(np.argsort(first))[inverse.reshape(-1)]
+    order = np.sort(first)
+    return np.split(nodes, np.cumsum(sizes)[:-1]), images[order], places[order]
 
 
 def _edges(nodes: Sequence[Ints], pairs: Iterable[PairMatches], what: str) -> Ints:
@@ -127,43 +122,29 @@ def _labels(edges: Ints, images: Ints) -> tuple[Ints, int]:
     order = np.lexsort((images, labels))
     twice = (np.diff(labels[order]) == 0) & (np.diff(images[order]) == 0)
     in_conflict = np.isin(labels, labels[order[1:][twice]])
-    anew = edges[in_conflict[edges[:, 0]]]
-    chains = _Chains(np.flatnonzero(in_conflict).tolist(), images)
-    dropped = sum(not chains.join(a, b) for a, b in anew.tolist())
+    sets, dropped = _chained(np.flatnonzero(in_conflict), edges[in_conflict[edges[:, 0]]], images)
     # The numbers of nodes name the sets that were chained anew; they follow the numbers of the others.
-    for node in chains.nodes:
-        labels[node] = count + chains.root(node)
+    labels[in_conflict] = count + sets
     _, numbered = np.unique(labels, return_inverse=True)
     return np.asarray(numbered, np.int64), dropped
 
 
-class _Chains:
-    """Sets of nodes with at most one node of each image (union-find).
+def _chained(nodes: Ints, edges: Ints, images: Ints) -> tuple[Ints, int]:
+    """Sets of nodes with at most one node of each image, chained edge by edge; and how many edges were dropped.
 
-    * ``images``: (N,) The image of each node.
+    Shapes: ``nodes`` (N,), ``edges`` (M, 2), returns (N,): a node that names the set.
     """
+    from scipy.cluster.hierarchy import DisjointSet
 
-    def __init__(self, nodes: list[int], images: Ints) -> None:
-        self.nodes = nodes
-        self._parent = {node: node for node in nodes}
-        self._images = {node: {int(images[node])} for node in nodes}
-
-    def root(self, node: int) -> int:
-        parent = self._parent
-        while parent[node] != node:
-            parent[node] = parent[parent[node]]
-            node = parent[node]
-        return node
-
-    def join(self, a: int, b: int) -> bool:
-        """Join the sets of two nodes; return whether they are in one set now."""
-        a, b = self.root(a), self.root(b)
-        if a == b:
-            return True
-        if len(self._images[a]) < len(self._images[b]):
-            a, b = b, a
-        if not self._images[a].isdisjoint(self._images[b]):
-            return False
-        self._images[a] |= self._images.pop(b)
-        self._parent[b] = a
-        return True
+    sets, dropped = DisjointSet(nodes.tolist()), 0
+    images_of = {node: {int(images[node])} for node in nodes.tolist()}
+    for a, b in edges.tolist():
+        root, other = sets[a], sets[b]
+        if root == other:
+            continue
+        if images_of[root].isdisjoint(images_of[other]):
+            sets.merge(root, other)
+            images_of[sets[root]] = images_of[root] | images_of[other]
+        else:
+            dropped += 1
+    return np.array([sets[node] for node in nodes.tolist()], np.int64), dropped

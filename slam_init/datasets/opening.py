@@ -162,16 +162,13 @@ def _layout_of(text: str) -> tuple[Layout, Any]:
             if path.suffix.lower() in IMAGE_SUFFIXES:
                 raise SourceError(f"{path}: one image is not a sequence: give the folder {path.parent}")
             return _first_that_fits(path, _FILES)
-        missing = not path.exists()
+        if text.startswith("points:"):
+            raise SourceError(f"{text!r}: has no images: it is for slam-init compare; here use synth:NAME")
+        if not path.exists():
+            raise SourceError(f"{text!r}: no such file or folder; give one, or synth:NAME")
     except (OSError, ValueError) as error:  # ValueError: a null byte in the name
-        if isinstance(error, SourceError):
-            raise
         cause = getattr(error, "strerror", None) or error
         raise SourceError(f"{text!r}: cannot be read ({cause})") from None
-    if text.startswith("points:"):
-        raise SourceError(f"{text!r}: has no images: it is for slam-init compare; here use synth:NAME")
-    if missing:
-        raise SourceError(f"{text!r}: no such file or folder; give one, or synth:NAME")
     raise SourceError(f"{path} {kind_problem(path)}")
 
 

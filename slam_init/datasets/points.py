@@ -34,11 +34,7 @@ class PointSource(SimulatedSource):
     """A :class:`slam_init.types.frame.Source` with given tracks; its images are dots on a dark background."""
 
     sequence: PointSequence
-
-    @property
-    def kind(self) -> str:
-        """``points``."""
-        return "points"
+    kind = "points"
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Draw images of the tracks."""

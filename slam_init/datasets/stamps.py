@@ -69,7 +69,7 @@ def truth_on_clock(
     if unit == TimeUnit.SECONDS:
         return truth, notes
     stamps = in_seconds(truth.timestamps_s, unit).tolist()
-    return trajectory(list(zip(stamps, truth.world_from_cam, strict=True))), notes
+    return trajectory(zip(stamps, truth.world_from_cam, strict=True)), notes
 
 
 def line_by_line(stamps: Floats, timestamps_s: Floats) -> bool:

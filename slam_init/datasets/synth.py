@@ -68,13 +68,9 @@ class SynthSource(WithSensor, SimulatedSource):
     """A :class:`slam_init.types.frame.Source` that renders a frame when it is requested."""
 
     sequence: SynthSequence
+    kind = "synth"
     #: The newest image by its index: a command reads the first frame before its run, to check it.
     _newest: dict[int, Image] = field(default_factory=dict, init=False, repr=False)
-
-    @property
-    def kind(self) -> str:
-        """``synth``."""
-        return "synth"
 
     @cached_property
     def _sensor(self) -> InertialSensor | None:

@@ -9,17 +9,16 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
 from quest.geometry.quaternion import quaternion_from_matrix
-from slam_init.errors import CalibrationError, SourceError
+from slam_init.errors import SourceError
 from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.arrays import Floats
-from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose, Trajectory
 
 #: The place of a line for error messages (``file:line``), and its text.
@@ -71,7 +70,7 @@ def numbers(row: Row, fields: list[str], count: int, what: str) -> list[float]:
     return values
 
 
-def trajectory(stamped: list[tuple[float, Pose]]) -> Trajectory | None:
+def trajectory(stamped: Iterable[tuple[float, Pose]]) -> Trajectory | None:
     """Make a trajectory from stamped poses.
 
     * ``stamped``: Time stamps in seconds and poses world_from_cam, in any order. Of poses with equal stamps the first
@@ -128,25 +127,21 @@ _WORDS = {
 _PARTS = ("tx", "ty", "tz", "qw", "qx", "qy", "qz")
 
 
-@dataclass(frozen=True, eq=False)
-class PoseRow:
-    """A line of a table of poses."""
-
-    #: The line, for messages.
-    row: Row
-    #: None where the table has no column of time stamps.
-    stamp: float | None
-    pose: Pose
+#: A pose of a table; its time stamp is None where the table has none.
+StampedPose: TypeAlias = tuple[float | None, Pose]
+_MATRIX = "a matrix of 3x4 or 4x4 numbers"
 
 
-def read_poses(path: str | os.PathLike[str], root: str | os.PathLike[str] | None, columns: str) -> Iterator[PoseRow]:
+def read_poses(
+    path: str | os.PathLike[str], root: str | os.PathLike[str] | None, columns: str
+) -> Iterator[StampedPose]:
     """Read a table of poses. The names of its header win over the positions that its format states.
 
     A line without a header may hold the seven numbers of a pose alone, or a matrix of 3x4 or 4x4 numbers, perhaps with
     a time stamp before it.
 
     * ``columns``: The names by position where no line names them. Those of the pose are ``tx ty tz`` and
-      ``qw qx qy qz``, in any order. Further columns are ignored.
+      ``qw qx qy qz``, in any order. Further columns are ignored. Without any the lines are matrices.
     """
     names, named = columns.split(), False
     for row in read_lines(path, root):
@@ -154,8 +149,7 @@ def read_poses(path: str | os.PathLike[str], root: str | os.PathLike[str] | None
         if header:
             names, named = header, True
         elif row[1] and row[1][0] not in "#%":
-            matrix = None if named else _matrix_row(row)
-            yield _named_row(row, names, named) if matrix is None else matrix
+            yield _pose_of_row(row, names, named)
 
 
 def _names_in(line: str) -> list[str]:
@@ -179,8 +173,15 @@ def _name_of(word: str) -> str:
     return kind + word[-1] if kind + word[-1:] in _PARTS else ""
 
 
-def _named_row(row: Row, names: list[str], named: bool) -> PoseRow:
+def _pose_of_row(row: Row, names: list[str], named: bool) -> StampedPose:
     fields = fields_of(row)
+    if not named and len(fields) in (12, 13, 16, 17):
+        stamped = len(fields) % 4
+        matrix = np.array(numbers(row, fields[stamped:], 12, _MATRIX)).reshape(3, 4)
+        if not names or _is_rotation(matrix[:, :3]):
+            return numbers(row, fields, 1, _MATRIX)[0] if stamped else None, pose_from_matrix(row[0], matrix)
+    if not names:
+        raise SourceError(f"{row[0]}: expected {_MATRIX}, found {row[1][:60]!r}")
     if named and len(fields) != len(names):
         raise SourceError(f"{row[0]}: has {len(fields)} columns, and the header names {len(names)}: name each column")
     if len(fields) == len(_PARTS) and not named:
@@ -189,19 +190,7 @@ def _named_row(row: Row, names: list[str], named: bool) -> PoseRow:
     chosen = [fields[names.index(name)] for name in wanted if names.index(name) < len(fields)]
     values = dict(zip(wanted, numbers(row, chosen, len(wanted), " ".join(names)), strict=True))
     t, q_wxyz = [values[name] for name in _PARTS[:3]], [values[name] for name in _PARTS[3:]]
-    return PoseRow(row, values.get("timestamp"), pose_from_quaternion(row, t, q_wxyz))
-
-
-def _matrix_row(row: Row) -> PoseRow | None:
-    """The pose of a line that is a matrix (3, 4) or (4, 4), as in KITTI; None for another line."""
-    fields = fields_of(row)
-    if len(fields) not in (12, 13, 16, 17):
-        return None
-    stamped, what = len(fields) % 4, "a matrix of 3x4 or 4x4 numbers"
-    matrix = np.array(numbers(row, fields[stamped:], 12, what)).reshape(3, 4)
-    if not _is_rotation(matrix[:, :3]):
-        return None
-    return PoseRow(row, numbers(row, fields, 1, what)[0] if stamped else None, pose_from_matrix(row[0], matrix))
+    return values.get("timestamp"), pose_from_quaternion(row, t, q_wxyz)
 
 
 def fields_of(row: Row) -> list[str]:
@@ -220,12 +209,11 @@ def check_count(table: str | os.PathLike[str], rows: Sequence[object], what: str
         raise SourceError(f"{table}: {len(rows)} {what} for {len(paths)} images{where}")
 
 
-def pinhole(place: str, size: tuple[int, int], fx: float, fy: float, cx: float, cy: float) -> Camera:
-    """Make the camera of the numbers of a file; the error of impossible ones names the place."""
-    try:
-        return Camera("pinhole", *size, fx, fy, cx, cy)
-    except CalibrationError as error:
-        raise CalibrationError(f"{place}: {error}") from None
+def read_poses_of(paths: Sequence[Path], table: Path, root: str | os.PathLike[str], columns: str = "") -> list[Pose]:
+    """Read the poses of images, one for each, from a table without time stamps; see :func:`read_poses`."""
+    poses = [pose for _, pose in read_poses(table, root, columns)]
+    check_count(table, poses, "poses", paths)
+    return poses
 
 
 def read_trajectory(
@@ -248,11 +236,11 @@ def read_trajectory(
     stamps = stamps_of(rows)
     if stamps is None:
         raise SourceError(f"{path}: its {len(rows)} poses have no time stamps: state the time of each")
-    poses = (row.pose @ body_from_cam if body_from_cam else row.pose for row in rows)
-    return trajectory(list(zip(stamps, poses, strict=True)))
+    poses = (pose @ body_from_cam if body_from_cam else pose for _, pose in rows)
+    return trajectory(zip(stamps, poses, strict=True))
 
 
-def stamps_of(rows: Sequence[PoseRow]) -> list[float] | None:
+def stamps_of(rows: Sequence[StampedPose]) -> list[float] | None:
     """The time stamps of poses; None where they have none."""
-    stamps = [row.stamp for row in rows if row.stamp is not None]
+    stamps = [stamp for stamp, _ in rows if stamp is not None]
     return stamps if len(stamps) == len(rows) else None

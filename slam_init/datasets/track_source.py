@@ -6,16 +6,17 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from slam_init.datasets.image_files import (
-    MAX_PIXELS,
     PHOTO_RATE_HZ,
     ImageFileSource,
+    check_pixels,
     check_size,
+    find_by_end,
     frame_range,
     natural_key,
 )
@@ -133,9 +134,7 @@ def track_source(
 
     Shapes: ``timestamps_s`` (F,).
     """
-    width, height = size
-    if width < 1 or height < 1 or width * height > MAX_PIXELS:
-        raise SourceError(f"{path}: images of {width}x{height} pixels: expected 1 to {MAX_PIXELS / 1e6:.0f} million")
+    check_pixels(str(path), *size)
     # Keypoints of the last row lie up to half a pixel beyond its centre; some detectors refine them beyond that.
     inside = ((table.pixels >= -1.0) & (table.pixels <= np.array(size))).all(axis=1)
     if not inside.all():
@@ -158,24 +157,16 @@ def by_name(path: Path, names: list[str]) -> list[int]:
 def with_pictures(source: TrackSource, pictures: ImageFileSource) -> TrackSource:
     """Add the images to a source of tracks, and what their data set knows: order, times, calibration and truth.
 
-    * ``pictures``: Its images are found by their names: by the path relative to the image folder, or by the file name
-      alone where no two images have the same.
+    * ``pictures``: Its images are found by the longest common end of their paths.
     * Returns: The frames are in the order of ``pictures``. The calibration is that of the source, if it has one.
     """
-    relative = {tuple(reversed(path.parts)): i for i, path in enumerate(pictures.paths)}
-    by_file: dict[str, list[tuple[tuple[str, ...], int]]] = {}
-    for parts, i in relative.items():
-        by_file.setdefault(parts[0], []).append((parts, i))
     indices = []
-    for name in source.image_names:
-        parts = tuple(reversed(PurePosixPath(name).parts))
-        candidates = by_file.get(parts[0], []) if parts else []
-        longest = [i for known, i in candidates if known[: len(parts)] == parts]
-        found = longest if len(longest) == 1 else [i for _, i in candidates]
-        if len(found) != 1:
-            problem = "no picture" if not found else f"{len(found)} pictures"
+    found = find_by_end(source.image_names, [path.as_posix() for path in pictures.paths])
+    for name, candidates in zip(source.image_names, found, strict=True):
+        if len(candidates) != 1:
+            problem = f"{len(candidates)} pictures" if candidates else "no picture"
             raise SourceError(f"{pictures.name}: {problem} of {name[:100]}: give the image folder of {source.name}")
-        indices.append(found[0])
+        indices += candidates
     if len(set(indices)) < len(indices):
         raise SourceError(f"{pictures.name}: one picture for two images of {source.name}: give its image folder")
     order = np.argsort(indices, kind="stable")

@@ -16,9 +16,8 @@ left keep their places, so the calibration and earlier tracks stay valid; only t
 
 from __future__ import annotations
 
-import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -27,7 +26,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.datasets.image_files import MAX_PIXELS, check_size, frame_range
+from slam_init.datasets.bounded import first_bytes
+from slam_init.datasets.image_files import NOMINAL_RATE_HZ, check_pixels, check_size, frame_range
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import open_regular
 from slam_init.types.arrays import Floats, Image
@@ -83,44 +83,12 @@ def first_field(image: Image) -> Image:
     return field
 
 
-class Deinterlacer:
-    """Takes the frames of a video in order, and keeps one field of each from the first frame that has two.
-
-    * ``found``: Whether a frame had two fields.
-    """
-
-    def __init__(self) -> None:
-        self.found = False
-
-    def process(self, image: Image) -> Image:
-        """Return the frame as one instant shows it.
-
-        Shapes: ``image`` (H, W).
-        """
-        self.found = self.found or comb_ratio(image) > _LEAST_COMB
-        return first_field(image) if self.found else image
-
-
 # -- decoding --------------------------------------------------------------------------------------
 
 
 #: Most frames of a video: nine hours at 30 Hz.
 _MAX_FRAMES = 1_000_000
 _CONVERT = "convert it: ffmpeg -i IN -c:v libx264 OUT.mp4"
-
-
-@dataclass(frozen=True)
-class VideoHeader:
-    """What a video states about itself."""
-
-    #: (int, int) Width and height of the upright first frame in pixels.
-    size: tuple[int, int]
-    #: Mean number of frames per second as stated; 0 where none is stated.
-    rate_hz: float
-    #: Number of frames as stated, or by the stated duration; it may be impossible.
-    frames: float
-    #: Clockwise rotation that makes the stored images upright: 0, 90, 180 or 270.
-    turned_deg: int
 
 
 @contextmanager
@@ -134,33 +102,6 @@ def _opened(path: Path) -> Iterator[tuple[InputContainer, VideoStream]]:
         stream = next((one for one in container.streams.video if one is best), container.streams.video[0])
         stream.thread_type = "AUTO"
         yield container, stream
-
-
-def read_header(path: Path) -> VideoHeader:
-    """Read the header of a video, and decode its first frame."""
-    import av
-
-    try:
-        with _opened(path) as (container, stream):
-            if stream.codec_context is None:
-                raise SourceError(f"{path}: no installed decoder knows the codec of the video: {_CONVERT}")
-            width, height = stream.codec_context.width, stream.codec_context.height
-            if width * height > MAX_PIXELS:
-                raise SourceError(
-                    f"{path}: the header states {width}x{height} pixels, more than {MAX_PIXELS / 1e6:.0f} million: "
-                    "shrink the video"
-                )
-            first = next(container.decode(stream), None)
-            if first is None:
-                raise SourceError(f"{path}: not a readable video, or a video without frames")
-            turned_deg = -_quarters(first) * 90 % 360
-            size = (first.width, first.height) if turned_deg % 180 == 0 else (first.height, first.width)
-            rate_hz = float(stream.average_rate or stream.guessed_rate or 0)
-            seconds = (container.duration or 0) / av.time_base
-            return VideoHeader(size, rate_hz, stream.frames or np.floor(seconds * rate_hz + 0.5), turned_deg)
-    except (av.error.FFmpegError, ValueError) as error:
-        cause = getattr(error, "strerror", None) or error
-        raise SourceError(f"{path}: not a readable video ({cause}); give a video file, or a folder of images") from None
 
 
 def _quarters(frame: VideoFrame) -> int:
@@ -237,8 +178,7 @@ def count_frames(path: Path) -> int:
 
 def is_gif(path: Path) -> bool:
     """Whether a file is a GIF."""
-    with open_regular(path, SourceError) as file:
-        return file.read(6) in (b"GIF87a", b"GIF89a")
+    return first_bytes(path, 6) in (b"GIF87a", b"GIF89a")
 
 
 def _start_s(stream: VideoStream) -> float:
@@ -252,9 +192,6 @@ def _nanoseconds(time_s: float) -> float:
 
 # -- the source ------------------------------------------------------------------------------------
 
-
-# Frame rate where the header states none, or one that is impossible.
-_NOMINAL_RATE_HZ = 30.0
 
 # A file whose first bytes have no control character but white space is a text.
 _TEXT_BYTES = 4096
@@ -294,10 +231,12 @@ class VideoSource:
     @cached_property
     def timestamps_s(self) -> Floats:
         """(N,) float: time stamps in seconds. The file is read for them, and nothing is decoded."""
-        times_s = list(_increasing(packet_times_s(self.path)[: self.length], 1 / self.rate_hz))
+        times_s: list[float] = []
         # A container may hold fewer times than frames, or none.
-        nominal = (times_s[-1] if times_s else -1 / self.rate_hz) + np.arange(1, self.length + 1) / self.rate_hz
-        return np.array([*times_s, *nominal[: self.length - len(times_s)]])
+        stated_s = [*packet_times_s(self.path), *[np.nan] * self.length]
+        for time_s in stated_s[: self.length]:
+            times_s.append(_next_time(time_s, times_s[-1] if times_s else None, 1 / self.rate_hz))
+        return np.array(times_s)
 
     def __len__(self) -> int:
         return self.length
@@ -309,7 +248,7 @@ class VideoSource:
         """
         wanted = frame_range(self.length, start, max_frames, self.name)
         # A GIF has no fields; its few colours are dithered, which looks like a comb.
-        deinterlacer = None if is_gif(self.path) else Deinterlacer()
+        may_have_fields, has_fields = not is_gif(self.path), False
         stream = decoded(self.path, skip=wanted.start)
         last_s: float | None = None
         for index in range(wanted.stop):
@@ -322,34 +261,45 @@ class VideoSource:
             if image is None:
                 continue
             check_size(f"{self.path}, frame {index}", image.shape[1::-1], self.size, "the first frame")
-            if deinterlacer is not None:
-                image = deinterlacer.process(image)
-                if deinterlacer.found:
-                    self._seen.add(NOTE)
+            has_fields = has_fields or (may_have_fields and comb_ratio(image) > _LEAST_COMB)
+            if has_fields:
+                image = first_field(image)
+                self._seen.add(NOTE)
             yield Frame(index, last_s, f"frame-{index:06d}", image)
 
 
-def open_video(path: str | os.PathLike[str]) -> VideoSource:
+def open_video(path: Path) -> VideoSource:
     """Open a video file and decode its first frame."""
-    path = Path(path)
+    import av
+
     _check_file(path)
-    header = read_header(path)
+    try:
+        with _opened(path) as (container, stream):
+            if stream.codec_context is None:
+                raise SourceError(f"{path}: no installed decoder knows the codec of the video: {_CONVERT}")
+            check_pixels(str(path), stream.codec_context.width, stream.codec_context.height, least=0)
+            first = next(container.decode(stream), None)
+            if first is None:
+                raise SourceError(f"{path}: not a readable video, or a video without frames")
+            quarters = _quarters(first)
+            size = (first.height, first.width) if quarters % 2 else (first.width, first.height)
+            rate_hz = float(stream.average_rate or stream.guessed_rate or 0)
+            stated = stream.frames or np.floor((container.duration or 0) / av.time_base * rate_hz + 0.5)
+    except (av.error.FFmpegError, ValueError) as error:
+        cause = getattr(error, "strerror", None) or error
+        raise SourceError(f"{path}: not a readable video ({cause}); give a video file, or a folder of images") from None
     notes: list[str] = []
-    if header.turned_deg:
+    if quarters:
         notes.append(
-            f"the frames are turned by {header.turned_deg} degrees, as the video states: a calibration has to be that "
-            "of upright images"
+            f"the frames are turned by {360 - 90 * quarters} degrees, as the video states: a calibration has to be "
+            "that of upright images"
         )
-    rate_hz = header.rate_hz
     if not (np.isfinite(rate_hz) and 0 < rate_hz <= 1000):
-        rate_hz = _NOMINAL_RATE_HZ
+        rate_hz = NOMINAL_RATE_HZ
         notes.append(f"the video states no possible frame rate: {rate_hz:g} frames a second are assumed")
     # A frame takes at least a byte of the file.
-    if 1 <= header.frames <= min(path.stat().st_size, _MAX_FRAMES):
-        length = int(header.frames)
-    else:
-        length = max(count_frames(path), 1)
-    return VideoSource(path, length, rate_hz, header.size, tuple(notes))
+    possible = 1 <= stated <= min(path.stat().st_size, _MAX_FRAMES)
+    return VideoSource(path, int(stated) if possible else max(count_frames(path), 1), rate_hz, size, tuple(notes))
 
 
 def _next_time(time_s: float, last_s: float | None, interval_s: float) -> float:
@@ -359,17 +309,9 @@ def _next_time(time_s: float, last_s: float | None, interval_s: float) -> float:
     return time_s if time_s > last_s else last_s + interval_s
 
 
-def _increasing(times_s: Iterable[float], interval_s: float) -> Iterator[float]:
-    last_s: float | None = None
-    for time_s in times_s:
-        last_s = _next_time(time_s, last_s, interval_s)
-        yield last_s
-
-
 def _check_file(path: Path) -> None:
     """Refuse a file that is not to be given to a decoder."""
-    with open_regular(path, SourceError) as file:
-        start = file.read(_TEXT_BYTES)
+    start = first_bytes(path, _TEXT_BYTES)
     # A playlist is a text with the names of other files, or of addresses, which FFmpeg would read.
     if start and not _NOT_TEXT.search(start):
         raise SourceError(f"{path}: is a text, not a readable video; give a video file, or a folder of images")

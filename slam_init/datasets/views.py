@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 from urllib.parse import parse_qsl, urlencode
 
 import numpy as np
@@ -27,7 +28,11 @@ from slam_init.types.arrays import Floats, Image, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, TimedSource, notes_of
 from slam_init.types.inertial import InertialRecord
-from slam_init.types.pose import Trajectory
+
+
+def _of_source(name: str) -> Any:
+    """A property that is that of the source."""
+    return property(lambda derived: getattr(derived.source, name), doc="That of the source.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,25 +41,13 @@ class DerivedSource:
 
     source: TimedSource
 
-    @property
-    def name(self) -> str:
-        """That of the source."""
-        return self.source.name
+    name, kind, camera = _of_source("name"), _of_source("kind"), _of_source("camera")
+    groundtruth, timestamps_s = _of_source("groundtruth"), _of_source("timestamps_s")
 
     @property
-    def kind(self) -> str:
-        """That of the source."""
-        return self.source.kind
-
-    @property
-    def camera(self) -> Camera | None:
-        """That of the source."""
-        return self.source.camera
-
-    @property
-    def groundtruth(self) -> Trajectory | None:
-        """That of the source."""
-        return self.source.groundtruth
+    def notes(self) -> tuple[str, ...]:
+        """Those of the source."""
+        return notes_of(self.source)
 
     @property
     def gyroscope(self) -> Gyroscope | None:
@@ -65,11 +58,6 @@ class DerivedSource:
     def inertial(self) -> InertialRecord | None:
         """That of the source."""
         return inertial_of(self.source)
-
-    @property
-    def timestamps_s(self) -> Floats:
-        """Those of the source."""
-        return self.source.timestamps_s
 
     def __len__(self) -> int:
         return len(self.source)
@@ -88,27 +76,21 @@ class DerivedSource:
 _ROUNDING_S = 1e-6
 
 
-class _Pace:
-    """Chooses the frames that are nearest to regular instants, as they come."""
+def _paced(times_s: Floats, fps: float) -> Iterator[int]:
+    """The frames that are nearest to regular instants.
 
-    def __init__(self, fps: float) -> None:
-        self._interval_s = 1 / fps
-        self._due_s: float | None = None
-        self._last_s: float | None = None
-
-    def includes(self, time_s: float) -> bool:
-        """Whether a frame is used: the first one that is later than an instant, or earlier by half a frame at most."""
-        step_s = 0.0 if self._last_s is None else min(time_s - self._last_s, self._interval_s)
-        self._last_s = time_s
-        # Times are rounded to microseconds in some containers; without this a frame in the middle would be a lottery.
-        ahead_s = time_s + step_s / 2 + _ROUNDING_S
-        if self._due_s is None:
-            self._due_s = time_s
-        if ahead_s < self._due_s:
-            return False
-        # Several instants within one frame interval count as one: no frame is given twice.
-        self._due_s += self._interval_s * (np.floor((ahead_s - self._due_s) / self._interval_s) + 1)
-        return True
+    Each is the first one that is later than an instant, or earlier by half a frame at most.
+    """
+    interval_s = 1 / fps
+    steps_s = np.minimum(np.diff(times_s, prepend=times_s[:1]), interval_s)
+    # Times are rounded to microseconds in some containers; without this a frame in the middle would be a lottery.
+    ahead_s = times_s + steps_s / 2 + _ROUNDING_S
+    due_s = times_s[0] if len(times_s) else 0.0
+    for index in range(len(times_s)):
+        if ahead_s[index] >= due_s:
+            yield index
+            # Several instants within one frame interval count as one: no frame is given twice.
+            due_s += interval_s * (np.floor((ahead_s[index] - due_s) / interval_s) + 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,9 +132,7 @@ class SubsampledSource(DerivedSource):
     def _indices(self, start: int) -> Ints:
         if self.fps is None:
             return np.arange(start, len(self.source), self.every)
-        pace = _Pace(self.fps)
-        times_s = self.source.timestamps_s[start:].tolist()
-        return np.array([start + i for i, time_s in enumerate(times_s) if pace.includes(time_s)], int)
+        return start + np.array(list(_paced(self.source.timestamps_s[start:], self.fps)), int)
 
     def __len__(self) -> int:
         return len(self._included)
@@ -166,14 +146,13 @@ class SubsampledSource(DerivedSource):
 
         * ``start``: Absolute index of the first frame; for renumbered frames their own number.
         """
-        if self.renumbered:
-            wanted = frame_range(len(self), start, max_frames, self.name)
-            positions = {int(self._included[k]): k for k in wanted}
-            for frame in self._read(list(positions)):
-                yield replace(frame, index=positions[frame.index])
+        if not self.renumbered:
+            frame_range(len(self.source), start, max_frames, self.name)
+            yield from self._read(self._indices(start)[:max_frames].tolist())
             return
-        frame_range(len(self.source), start, max_frames, self.name)
-        yield from self._read(self._indices(start)[:max_frames].tolist())
+        wanted = frame_range(len(self), start, max_frames, self.name)
+        for number, frame in zip(wanted, self._read(self._included[wanted].tolist()), strict=False):
+            yield replace(frame, index=number)
 
     def _read(self, indices: list[int]) -> Iterator[Frame]:
         if isinstance(self.source, ImageFileSource | SynthSource):
@@ -259,14 +238,9 @@ class CalibratedSource(DerivedSource):
     given: Camera
 
     @property
-    def camera(self) -> Camera | None:
+    def camera(self) -> Camera:
         """The given one."""
         return self.given
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Those of the source."""
-        return notes_of(self.source)
 
 
 _PREFIX = "view?"

@@ -22,18 +22,11 @@ from pathlib import Path
 
 import numpy as np
 
+from slam_init.calibration.files import camera_of
 from slam_init.datasets.image_files import ImageFileSource, image_size, list_images, stored_camera
 from slam_init.datasets.posed_images import Layout, image_sequence, with_axes
 from slam_init.datasets.stamps import stamp_of
-from slam_init.datasets.text import (
-    check_count,
-    fields_of,
-    numbers,
-    pinhole,
-    pose_from_matrix,
-    read_poses,
-    read_rows,
-)
+from slam_init.datasets.text import check_count, fields_of, numbers, read_poses_of, read_rows
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import check_inside
 from slam_init.types.camera import Camera
@@ -74,10 +67,7 @@ def open_kitti(folder: Path, found: Path) -> ImageFileSource:
     beside = sequence.parent.parent
     for path, root in ((beside / "poses" / f"{sequence.name}.txt", beside), (sequence / "poses.txt", sequence)):
         if path.exists():
-            for row in read_rows(path, root):
-                values = numbers(row, fields_of(row), 12, "12 numbers of a 3x4 pose")
-                poses.append(_matrix_pose(row[0], values) @ cam0_from_cam)
-            check_count(path, poses, "poses", paths)
+            poses = [pose @ cam0_from_cam for pose in read_poses_of(paths, path, root)]
             break
     return image_sequence(
         "kitti",
@@ -91,24 +81,18 @@ def open_kitti(folder: Path, found: Path) -> ImageFileSource:
     )
 
 
-def _matrix_pose(place: str, values: list[float]) -> Pose:
-    return pose_from_matrix(place, np.array(values).reshape(3, 4))
-
-
 def _rectified(path: Path, root: Path, key: str, size: tuple[int, int]) -> tuple[Camera, Pose]:
     """The camera of a projection matrix ``K [I | t]``, and its pose cam0_from_cam."""
     for row in read_rows(path, root):
         name, _, rest = row[1].partition(":")
         if name.strip() == key:
             values = np.array(numbers(row, rest.split(), 12, f"{key}: and 12 numbers")).reshape(3, 4)
-            if not (values[0, 0] > 0 and values[1, 1] > 0 and values[2, 2] > 0):
-                raise SourceError(f"{row[0]}: {key} has no positive focal length")
-            K = values[:, :3]
-            if K[1, 0] != 0 or K[2, 0] != 0 or K[2, 1] != 0 or np.abs(values).max() > 1e100 * K[2, 2]:
+            if not (values[2, 2] > 0 and np.abs(values).max() <= 1e100 * values[2, 2]):
                 raise SourceError(f"{row[0]}: {key} is no projection matrix [fx 0 cx, 0 fy cy, 0 0 1 | K t]")
             values = values / values[2, 2]
+            width, height = size
             K = values[:, :3]
-            camera = Camera("pinhole", *size, float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2]))
+            camera = camera_of(f"{row[0]}: {key}", {"K": K.ravel().tolist(), "width": width, "height": height})
             cam_from_cam0 = Pose(np.eye(3), np.asarray(np.linalg.solve(K, values[:, 3]), float))
             return camera, cam_from_cam0.inverse()
     raise SourceError(f"{path}: no line {key}:")
@@ -123,18 +107,16 @@ def find_tartanair(folder: Path) -> tuple[Path, Path] | None:
 def open_tartanair(folder: Path, found: tuple[Path, Path]) -> ImageFileSource:
     """Open a TartanAir sequence."""
     paths = list_images(found[0])
-    rows = read_poses(found[1], folder, "tx ty tz qx qy qz qw")
-    poses = [with_axes(row.pose, "forward, right, down") for row in rows]
-    check_count(found[1], poses, "poses", paths)
-    width, height = size = image_size(paths[0], folder)
-    camera = pinhole(str(folder), size, width / 2, width / 2, width / 2, height / 2)
+    poses = read_poses_of(paths, found[1], folder, "tx ty tz qx qy qz qw")
+    width, height = image_size(paths[0], folder)
+    camera = Camera("pinhole", width, height, width / 2, width / 2, width / 2, height / 2)
     return image_sequence(
         "tartanair",
         folder,
         paths,
         rate_hz=_NOMINAL_RATE_HZ,
         camera=stored_camera(folder, paths[0]) or camera,
-        poses=poses,
+        poses=[with_axes(pose, "forward, right, down") for pose in poses],
     )
 
 

@@ -33,12 +33,13 @@ from pathlib import Path
 import numpy as np
 
 from slam_init.calibration.files import load_camera, load_yaml
+from slam_init.calibration.values import Section
 from slam_init.datasets.image_files import ImageFileSource, image_size, stored_camera
-from slam_init.datasets.inertial import InertialSensor, read_densities, read_samples
+from slam_init.datasets.inertial import InertialSensor, pose_of_yaml, read_densities, read_samples
 from slam_init.datasets.posed_images import Layout, file_of, image_sequence
 from slam_init.datasets.stamps import stamp_of
-from slam_init.datasets.text import fields_of, numbers, pinhole, pose_from_matrix, read_rows, read_trajectory
-from slam_init.errors import CalibrationError, SourceError
+from slam_init.datasets.text import Row, fields_of, read_rows, read_trajectory
+from slam_init.errors import SourceError
 from slam_init.system.regular_file import check_inside
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose, Trajectory
@@ -62,7 +63,7 @@ _ICL_NUIM_RATE_HZ = 30.0
 
 
 def _read_list(
-    path: Path, folder: Path, fields_of_image: Callable[[str], list[str]], what: str
+    path: Path, folder: Path, fields_of_image: Callable[[Row], list[str]], what: str
 ) -> tuple[list[Path], list[tuple[str, float]]]:
     """The images of a list, and the time stamp of each with the place of its line.
 
@@ -71,7 +72,7 @@ def _read_list(
     paths: list[Path] = []
     stamps: list[tuple[str, float]] = []
     for row in read_rows(path, folder if path.is_relative_to(folder) else None):
-        fields = fields_of_image(row[1])
+        fields = fields_of_image(row)
         stamps.append((row[0], stamp_of(row, fields, what)))
         if len(fields) < 2 or not fields[1]:
             raise SourceError(f"{row[0]}: expected {what}, found {row[1][:60]!r}")
@@ -88,7 +89,7 @@ def open_tum(folder: Path, index: Path) -> ImageFileSource:
         raise SourceError(f"{folder}: several *.gt.freiburg: keep the one that belongs to the images")
     split = _name_may_hold_spaces if index.name == "rgb.txt" else _colour_of_pair
     paths, stamps = _read_list(index, folder, split, "a timestamp and a file name")
-    camera = stored_camera(folder, paths[0]) or _eth3d_camera(folder, paths[0])
+    camera = stored_camera(folder, paths[0], "camera.yaml", "calibration.txt")
     truth: Trajectory | None = None
     if reflected:
         stamps = [(place, stamp / _ICL_NUIM_RATE_HZ) for place, stamp in stamps]
@@ -101,25 +102,13 @@ def open_tum(folder: Path, index: Path) -> ImageFileSource:
     return image_sequence("tum", folder, paths, stamps=stamps, camera=camera, truth=truth)
 
 
-def _name_may_hold_spaces(line: str) -> list[str]:
-    return line.split(maxsplit=1)
+def _name_may_hold_spaces(row: Row) -> list[str]:
+    return row[1].split(maxsplit=1)
 
 
-def _colour_of_pair(line: str) -> list[str]:
-    fields = line.split()
+def _colour_of_pair(row: Row) -> list[str]:
+    fields = row[1].split()
     return fields[2:] if len(fields) >= 4 and fields[1].lower().startswith("depth") else fields
-
-
-def _eth3d_camera(folder: Path, first_image: Path) -> Camera | None:
-    """The camera of ``calibration.txt``; None if there is no such file."""
-    path = folder / "calibration.txt"
-    if not path.is_file():
-        return None
-    row = next(read_rows(path, folder), None)
-    if row is None:
-        raise SourceError(f"{path}: is empty: expected fx fy cx cy")
-    fx, fy, cx, cy = numbers(row, fields_of(row), 4, "fx fy cx cy")
-    return pinhole(row[0], image_size(first_image, folder), fx, fy, cx, cy)
 
 
 def _reflected(truth: Trajectory | None) -> Trajectory | None:
@@ -129,17 +118,6 @@ def _reflected(truth: Trajectory | None) -> Trajectory | None:
     F = np.diag([1.0, -1.0, 1.0])
     poses = tuple(Pose(F @ pose.R @ F, F @ pose.t) for pose in truth.world_from_cam)
     return Trajectory(truth.timestamps_s * (1 / _ICL_NUIM_RATE_HZ), poses)
-
-
-def _matrix(path: Path, key: str, data: object) -> Pose | None:
-    """The pose of 16 numbers of a YAML file; None where it is not stated."""
-    if data is None:
-        return None
-    try:
-        matrix = np.array(data, float).reshape(4, 4)
-    except (TypeError, ValueError):
-        raise CalibrationError(f"{path}: {key} is not a matrix of 4x4 numbers") from None
-    return pose_from_matrix(f"{path}: {key}", matrix)
 
 
 def find_euroc(folder: Path) -> Path | None:
@@ -153,7 +131,7 @@ def open_euroc(folder: Path, found: Path) -> ImageFileSource:
     cam0 = found.resolve()
     # The camera of a sequence has its ground truth beside it, so that the folder of the camera alone names its parent.
     root = cam0.parent if found == folder else folder
-    names, stamps = _read_list(cam0 / "data.csv", root, _comma, "timestamp,filename")
+    names, stamps = _read_list(cam0 / "data.csv", root, fields_of, "timestamp,filename")
     # An absolute name stays what it is, and leads out of the folder.
     paths = [cam0 / "data" / (path.relative_to(cam0) if path.is_relative_to(cam0) else path) for path in names]
     camera, body_from_cam = None, None
@@ -189,15 +167,11 @@ def open_euroc(folder: Path, found: Path) -> ImageFileSource:
     )
 
 
-def _comma(line: str) -> list[str]:
-    return [field.strip() for field in line.split(",")]
-
-
 def _body_from_sensor(sensor: Path) -> Pose | None:
     """The pose ``T_BS`` of a sensor in the body; None where it is not stated."""
-    content = load_yaml(sensor)
-    entry = content.get("T_BS") if isinstance(content, dict) else None
-    return _matrix(sensor, "T_BS", entry.get("data") if isinstance(entry, dict) else entry)
+    entry = load_yaml(sensor).get("T_BS")
+    data = entry.get("data") if isinstance(entry, dict) else entry
+    return None if data is None else pose_of_yaml(f"{sensor}: T_BS", data)
 
 
 def _read_imu0(folder: Path, root: Path, body_from_cam: Pose, unit: TimeUnit) -> InertialSensor:
@@ -208,7 +182,7 @@ def _read_imu0(folder: Path, root: Path, body_from_cam: Pose, unit: TimeUnit) ->
     if body_from_imu is None:
         raise SourceError(f"{sensor}: no T_BS, the pose of the sensor: add it, or leave --imu out")
     stamps, samples = read_samples(table, root, "timestamp,w_x,w_y,w_z (rad/s),a_x,a_y,a_z (m/s^2)")
-    densities = read_densities(sensor, load_yaml(sensor))
+    densities = read_densities(sensor, Section(load_yaml(sensor)))
     return InertialSensor.made(
         in_seconds(stamps, unit), samples, body_from_cam.inverse() @ body_from_imu, densities, name="imu0"
     )

@@ -33,7 +33,8 @@ from pathlib import Path
 import numpy as np
 
 from slam_init.calibration.files import camera_of
-from slam_init.datasets.bounded import JsonObject, json_array, json_number, read_json
+from slam_init.calibration.values import Section, at_place
+from slam_init.datasets.bounded import JsonObject, read_json
 from slam_init.datasets.colmap import model_files, read_model
 from slam_init.datasets.image_files import (
     IMAGE_SUFFIXES,
@@ -45,9 +46,10 @@ from slam_init.datasets.image_files import (
     stored_camera,
 )
 from slam_init.datasets.posed_images import Layout, PosedImage, file_of, image_sequence, photographs, with_axes
-from slam_init.datasets.text import check_count, fields_of, numbers, pinhole, pose_from_matrix, read_rows
+from slam_init.datasets.text import pose_from_matrix, read_poses_of
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.system.regular_file import check_inside
+from slam_init.types.arrays import as_array
 from slam_init.types.camera import Camera
 
 #: Names of the index; the first that exists is read. The second is that of Blender's synthetic scenes.
@@ -105,9 +107,10 @@ def read_transforms(path: Path, folder: Path) -> Iterator[PosedImage]:
         if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
             raise SourceError(f"{place}: file_path is missing")
         image = _image_path(folder, frame["file_path"])
-        matrix = json_array(place, frame.get("transform_matrix"), (-1, 4), "transform_matrix")
+        what, give = f"{place}: transform_matrix", "4x4 finite numbers"
+        matrix = as_array(frame.get("transform_matrix"), np.float64, (None, 4), what, give, SourceError)
         if len(matrix) not in (3, 4):
-            raise SourceError(f"{place}: transform_matrix is not an array of 4x4 finite numbers")
+            raise SourceError(f"{what} has {len(matrix)} rows: give {give}")
         stated = {key: frame.get(key, content.get(key)) for key in _INTRINSICS}
         key = repr(stated)
         if key not in cameras:
@@ -126,31 +129,30 @@ def _image_path(folder: Path, text: str) -> Path:
 
 def _transforms_camera(place: str, stated: JsonObject, size: tuple[int, int] | None) -> Camera | None:
     """The camera of a frame; None where the file states no focal length."""
-    if "fl_x" not in stated and "camera_angle_x" not in stated:
-        return None
-    name, is_fisheye = str(stated.get("camera_model", "OPENCV")), stated.get("is_fisheye", False)
-    if name.upper() not in _MODELS:
-        raise CalibrationError(f"{place}: camera_model {name[:40]!r} is not supported: use OPENCV or OPENCV_FISHEYE")
-    if is_fisheye not in (False, True):
-        raise CalibrationError(f"{place}: is_fisheye is {str(is_fisheye)[:40]!r}: give true or false")
-    model = "fisheye" if is_fisheye else _MODELS[name.upper()]
-    if size is None and not {"w", "h"} <= stated.keys():
-        return None  # the image is not in the folder either
-    width, height = (
-        json_number(place, stated, key, None if size is None else size[i]) for i, key in enumerate(("w", "h"))
-    )
-    if "fl_x" in stated:
-        fx = json_number(place, stated, "fl_x")
-    else:
-        angle = json_number(place, stated, "camera_angle_x")
-        if not 0 < angle < math.pi:
-            raise CalibrationError(f"{place}: camera_angle_x is {angle:g}: expected radians between 0 and pi")
-        fx = 0.5 * width / math.tan(0.5 * angle)
-    fy = json_number(place, stated, "fl_y", fx)
-    cx, cy = json_number(place, stated, "cx", width / 2) - 0.5, json_number(place, stated, "cy", height / 2) - 0.5
-    k = {name: json_number(place, stated, name, 0.0) for name in _COEFFICIENTS}
-    if model == "radtan" and k.pop("k4") != 0:
-        raise CalibrationError(f"{place}: k4 is not supported for a perspective camera: use k1, k2, k3, p1, p2")
+    sized = stated if size is None else {"w": size[0], "h": size[1], **stated}
+    if not {"fl_x", "camera_angle_x"} & stated.keys() or not {"w", "h"} <= sized.keys():
+        return None  # without a size the image is not in the folder either
+    section = Section(sized)
+    with at_place(place):
+        name, is_fisheye = str(stated.get("camera_model", "OPENCV")), stated.get("is_fisheye", False)
+        if name.upper() not in _MODELS:
+            raise CalibrationError(f"camera_model {name[:40]!r} is not supported: use OPENCV or OPENCV_FISHEYE")
+        if is_fisheye not in (False, True):
+            raise CalibrationError(f"is_fisheye is {str(is_fisheye)[:40]!r}: give true or false")
+        model = "fisheye" if is_fisheye else _MODELS[name.upper()]
+        if model == "radtan" and section.number("k4", 0.0) != 0:
+            raise CalibrationError("k4 is not supported for a perspective camera: use k1, k2, k3, p1, p2")
+        width, height = section.number("w"), section.number("h")
+        if "fl_x" in stated:
+            fx = section.number("fl_x")
+        else:
+            angle = section.number("camera_angle_x")
+            if not 0 < angle < math.pi:
+                raise CalibrationError(f"camera_angle_x is {angle:g}: expected radians between 0 and pi")
+            fx = 0.5 * width / math.tan(0.5 * angle)
+        fy = section.number("fl_y", fx)
+        cx, cy = section.number("cx", width / 2) - 0.5, section.number("cy", height / 2) - 0.5
+        k = {name: section.number(name, 0.0) for name in _COEFFICIENTS}
     content = {"model": model, "width": width, "height": height, "fx": fx, "fy": fy, "cx": cx, "cy": cy, **k}
     return camera_of(place, content)
 
@@ -168,29 +170,10 @@ def _named(folder: Path, word: str) -> Path | None:
 def open_trakmark(folder: Path, extrinsics: Path) -> ImageFileSource:
     """Open a sequence in the manner of TrakMark."""
     paths = list_images(image_folder(folder) or folder)
-    poses = []
-    for row in read_rows(extrinsics, folder):
-        fields = fields_of(row)
-        if len(fields) not in (12, 13, 16, 17):
-            raise SourceError(f"{row[0]}: expected 12 or 16 numbers of a pose, found {row[1][:60]!r}")
-        # 13 and 17 fields start with the number of the frame.
-        values = numbers(row, fields[len(fields) % 4 :], 12, "12 or 16 numbers of a pose")
-        poses.append(pose_from_matrix(row[0], np.array(values).reshape(3, 4)).inverse())
-    check_count(extrinsics, poses, "poses", paths)
+    poses = [pose.inverse() for pose in read_poses_of(paths, extrinsics, folder)]
     intrinsics = _named(folder, "intrinsic")
-    camera = stored_camera(folder, paths[0])
-    if camera is None and intrinsics is not None:
-        camera = _trakmark_camera(intrinsics, folder, image_size(paths[0], folder))
+    camera = stored_camera(folder, paths[0], "camera.yaml", *([intrinsics.name] if intrinsics else []))
     return image_sequence("trakmark", folder, paths, rate_hz=NOMINAL_RATE_HZ, camera=camera, poses=poses)
-
-
-def _trakmark_camera(path: Path, root: Path, size: tuple[int, int]) -> Camera:
-    fields = [field for row in read_rows(path, root) for field in fields_of(row)]
-    if len(fields) not in (4, 9):
-        raise CalibrationError(f"{path}: {len(fields)} numbers: expected fx fy cx cy, or a matrix of 3x3 numbers")
-    values = numbers((str(path), " ".join(fields)), fields, len(fields), "fx fy cx cy, or a matrix of 3x3 numbers")
-    fx, fy, cx, cy = values if len(values) == 4 else (values[0], values[4], values[2], values[5])
-    return pinhole(str(path), size, fx, fy, cx, cy)
 
 
 LAYOUTS = (

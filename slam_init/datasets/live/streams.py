@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, cast
 
-from slam_init.datasets.image_files import MAX_PIXELS
+from slam_init.datasets.image_files import check_pixels
 from slam_init.datasets.video import upright_pixels
 from slam_init.errors import SourceError
 from slam_init.types.arrays import Image
@@ -85,10 +85,7 @@ def _decoded(
             if not container.streams.video:
                 raise SourceError(f"{name}: holds no images: {remedy}")
             stream, opened = container.streams.video[0], True
-            if stream.width * stream.height > MAX_PIXELS:
-                raise SourceError(
-                    f"{name}: {stream.width}x{stream.height} pixels: at most {MAX_PIXELS / 1e6:.0f} million"
-                )
+            check_pixels(name, stream.width, stream.height, least=0)
             timed = container.format.name not in _WITHOUT_TIMES
             for packet in container.demux(stream):
                 try:

@@ -14,8 +14,9 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from slam_init.datasets.bounded import first_bytes
 from slam_init.errors import SourceError, plain_line
-from slam_init.system.regular_file import check_inside, kind_problem, open_regular
+from slam_init.system.regular_file import check_inside, kind_problem
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -37,35 +38,30 @@ _HINTS = {
 }
 
 
-def detect_file(path: str | os.PathLike[str]) -> str | None:
+def detect_file(path: Path) -> str | None:
     """Tell whether a file is a ROS bag.
 
     * Returns: ``ros1`` or ``ros2``; None if it is none. A broken file with the suffix of a bag is one.
     """
-    path = Path(path)
-    with open_regular(path, SourceError) as file:
-        start = file.read(len(_MAGIC_ROS1))
+    start = first_bytes(path, len(_MAGIC_ROS1))
     if path.suffix.lower() == ".bag" or start == _MAGIC_ROS1:
         return "ros1"
     # Many programs write SQLite files, so that the suffix decides.
     return "ros2" if path.suffix.lower() in STORAGE_SUFFIXES or start.startswith(_MAGIC_MCAP) else None
 
 
-def is_bag_folder(folder: str | os.PathLike[str]) -> bool:
+def is_bag_folder(folder: Path) -> bool:
     """Tell whether a folder is a ROS 2 bag."""
-    metadata = Path(folder) / METADATA
-    if metadata.is_file():
-        with open_regular(metadata, SourceError) as file:
-            if _METADATA_KEY in file.read(_METADATA_START):
-                return True
-    return bool(_storage_files(folder))
+    metadata = folder / METADATA
+    described = metadata.is_file() and _METADATA_KEY in first_bytes(metadata, _METADATA_START)
+    return described or bool(_storage_files(folder))
 
 
-def _storage_files(folder: str | os.PathLike[str]) -> list[Path]:
+def _storage_files(folder: Path) -> list[Path]:
     """The files in a folder that hold messages of ROS 2."""
     with os.scandir(folder) as entries:
         names = [entry.name for entry in entries if entry.name.lower().endswith(STORAGE_SUFFIXES)]
-    return [Path(folder, name) for name in sorted(names) if not name.startswith(".")]
+    return [folder / name for name in sorted(names) if not name.startswith(".")]
 
 
 @dataclass(frozen=True)
@@ -110,8 +106,8 @@ class Bag:
     * ``topics``: Sorted by name.
     """
 
-    def __init__(self, path: str | os.PathLike[str], version: int) -> None:
-        self.path = Path(path)
+    def __init__(self, path: Path, version: int) -> None:
+        self.path = path
         try:
             from rosbags import rosbag1, rosbag2
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from slam_init.calibration.files import camera_of
 from slam_init.datasets.grey_levels import Pixels
-from slam_init.datasets.image_files import MAX_PIXELS, decode_image
+from slam_init.datasets.image_files import check_pixels, decode_image
 from slam_init.errors import SourceError
 from slam_init.types.camera import Camera
 
@@ -63,10 +63,7 @@ def decode(place: str, message: Any) -> Pixels:
         )
     (channels, conversion), is_wide = _ENCODINGS[encoding], encoding.endswith("16")
     width, height, step = int(message.width), int(message.height), int(message.step)
-    if width < 1 or height < 1 or width * height > MAX_PIXELS:
-        raise SourceError(
-            f"{place}: {width}x{height} pixels: an image has at least one and at most {MAX_PIXELS / 1e6:.0f} million"
-        )
+    check_pixels(place, width, height)
     row = width * channels * (2 if is_wide else 1)
     step = step or row  # some drivers leave it out
     if step < row or len(data) < step * (height - 1) + row:

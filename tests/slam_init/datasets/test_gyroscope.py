@@ -11,10 +11,10 @@ from make_source import GivenFrames
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
 from slam_init.config import Config
 from slam_init.datasets import open_source
-from slam_init.datasets.gyroscope import Gyroscope, gyroscope_of, made_gyroscope
+from slam_init.datasets.gyroscope import Gyroscope, gyroscope_of, without_bias
 from slam_init.datasets.inertial import inertial_of
 from slam_init.datasets.views import SourceView
-from slam_init.errors import SourceError
+from slam_init.errors import SlamInitError, SourceError
 from slam_init.initializer import Initializer
 from slam_init.runner import run
 
@@ -101,13 +101,13 @@ def test_the_bias_is_measured_at_rest_and_a_uniform_turn_is_no_rest():
     bias = np.array([-0.002, 0.02, 0.08])
     noise = 0.003 * rng.normal(size=(len(times), 3))
     moving = (times > 4)[:, None] * np.sin(3 * times)[:, None] * RATE
-    rested = made_gyroscope(times, bias + noise + moving, np.eye(3))
+    rested = without_bias(Gyroscope(times, bias + noise + moving, np.eye(3)))
     assert rotation_angle(rested.between(0.1, 2.9)[0]) < 2e-3
-    raw = made_gyroscope(times, bias + noise, np.eye(3))  # all of it may be a slow pan
+    raw = without_bias(Gyroscope(times, bias + noise, np.eye(3)))  # all of it may be a slow pan
     assert raw.bias_sigma_rad_s > rested.bias_sigma_rad_s
     np.testing.assert_array_equal(raw.rates_rad_s, bias + noise)
     two_rates = bias + noise + moving - (times < 1.5)[:, None] * (0.0, 0.0, 0.05)
-    assert made_gyroscope(times, two_rates, np.eye(3)).bias_sigma_rad_s == raw.bias_sigma_rad_s
+    assert without_bias(Gyroscope(times, two_rates, np.eye(3))).bias_sigma_rad_s == raw.bias_sigma_rad_s
 
 
 @pytest.fixture
@@ -155,7 +155,7 @@ def test_a_broken_gyroscope_of_euroc_is_refused_with_its_file_where_it_is_used(e
     write(euroc / "imu0" / file, text)
     source = open_source(euroc)
     run(source, source.camera, Config(), max_frames=1)
-    with pytest.raises(SourceError, match=message):
+    with pytest.raises(SlamInitError, match=message):
         run(source, source.camera, Config(), max_frames=1, imu=True)
 
 

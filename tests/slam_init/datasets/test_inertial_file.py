@@ -47,7 +47,7 @@ def test_the_names_of_kalibr_and_nanoseconds(table):
         (".yaml", "T_cam_imu: [1, 2, 3]\n", "T_cam_imu is missing or not"),
         (".yaml", f"T_cam_imu: {np.ones((4, 4)).tolist()}\n", "not a rotation"),
         (".yaml", f"T_cam_imu: {[[1, 0, 0, 30], *POSE[1:]]}\n", "30 m away"),
-        (".yaml", f"T_cam_imu: {POSE}\ntimeshift_cam_imu: soon\n", "give seconds"),
+        (".yaml", f"T_cam_imu: {POSE}\ntimeshift_cam_imu: soon\n", "timeshift_cam_imu is 'soon'"),
         (".yaml", f"T_cam_imu: {POSE}\naccelerometer_noise_density: 50\n", "accelerometer_noise_density"),
         (".csv", "1,0,0,0,0,0,9.8\n", "less than two samples"),
         (".csv", "1,0,0,0,0,0,9.8\n1,0,0,0,0,0,9.8\n", "does not come after"),
@@ -57,7 +57,7 @@ def test_the_names_of_kalibr_and_nanoseconds(table):
 )
 def test_a_broken_file_is_refused_with_its_name(table, suffix, text, message):
     write(table.with_suffix(suffix), text)
-    with pytest.raises(SourceError, match=message):
+    with pytest.raises(SlamInitError, match=message):
         read_inertial_file(table)
 
 

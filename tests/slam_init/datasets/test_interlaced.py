@@ -6,7 +6,7 @@ from make_files import picture
 from make_scene import texture
 from make_video import write_by_pyav
 
-from slam_init.datasets.video import Deinterlacer, comb_ratio, first_field, open_video
+from slam_init.datasets.video import comb_ratio, first_field, open_video
 
 TEXTURE = texture(3, 200, 300)
 
@@ -42,15 +42,6 @@ def test_the_rows_of_the_first_field_stay_and_the_others_lie_between_them(shape)
     for row in range(1, shape[0] - 1, 2):
         between = (image[row - 1].astype(int) + image[row + 1] + 1) // 2
         assert np.array_equal(field[row], between)
-
-
-def test_once_found_all_frames_give_one_field():
-    """Where the camera rests a frame has no comb, and the sharpness must not change from frame to frame."""
-    deinterlacer = Deinterlacer()
-    assert deinterlacer.process(shifted(0)) is not None and not deinterlacer.found
-    deinterlacer.process(woven(6))
-    assert deinterlacer.found
-    assert np.array_equal(deinterlacer.process(shifted(0)), first_field(shifted(0)))
 
 
 def test_an_interlaced_video_is_read_and_told(tmp_path):

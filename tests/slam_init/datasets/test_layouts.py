@@ -86,7 +86,7 @@ def test_a_table_that_is_cut_off_or_no_table_is_refused_in_one_line(layout, tmp_
 def test_a_broken_line_is_refused_with_file_and_line(tmp_path, name, file, text, word):
     folder = LAYOUTS[name].make(tmp_path)
     write(folder / file, text)
-    with pytest.raises(SourceError, match=word) as caught:
+    with pytest.raises(SlamInitError, match=word) as caught:
         open_source(folder)
     assert len(str(caught.value).splitlines()) == 1
 
@@ -251,7 +251,7 @@ def test_images_that_are_not_in_the_folder_are_left_out_and_told(tmp_path):
         ({"k4": 0.1}, "k4 is not supported"),
         ({"frames": []}, "frames is missing or empty"),
         ({"frames": [{"file_path": 3}]}, "frame 0: file_path"),
-        ({"frames": [{"file_path": "images/frame_1.png", "transform_matrix": [[1, 2], [3]]}]}, "not an array"),
+        ({"frames": [{"file_path": "images/frame_1.png", "transform_matrix": [[1, 2], [3]]}]}, "no regular array"),
         ({"frames": [{"file_path": "images/frame_1.png", "transform_matrix": np.zeros((4, 4)).tolist()}]}, "rotation"),
     ],
 )
