@@ -20,7 +20,7 @@ A frame may have a rolling shutter: a pixel in row y is exposed at ``t_frame + r
 pose and the time stamp of a frame are those of its middle row (:mod:`sequences_synth.shutter`).
 """
 
-from sequences_synth.camera import LENSES, LensCamera, PinholeCamera
+from sequences_synth.camera import LENSES, SynthCamera
 from sequences_synth.options import PointOptions, SynthOptions
 from sequences_synth.points import POINT_SCENES, SCENES_WITHOUT_TRANSLATION, PointSequence, make_points
 from sequences_synth.scenes import SCENES, STANDARD_SCENES
@@ -34,10 +34,9 @@ __all__ = [
     "SCENES",
     "SCENES_WITHOUT_TRANSLATION",
     "STANDARD_SCENES",
-    "LensCamera",
-    "PinholeCamera",
     "PointOptions",
     "PointSequence",
+    "SynthCamera",
     "SynthOptions",
     "SynthSequence",
     "TrackingError",

@@ -1,4 +1,4 @@
-"""The cameras of the synthetic worlds: a pinhole, and two lenses.
+"""The camera of the synthetic worlds: a pinhole, or one of two lenses.
 
 The lenses are written from the papers of the models. Each has usual parameters, and a field of view beyond which its
 image is black. The formulas project; a ray of a pixel is found by Newton's method. Coefficients are in the order of
@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -46,8 +46,8 @@ _STEP_RAD = 1e-6
 
 
 @dataclass(frozen=True)
-class LensCamera:
-    """A camera with a lens; all values in pixels, pixel centres at integer coordinates."""
+class SynthCamera:
+    """A camera; all values in pixels, pixel centres at integer coordinates."""
 
     #: width, height: Image size.
     width: int
@@ -57,18 +57,31 @@ class LensCamera:
     fy: float
     cx: float
     cy: float
-    #: One of :data:`LENSES`.
-    model: str
+    #: ``pinhole``, or one of :data:`LENSES`.
+    model: str = "pinhole"
     #: See the module docstring.
-    coefficients: tuple[float, ...]
-    #: Largest angle between the optical axis and a ray that is seen.
-    half_field_rad: float
+    coefficients: tuple[float, ...] = ()
+    #: Largest angle between the optical axis and a ray that is seen. That of a pinhole lies outside of every image.
+    half_field_rad: float = math.radians(89.0)
+
+    @property
+    def is_pinhole(self) -> bool:
+        """Whether the image is a plane one."""
+        return self.model == "pinhole"
+
+    @property
+    def K(self) -> Floats:
+        """(3, 3) calibration matrix."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]])
 
     def project(self, points: Floats) -> Floats:
-        """Project points.
+        """Project points; for a pinhole they are before the camera.
 
         Shapes: ``points`` (..., 3), returns (..., 2).
         """
+        if self.is_pinhole:
+            focal, centre = np.array([self.fx, self.fy]), np.array([self.cx, self.cy])
+            return np.asarray(focal * points[..., :2] / points[..., 2:] + centre)
         X, Y, Z = np.moveaxis(np.asarray(points, float), -1, 0)
         with np.errstate(all="ignore"):  # outside of the field of view
             u, v = _FORMULAS[self.model](X, Y, Z, self.coefficients)
@@ -79,9 +92,12 @@ class LensCamera:
 
         Shapes: ``pixels`` (..., 2), returns (..., 3).
 
-        * Returns: Unit rays in the frame of the camera; 0 outside of the field of view.
+        * Returns: In the frame of the camera: of a pinhole with z = 1; of a lens of length 1, and 0 outside of its
+          field of view.
         """
         seen = (np.asarray(pixels, float) - (self.cx, self.cy)) / (self.fx, self.fy)
+        if self.is_pinhole:
+            return np.concatenate([seen, np.ones((*seen.shape[:-1], 1))], axis=-1)
         angles = np.linspace(0, self.half_field_rad, _TABLE)
         target = np.linalg.norm(seen, axis=-1)
         along = np.stack([np.sin(angles), np.zeros(_TABLE), np.cos(angles)], axis=-1)
@@ -112,13 +128,20 @@ class LensCamera:
         inside &= np.linalg.norm(np.nan_to_num(self.project(_ray(place)) - pixels, nan=1e9), axis=-1) < 1e-6
         return np.where(inside[..., None], _ray(place), 0.0)
 
+    def bent(self, k1: float) -> SynthCamera:
+        """Return a pinhole with a radial distortion, seen up to where a negative one has its largest radius."""
+        if k1 == 0.0:
+            return self
+        half_field_rad = math.atan(math.sqrt(-1 / (3 * k1))) if k1 < 0 else self.half_field_rad
+        return replace(self, model="radtan", coefficients=(k1, 0.0, 0.0, 0.0), half_field_rad=half_field_rad)
 
-def lens_camera(model: str, width: int, height: int) -> LensCamera:
+
+def lens_camera(model: str, width: int, height: int) -> SynthCamera:
     """Make a camera with the usual parameters of a model."""
     usual = _USUAL[model]
     fx = usual.focal * width
     centre = (width - 1) / 2, (height - 1) / 2
-    return LensCamera(width, height, fx, fx, *centre, model, usual.coefficients, math.radians(usual.half_field_deg))
+    return SynthCamera(width, height, fx, fx, *centre, model, usual.coefficients, math.radians(usual.half_field_deg))
 
 
 def _ray(place: Floats) -> Floats:
@@ -150,58 +173,9 @@ def _fisheye(X: Floats, Y: Floats, Z: Floats, k: tuple[float, ...]) -> tuple[Flo
 _FORMULAS = {"radtan": _radtan, "fisheye": _fisheye}
 
 
-@dataclass(frozen=True)
-class PinholeCamera:
-    """A pinhole camera; all values in pixels, pixel centres at integer coordinates."""
-
-    #: width, height: Image size.
-    width: int
-    height: int
-    #: fx, fy, cx, cy: Focal lengths and principal point.
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-
-    #: Rays farther from the optical axis lie outside of every image.
-    half_field_rad: ClassVar[float] = math.radians(89.0)
-
-    @property
-    def K(self) -> Floats:
-        """(3, 3) calibration matrix."""
-        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1]])
-
-    def project(self, points: Floats) -> Floats:
-        """Project points before the camera.
-
-        Shapes: ``points`` (..., 3), returns (..., 2).
-        """
-        focal, centre = np.array([self.fx, self.fy]), np.array([self.cx, self.cy])
-        return np.asarray(focal * points[..., :2] / points[..., 2:] + centre)
-
-    def rays(self, pixels: Floats) -> Floats:
-        """Compute the rays of pixels.
-
-        Shapes: ``pixels`` (..., 2), returns (..., 3).
-
-        * Returns: In the frame of the camera, with z = 1.
-        """
-        seen = (pixels - np.array([self.cx, self.cy])) / np.array([self.fx, self.fy])
-        return np.concatenate([seen, np.ones((*seen.shape[:-1], 1))], axis=-1)
-
-    def bent(self, k1: float) -> PinholeCamera | LensCamera:
-        """Return the camera with a radial distortion, seen up to where a negative one has its largest radius."""
-        if k1 == 0.0:
-            return self
-        half_field_rad = math.atan(math.sqrt(-1 / (3 * k1))) if k1 < 0 else self.half_field_rad
-        return LensCamera(**vars(self), model="radtan", coefficients=(k1, 0.0, 0.0, 0.0), half_field_rad=half_field_rad)
-
-
-#: Either camera.
-AnyCamera = PinholeCamera | LensCamera
-
-
-def stated_camera(ideal: AnyCamera, focal_error: float, principal_error: float, rng: np.random.Generator) -> AnyCamera:
+def stated_camera(
+    ideal: SynthCamera, focal_error: float, principal_error: float, rng: np.random.Generator
+) -> SynthCamera:
     """Make the camera that the data state, which may have wrong values.
 
     * ``ideal``: The true camera, without the distortion that the data do not state.
@@ -222,19 +196,19 @@ def stated_camera(ideal: AnyCamera, focal_error: float, principal_error: float, 
 Sights = tuple[Floats, Floats, Floats]
 
 
-def sights_of(camera: AnyCamera, x: Floats, y: Floats) -> Sights:
+def sights_of(camera: SynthCamera, x: Floats, y: Floats) -> Sights:
     """Compute what pixels see.
 
     Shapes: ``x, y`` (...), returns (...) three times.
     """
-    if isinstance(camera, PinholeCamera):
+    if camera.is_pinhole:
         return x, y, np.ones_like(x)
     rays = camera.rays(np.stack([x, y], axis=-1))
     return rays[..., 0], rays[..., 1], rays[..., 2]
 
 
 @lru_cache(maxsize=4)
-def all_sights(camera: AnyCamera, per_pixel: int) -> Sights:
+def all_sights(camera: SynthCamera, per_pixel: int) -> Sights:
     """Compute what a grid of samples sees, (H, W) three times.
 
     * ``per_pixel``: 1: the centres of the pixels; 2: two rows and two columns of samples in each pixel.
@@ -242,4 +216,4 @@ def all_sights(camera: AnyCamera, per_pixel: int) -> Sights:
     first = 0.5 / per_pixel - 0.5
     x, y = (first + np.arange(per_pixel * side) / per_pixel for side in (camera.width, camera.height))
     u, v, w = sights_of(camera, *np.broadcast_arrays(x[None], y[:, None]))
-    return u, v, np.broadcast_to(w[:1, :1], u.shape) if isinstance(camera, PinholeCamera) else w
+    return u, v, np.broadcast_to(w[:1, :1], u.shape) if camera.is_pinhole else w

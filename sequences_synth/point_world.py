@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sequences_synth.arrays import Bools, Floats, Ints
-from sequences_synth.camera import AnyCamera, LensCamera
+from sequences_synth.camera import SynthCamera
 from sequences_synth.options import PointOptions
 from sequences_synth.point_scenes import LAYOUTS, Layout
 from sequences_synth.shutter import Shutter
@@ -128,7 +128,7 @@ class Shot:
     """A camera on its path through a world of points."""
 
     #: The true camera.
-    camera: AnyCamera
+    camera: SynthCamera
     shutter: Shutter
     path: PointPath
     bodies: Bodies
@@ -177,12 +177,12 @@ class Shot:
         """Pixels of camera points, and which of these lie before the camera and within its lens."""
         ahead = X[:, 2] > _NEAREST * np.median(np.abs(X[:, 2]))
         X = np.column_stack([X[:, :2], np.where(ahead, X[:, 2], 1.0)])
-        if isinstance(self.camera, LensCamera):
+        if not self.camera.is_pinhole:
             ahead &= np.linalg.norm(X[:, :2], axis=1) < np.tan(self.camera.half_field_rad) * X[:, 2]
         return self.camera.project(X), ahead
 
 
-def inside(camera: AnyCamera, pixels: Floats) -> Bools:
+def inside(camera: SynthCamera, pixels: Floats) -> Bools:
     """Find the pixels (..., 2) that lie in the image of a camera."""
     size = np.array([camera.width, camera.height], float)
     return np.asarray(((pixels >= 0) & (pixels <= size - 1)).all(axis=-1))
@@ -201,7 +201,7 @@ STATIC, MOVING, OUTLIER = 0, 1, 2
 
 def film(
     name: str,
-    camera: AnyCamera,
+    camera: SynthCamera,
     views: int,
     options: PointOptions,
     rng: np.random.Generator,
@@ -232,18 +232,18 @@ def film(
     return Shot(camera, shutter, path, bodies, points, interval_s), kinds
 
 
-def _median_depth(layout: Layout, camera: AnyCamera, rng: np.random.Generator) -> float:
+def _median_depth(layout: Layout, camera: SynthCamera, rng: np.random.Generator) -> float:
     depths = layout.depth(np.zeros((500, 3)), _rays(camera, 500, rng))
     return float(np.median(depths[depths > 0]))
 
 
-def _rays(camera: AnyCamera, count: int, rng: np.random.Generator) -> Floats:
+def _rays(camera: SynthCamera, count: int, rng: np.random.Generator) -> Floats:
     """Rays (N, 3) of random pixels, with z = 1 in the frame of the camera; that of the axis where a lens sees none."""
     rays = camera.rays(rng.uniform((0, 0), (camera.width, camera.height), (count, 2)))
     return np.where(rays[:, 2:] > 0, rays / np.where(rays[:, 2:] > 0, rays[:, 2:], 1.0), [0.0, 0.0, 1.0])
 
 
-def _candidates(layout: Layout, poses: Floats, camera: AnyCamera, count: int, rng: np.random.Generator) -> Floats:
+def _candidates(layout: Layout, poses: Floats, camera: SynthCamera, count: int, rng: np.random.Generator) -> Floats:
     """Points on the surfaces (M, 3), in the world, at random pixels of random views; some rays meet no surface."""
     view = rng.integers(0, len(poses), count)
     rays = np.einsum("nij,nj->ni", poses[view, :3, :3], _rays(camera, count, rng))
@@ -254,7 +254,7 @@ def _candidates(layout: Layout, poses: Floats, camera: AnyCamera, count: int, rn
 
 
 def _points(
-    layout: Layout, poses: Floats, camera: AnyCamera, options: PointOptions, rng: np.random.Generator
+    layout: Layout, poses: Floats, camera: SynthCamera, options: PointOptions, rng: np.random.Generator
 ) -> Floats:
     """Points (M, 3) that the views see, in the world."""
     found = np.zeros((0, 3))
@@ -265,7 +265,7 @@ def _points(
 
 
 def _spread_points(
-    layout: Layout, poses: Floats, camera: AnyCamera, options: PointOptions, rng: np.random.Generator
+    layout: Layout, poses: Floats, camera: SynthCamera, options: PointOptions, rng: np.random.Generator
 ) -> Floats:
     """Points (M, 3) that are spread evenly over what the views see, about ``options.points`` of them in each view.
 

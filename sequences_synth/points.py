@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sequences_synth.arrays import Bools, Floats, Ints
-from sequences_synth.camera import AnyCamera, PinholeCamera, stated_camera
+from sequences_synth.camera import SynthCamera, stated_camera
 from sequences_synth.options import PointOptions, check_scene, stream
 from sequences_synth.point_scenes import LAYOUTS
 from sequences_synth.point_world import MOVING, OUTLIER, Shot, film, inside
@@ -43,9 +43,9 @@ class PointSequence:
     seed: int
     options: PointOptions
     #: The stated camera, which has the errors of the options and no distortion.
-    camera: AnyCamera
+    camera: SynthCamera
     #: The camera by which the points were projected.
-    true_camera: AnyCamera
+    true_camera: SynthCamera
     #: (V, 4, 4) World_from_cam of the middle row.
     poses: Floats
     #: (V,) Time of the middle row.
@@ -113,7 +113,7 @@ def make_points(name: str, seed: int = 0, options: PointOptions | None = None) -
     check_scene(name, seed, POINT_SCENES)
     options = options or PointOptions()
     centre = (_WIDTH - 1) / 2, (_HEIGHT - 1) / 2
-    pinhole = PinholeCamera(_WIDTH, _HEIGHT, _FOCAL_PX, _FOCAL_PX, *centre)
+    pinhole = SynthCamera(_WIDTH, _HEIGHT, _FOCAL_PX, _FOCAL_PX, *centre)
     error_rng = stream(seed, b"tracking error ", name)
     error = TrackingError.draw(error_rng, options.views, _WIDTH, _HEIGHT, options.field_px, options.drift_px)
     rng, body_rng, camera_rng = (stream(seed, purpose, name) for purpose in (b"", b"bodies ", b"principal point "))

@@ -29,7 +29,7 @@ from typing import cast
 import numpy as np
 
 from sequences_synth.arrays import Bools, Floats, Floats32, Ids, Image, Ints
-from sequences_synth.camera import AnyCamera, PinholeCamera, Sights, all_sights, sights_of
+from sequences_synth.camera import Sights, SynthCamera, all_sights, sights_of
 from sequences_synth.quads import Quad
 
 #: The near plane in metres: a surface that is nearer would fill the view.
@@ -305,7 +305,7 @@ class _LineQuad:
     """A quad in view, with one matrix per row of samples."""
 
     quad: Quad
-    camera: AnyCamera
+    camera: SynthCamera
     #: (L, 3, 3) The matrix of each row of samples.
     texel_from_sight: Floats
     #: rows, columns: Samples that may see the quad.
@@ -368,7 +368,7 @@ class _LineQuad:
 
         def texels(row: int) -> Floats32:
             a, b, c = G[..., row, 0], G[..., row, 1], G[..., row, 2]
-            if isinstance(self.camera, PinholeCamera):
+            if self.camera.is_pinhole:
                 return np.asarray(a * u[:1] + (b * v[:, :1] + c), np.float32)
             return np.asarray(a * u + b * v + c * w, np.float32)
 
@@ -389,7 +389,7 @@ def _texels(points: Floats) -> tuple[Floats, Floats]:
 
 def render_lines(
     quads: Sequence[Quad],
-    camera: AnyCamera,
+    camera: SynthCamera,
     frame_of: Callable[[Floats], Floats],
     world_from_cam: Callable[[float], Floats],
 ) -> View:
@@ -418,9 +418,9 @@ def render_lines(
     return _shade(len(quads), seen, depth_samples, id_samples)
 
 
-def _see(camera: AnyCamera, quad: Quad, cam_from_texel: Floats, facing: Bools) -> _LineQuad | None:
+def _see(camera: SynthCamera, quad: Quad, cam_from_texel: Floats, facing: Bools) -> _LineQuad | None:
     """Find the window of a quad; None if it is not in view."""
-    K = camera.K if isinstance(camera, PinholeCamera) else np.eye(3)
+    K = camera.K if camera.is_pinhole else np.eye(3)
     # A line in which the quad is edge-on has no inverse; it is not drawn there.
     texel_from_sight = np.asarray(np.linalg.inv(np.where(facing[:, None, None], K @ cam_from_texel, np.eye(3))))
     size = np.array([quad.texture.width - 1, quad.texture.height - 1], float)
@@ -439,13 +439,13 @@ def _see(camera: AnyCamera, quad: Quad, cam_from_texel: Floats, facing: Bools) -
     return _LineQuad(quad, camera, texel_from_sight, rows, columns)
 
 
-def _box(camera: AnyCamera, size: Floats, cam_from_texel: Floats, texel_from_sight: Floats) -> Floats:
+def _box(camera: SynthCamera, size: Floats, cam_from_texel: Floats, texel_from_sight: Floats) -> Floats:
     """Samples (N, 2), as column and row, that see a quad: of a coarse grid, and those of points of the quad."""
     nodes = np.stack([one[::_NODE_STEP, ::_NODE_STEP] for one in all_sights(camera, 2)], axis=-1)
     p = nodes @ texel_from_sight.T
     inside = (p[..., 2] > 0) & (p[..., :2] >= 0).all(axis=-1) & (p[..., :2] <= size * p[..., 2:]).all(axis=-1)
     rows, columns = np.nonzero(inside)
-    count = _POINTS_OF_PINHOLE if isinstance(camera, PinholeCamera) else _POINTS
+    count = _POINTS_OF_PINHOLE if camera.is_pinhole else _POINTS
     s, t = np.meshgrid(*(np.linspace(0, side, count) for side in size))
     points = np.column_stack([s.ravel(), t.ravel(), np.ones(s.size)]) @ cam_from_texel.T
     angle = np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2])

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from sequences_synth.arrays import Floats, Floats32, Image
-from sequences_synth.camera import AnyCamera, LensCamera, PinholeCamera, all_sights, lens_camera, stated_camera
+from sequences_synth.camera import SynthCamera, all_sights, lens_camera, stated_camera
 from sequences_synth.inertial import InertialSamples, measure
 from sequences_synth.noise import blur_along, expose
 from sequences_synth.options import SynthOptions, check_scene, stream
@@ -32,7 +32,7 @@ class Sensor:
     """A camera on its path through a world: one frame with its rolling shutter, lens and motion blur."""
 
     #: The true camera.
-    camera: AnyCamera
+    camera: SynthCamera
     shutter: Shutter
     #: Frames per second.
     fps: float
@@ -54,7 +54,7 @@ class Sensor:
         """
         camera = self.camera
         # One homography for each surface is enough with a global shutter and without a lens.
-        if isinstance(camera, PinholeCamera) and self.shutter.readout_s == 0.0:
+        if camera.is_pinhole and self.shutter.readout_s == 0.0:
             cam_from_world = np.asarray(np.linalg.inv(self.pose(frame)), float)
             return render(self.world.quads, camera.K, cam_from_world, camera.width, camera.height)
         frames_of = partial(self._frames_of, frame)
@@ -84,7 +84,7 @@ class Sensor:
         """
         hit = view.inverse_depth > 0
         depth = np.divide(1, view.inverse_depth, out=np.zeros_like(view.inverse_depth), where=hit)
-        if isinstance(self.camera, LensCamera):
+        if not self.camera.is_pinhole:
             depth = np.asarray(depth * np.maximum(all_sights(self.camera, 1)[2], 0.0), np.float32)
         return depth
 
@@ -110,7 +110,7 @@ class Sensor:
         X += inverse_depth * now[..., :, 3]
         cam = np.asarray(np.linalg.inv(later), float)
         moved = _turn(cam[..., :3, :3], X[..., :3]) + X[..., 3:] * cam[..., :3, 3]
-        if isinstance(self.camera, PinholeCamera):
+        if self.camera.is_pinhole:
             moved[..., 2] = np.maximum(moved[..., 2], 1e-3)
         # A pixel outside of the field of view does not move.
         flow = np.nan_to_num(self.camera.project(moved) - pixels).astype(np.float32)
@@ -131,9 +131,9 @@ class SynthSequence:
     name : str
     seed : int
     options : SynthOptions
-    camera : PinholeCamera or LensCamera
+    camera : SynthCamera
         The stated camera, which has the errors of the options and no distortion besides that of the lens.
-    true_camera : PinholeCamera or LensCamera
+    true_camera : SynthCamera
         The camera by which the images are rendered.
     poses : (N, 4, 4) float
         world_from_cam at the middle row and the middle of each exposure, metres. After a cut the world is another one.
@@ -146,8 +146,8 @@ class SynthSequence:
     name: str
     seed: int
     options: SynthOptions
-    camera: AnyCamera
-    true_camera: AnyCamera
+    camera: SynthCamera
+    true_camera: SynthCamera
     poses: Floats
     timestamps_s: Floats
     sensors: tuple[Sensor, ...]
@@ -231,7 +231,7 @@ def make_sequence(name: str, seed: int = 0, options: SynthOptions | None = None)
     options = options or SynthOptions()
     width, height = options.width, options.height
     focal = _FOCAL_BY_WIDTH * width
-    pinhole = PinholeCamera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
+    pinhole = SynthCamera(width, height, focal, focal, (width - 1) / 2, (height - 1) / 2)
     ideal = pinhole if options.lens == "pinhole" else lens_camera(options.lens, width, height)
     true_camera = pinhole.bent(options.k1) if options.lens == "pinhole" else ideal
     shutter = Shutter(options.readout_ms / 1000, options.readout_direction, width, height)

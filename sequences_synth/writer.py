@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sequences_synth.arrays import Floats
-from sequences_synth.camera import PinholeCamera
 from sequences_synth.sequence import SynthSequence
 
 #: Grey levels per metre of a 16-bit depth image of TUM RGB-D. The largest depth is then 13 m.
@@ -96,12 +95,12 @@ def _depth_factor(sequence: SynthSequence) -> float:
 
 def _camera_text(sequence: SynthSequence, depth_factor: float) -> str:
     camera = sequence.camera
-    model, coefficients = ("pinhole", ()) if isinstance(camera, PinholeCamera) else (camera.model, camera.coefficients)
     return (
-        f"model: {model}\n"
+        f"model: {camera.model}\n"
         f"width: {camera.width}\nheight: {camera.height}\n"
         f"fx: {camera.fx!r}\nfy: {camera.fy!r}\ncx: {camera.cx!r}\ncy: {camera.cy!r}\n"
-        f"distortion_model: {'none' if model == 'pinhole' else model}\ndistortion: {list(coefficients)!r}\n"
+        f"distortion_model: {'none' if camera.is_pinhole else camera.model}\n"
+        f"distortion: {list(camera.coefficients)!r}\n"
         f"# depth images: metres times {depth_factor:g}, 16 bit, 0 where there is none\n"
     )
 

@@ -38,8 +38,7 @@ from slam_init.output.provenance import InputHash, provenance_of
 from slam_init.output.records import SegmentRecord, SourceRecord
 from slam_init.output.results import publish_results
 from slam_init.output.summary import Summary, summary_of
-from slam_init.pictures.overview import overview_png
-from slam_init.pictures.story import StoryRecorder
+from slam_init.pictures.overview import StoryRecorder, overview_png
 from slam_init.recording.recorder import Recorder, Several
 from slam_init.recording.rerun_recorder import RerunRecorder
 from slam_init.scale.find import find_scale

@@ -29,6 +29,8 @@ from slam_init.pictures.overview import (
     SIDE,
     TRACK,
     VERDICT_COLORS,
+    Story,
+    StoryRecorder,
     canvas,
     draw_frame,
     draw_map,
@@ -36,7 +38,6 @@ from slam_init.pictures.overview import (
     pixels_of,
     write,
 )
-from slam_init.pictures.story import Story, StoryRecorder
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.reasons import Verdict

@@ -41,12 +41,8 @@ class SimulatedSource:
     @property
     def camera(self) -> Camera:
         """The stated camera, which is wrong by the options ``focal_error``, ``principal_error`` and ``k1``."""
-        from sequences_synth import LensCamera
-
         c = self.sequence.camera
-        if isinstance(c, LensCamera):
-            return Camera(c.model, c.width, c.height, c.fx, c.fy, c.cx, c.cy, c.coefficients)
-        return Camera("pinhole", c.width, c.height, c.fx, c.fy, c.cx, c.cy)
+        return Camera(c.model, c.width, c.height, c.fx, c.fy, c.cx, c.cy, c.coefficients)
 
     @property
     def groundtruth(self) -> Trajectory:

@@ -20,14 +20,10 @@ from slam_init.types.arrays import Floats, as_array, as_number, set_fields
 from slam_init.types.lenses.lens import (
     COEFFICIENTS,
     MAX_PLANAR_ANGLE_RAD,
-    FisheyeLens,
     Lens,
-    RadialTangentialLens,
     bent_coefficients,
     check_coefficients,
     lens_of,
-    polynomial,
-    turning_radius,
 )
 
 # Range of the focal length in units of the longer side: a fisheye of 180 degrees has 0.3, a telescope 100. A value
@@ -168,30 +164,25 @@ class Camera(Described):
         coefficients = _as_coefficients(distortion)
         return Camera("radtan" if coefficients else "pinhole", width, height, fx, fy, cx, cy, coefficients)
 
-    @cached_property
+    @property
     def lens(self) -> Lens | None:
         """The lens, where rays may point behind the image plane or the model is no formula on the plane z = 1.
 
         None for ``pinhole`` and ``radtan``, and for ``fisheye`` where the image ends before 89 degrees.
         """
-        if self.model in ("pinhole", "radtan") or (self.model == "fisheye" and not self._sees_beyond_the_plane()):
-            return None
-        return lens_of(self.model, self.distortion)
+        return None if self._lens.is_planar else self._lens
 
-    @property
-    def _planar_lens(self) -> RadialTangentialLens | FisheyeLens:
-        """The lens where :attr:`lens` is None."""
-        return (FisheyeLens if self.model == "fisheye" else RadialTangentialLens)(self.distortion)
-
-    def _sees_beyond_the_plane(self) -> bool:
-        """Whether a corner of a fisheye image is beyond 89 degrees."""
-        if turning_radius(self.distortion, MAX_PLANAR_ANGLE_RAD) < MAX_PLANAR_ANGLE_RAD:
-            return False
+    @cached_property
+    def _lens(self) -> Lens:
+        planar = lens_of(self.model, self.distortion, is_planar=self.model in ("pinhole", "radtan", "fisheye"))
+        if self.model != "fisheye" or planar.largest_radius < MAX_PLANAR_ANGLE_RAD:
+            return planar
+        # Where a corner of a fisheye image is beyond 89 degrees, rays may point behind the plane.
         x, y = (
             max(centre + 0.5, length - centre) for centre, length in ((self.cx, self.width), (self.cy, self.height))
         )
-        border, _ = polynomial(self.distortion, np.array([MAX_PLANAR_ANGLE_RAD]))
-        return math.hypot(x / self.fx, y / self.fy) > float(border[0])
+        border = float(planar.bending.radial(np.array([MAX_PLANAR_ANGLE_RAD]))[0])
+        return planar if math.hypot(x / self.fx, y / self.fy) <= border else lens_of(self.model, self.distortion)
 
     @cached_property
     def widest_rad(self) -> float:
@@ -205,7 +196,7 @@ class Camera(Described):
         rays = self.bearings(np.column_stack([columns[border], rows[border]]))
         if np.isfinite(rays).all():
             return float(np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2]).max())
-        return math.atan(self.max_tangent) if self.lens is None else self.lens.max_angle_rad
+        return self._lens.max_angle_rad
 
     @property
     def K(self) -> Floats:
@@ -227,9 +218,7 @@ class Camera(Described):
     @property
     def _focal_lengths(self) -> tuple[float, float]:
         """Pixels per radian near the optical axis, to the right and down."""
-        if self.lens is None:
-            return self.fx, self.fy
-        return self.fx * self.lens.magnification, self.fy * self.lens.magnification
+        return self.fx * self._lens.magnification, self.fy * self._lens.magnification
 
     @property
     def focal_sigma_px(self) -> float | None:
@@ -321,13 +310,11 @@ class Camera(Described):
         * Returns: NaN for pixels without a ray: beyond the radius at which the lens polynomial stops growing, and for
           wide lenses beyond 89 degrees from the optical axis.
         """
-        pixels = np.asarray(pixels, float).reshape(-1, 2)
-        centred = (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
-        if self.lens is not None:
-            rays = self.lens.unproject(centred)
-            with np.errstate(all="ignore"):  # rays behind the plane
-                return np.where((rays[:, 2] >= _LEAST_DEPTH)[:, None], rays[:, :2] / rays[:, 2:], np.nan)
-        return self._planar_lens.undistort(centred)
+        if self._lens.is_perspective:
+            return self._lens.undistort(self._centred(pixels))
+        rays = self.bearings(pixels)
+        with np.errstate(all="ignore"):  # rays behind the plane
+            return np.where((rays[:, 2] >= _LEAST_DEPTH)[:, None], rays[:, :2] / rays[:, 2:], np.nan)
 
     def bearings(self, pixels: Floats) -> Floats:
         """Compute the bearings of raw pixels.
@@ -342,12 +329,12 @@ class Camera(Described):
         (N, 3) float
             Unit rays in the camera frame; NaN for pixels without a ray.
         """
-        if self.lens is not None:
-            pixels = np.asarray(pixels, float).reshape(-1, 2)
-            return self.lens.unproject((pixels - (self.cx, self.cy)) / (self.fx, self.fy))
-        xy = self.normalize(pixels)
-        rays = np.column_stack([xy, np.ones(len(xy))])
-        return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+        return self._lens.unproject(self._centred(pixels))
+
+    def _centred(self, pixels: Floats) -> Floats:
+        """The distorted lens coordinates (N, 2) of pixels."""
+        pixels = np.asarray(pixels, float).reshape(-1, 2)
+        return (pixels - (self.cx, self.cy)) / (self.fx, self.fy)
 
     def project(self, points: Floats) -> Floats:
         """Project points to raw pixels.
@@ -364,19 +351,14 @@ class Camera(Described):
             which the lens polynomial stops growing. The polynomial would map the latter into the image.
         """
         points = np.asarray(points, float).reshape(-1, 3)
-        if self.lens is not None:
-            return np.asarray(self.lens.project(points) * (self.fx, self.fy) + (self.cx, self.cy))
-        in_front, lens = points[:, 2] > 0, self._planar_lens
-        xy = points[:, :2] / np.where(in_front, points[:, 2], 1.0)[:, None]
-        pixels = lens.distort(xy) * (self.fx, self.fy) + (self.cx, self.cy)
-        return np.where((in_front & lens.sees(xy))[:, None], pixels, np.nan)
+        return np.asarray(self._lens.project(points) * (self.fx, self.fy) + (self.cx, self.cy))
 
     @property
     def max_tangent(self) -> float:
         """Tangent of the largest angle from the optical axis that the lens sees; infinite where nothing limits it."""
-        if self.lens is not None:
-            return math.tan(self.lens.max_angle_rad) if self.lens.max_angle_rad < math.pi / 2 else math.inf
-        return self._planar_lens.max_tangent
+        if self._lens.is_planar and self._lens.is_perspective:
+            return self._lens.largest_radius
+        return math.tan(self._lens.max_angle_rad) if self._lens.max_angle_rad < math.pi / 2 else math.inf
 
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
         known = (

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sequences_synth.camera import PinholeCamera, stated_camera
+from sequences_synth.camera import SynthCamera, stated_camera
 from sequences_synth.shutter import Shutter
 from sequences_synth.trajectory import (
     Handling,
@@ -18,7 +18,7 @@ from sequences_synth.trajectory import (
 SEEDS = st.integers(0, 2**32 - 1)
 
 
-CAMERA = PinholeCamera(640, 480, 458.0, 458.0, 319.5, 239.5)
+CAMERA = SynthCamera(640, 480, 458.0, 458.0, 319.5, 239.5)
 
 
 @settings(max_examples=15)

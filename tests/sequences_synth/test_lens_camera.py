@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from sequences_synth import LENSES, SynthOptions, make_sequence, write_tum
-from sequences_synth.camera import LensCamera, all_sights, lens_camera
+from sequences_synth.camera import SynthCamera, all_sights, lens_camera
 from sequences_synth.sequence import Sensor
 from slam_init.calibration.files import load_camera
 from slam_init.datasets.synth import open_synth
@@ -44,7 +44,7 @@ def test_the_rays_of_the_pixels_are_those_of_the_camera_of_the_source_and_of_ope
 def test_a_lens_without_distortion_renders_what_a_pinhole_camera_renders():
     sensor = make_sequence("wall", 2, SynthOptions(**SMALL)).sensors[0]
     c = sensor.camera
-    lens = LensCamera(c.width, c.height, c.fx, c.fy, c.cx, c.cy, "radtan", (0.0, 0.0, 0.0, 0.0), 1.2)
+    lens = SynthCamera(c.width, c.height, c.fx, c.fy, c.cx, c.cy, "radtan", (0.0, 0.0, 0.0, 0.0), 1.2)
     through = Sensor(lens, sensor.shutter, sensor.fps, sensor.motion_blur, sensor.world)
     plain, bent = sensor.expose(1), through.expose(1)
     np.testing.assert_allclose(through.depth(bent), sensor.depth(plain), rtol=1e-3)

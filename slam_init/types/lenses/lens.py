@@ -1,9 +1,12 @@
 """The lenses of cameras: how their rays become places in the image, and back.
 
-Two models, ``radtan`` and a ``fisheye`` whose image ends before 89 degrees, are formulas on the plane z = 1
-(:class:`RadialTangentialLens`, :class:`FisheyeLens`). All others are a :class:`Lens`: a profile, which maps rays of any
-angle to lens coordinates (u, v), and a distortion of these coordinates. The pixel is ``(fx u' + cx, fy v' + cy)`` with
-the distorted coordinates (u', v').
+A :class:`Lens` is a profile, which maps rays of any angle to lens coordinates (u, v), and a distortion of these
+coordinates. The pixel is ``(fx u' + cx, fy v' + cy)`` with the distorted coordinates (u', v'). The inverse of the
+distortion is Newton's method for all models (:mod:`slam_init.types.lenses.undistortion`).
+
+The field of ``pinhole``, ``radtan`` and a ``fisheye`` whose image ends before 89 degrees is a part of the plane z = 1:
+up to the radius at which the distorted radius stops growing. That of the others ends earlier, at the angle from which
+on a pixel tells too little about the ray.
 
 **Profiles** map the rays of a lens to lens coordinates (u, v), without distortion. With a ray (X, Y, Z) of unit length
 and ``r = |(X, Y)|``:
@@ -59,9 +62,10 @@ import enum
 import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slam_init.errors import CalibrationError
 from slam_init.types.arrays import Bools, Floats
@@ -78,6 +82,9 @@ class Profile(enum.IntEnum):
     FIELD_OF_VIEW = 2
     PANORAMA = 3
 
+
+#: The profile of a plane image.
+PERSPECTIVE = (Profile.SPHERE, (0.0, 0.0, 1.0))
 
 # A perspective image ends at 89 degrees, where the denominator is this share of its value on the axis. The image of
 # the other spheres ends at the same share.
@@ -98,6 +105,8 @@ def project_profile(kind: Profile, shape: Shape, rays: Floats) -> Floats:
         return np.column_stack([np.arctan2(X, Z), np.arctan2(Y, np.hypot(X, Z))])
     r = np.hypot(X, Y)
     with np.errstate(all="ignore"):  # rays beyond the field may overflow; the lens knows its field
+        if (kind, shape) == PERSPECTIVE:
+            return np.asarray(rays[:, :2] / Z[:, None])
         if kind == Profile.SPHERE:
             xi, a, b = shape
             z = xi * np.hypot(r, Z) + Z
@@ -116,6 +125,9 @@ def unproject_profile(kind: Profile, shape: Shape, uv: Floats) -> Floats:
     Shapes: ``uv`` (N, 2), returns (N, 3).
     """
     with np.errstate(all="ignore"):  # coordinates without a ray end as NaN
+        if (kind, shape) == PERSPECTIVE:
+            rays = np.column_stack([uv, np.ones(len(uv))])
+            return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
         if kind == Profile.PANORAMA:
             longitude, latitude = uv[:, 0], uv[:, 1]
             level = np.cos(latitude)
@@ -141,15 +153,8 @@ def _unproject_sphere(shape: Shape, uv: Floats, r2: Floats) -> Floats:
     return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
 
-# Newton's method in one unknown, safeguarded by bisection: 60 halvings reach the precision of a float.
-_RADIUS_STEPS = 60
-# A step of Newton's method that is this small, over one plus the largest radius, was the last: the next one is its
-# square.
-_SETTLED = 1e-13
-# Newton's method in two unknowns, from the radial solution: tangential and prism terms are small.
-_NEWTON_STEPS = 20
-# Largest distance of a place from the centre, over that of the border of the field without these terms.
-_REACH = 1.1
+# Of the derivatives of the distortion: its square is nothing beside any number.
+_IMAGINARY_STEP = 1e-30
 
 
 class Bending(NamedTuple):
@@ -173,16 +178,14 @@ class Bending(NamedTuple):
     s3: float = 0.0
     s4: float = 0.0
 
-    def radial(self, radius: Floats) -> tuple[Floats, Floats, Floats]:
+    def radial(self, radius: Floats) -> Floats:
         """Compute the distorted radius by the radial terms alone.
 
-        Shapes: ``radius`` (N,), returns ``distorted`` (N,), returns ``slope`` (N,), returns ``denominator`` (N,).
+        Shapes: ``radius`` (N,), returns (N,).
         """
-        s = radius * radius
-        ratio, change, denominator = self._ratio(s)
-        return radius * ratio, ratio + 2 * s * change, denominator
+        return np.asarray(radius * self._ratio(radius * radius)[0])
 
-    def apply(self, uv: Floats) -> Floats:
+    def apply(self, uv: NDArray[Any]) -> NDArray[Any]:
         """Distort lens coordinates.
 
         Shapes: ``uv`` (N, 2), returns (N, 2).
@@ -191,7 +194,7 @@ class Bending(NamedTuple):
             return uv
         u, v = uv[:, 0], uv[:, 1]
         s = u * u + v * v
-        ratio, _, _ = self._ratio(s)
+        ratio, _ = self._ratio(s)
         return np.column_stack(
             [
                 u * ratio + 2 * self.p1 * u * v + self.p2 * (s + 2 * u * u) + s * (self.s1 + s * self.s2),
@@ -200,21 +203,12 @@ class Bending(NamedTuple):
         )
 
     def jacobian(self, uv: Floats) -> Floats:
-        """Differentiate :meth:`apply`.
+        """Differentiate :meth:`apply`, exactly: by imaginary steps, of which no difference is taken.
 
         Shapes: ``uv`` (N, 2), returns (N, 2, 2).
         """
-        u, v = uv[:, 0], uv[:, 1]
-        s = u * u + v * v
-        ratio, change, _ = self._ratio(s)
-        across = 2 * u * v * change + 2 * self.p1 * u + 2 * self.p2 * v
-        prism_u, prism_v = 2 * (self.s1 + 2 * self.s2 * s), 2 * (self.s3 + 2 * self.s4 * s)
-        J = np.empty((len(uv), 2, 2))
-        J[:, 0, 0] = ratio + 2 * u * u * change + 2 * self.p1 * v + 6 * self.p2 * u + prism_u * u
-        J[:, 0, 1] = across + prism_u * v
-        J[:, 1, 0] = across + prism_v * u
-        J[:, 1, 1] = ratio + 2 * v * v * change + 6 * self.p1 * v + 2 * self.p2 * u + prism_v * v
-        return J
+        columns = (np.imag(self.apply(uv + 1j * axis)) for axis in _IMAGINARY_STEP * np.eye(2))
+        return np.stack(list(columns), axis=-1) / _IMAGINARY_STEP
 
     def least_growth(self, radius: Floats, directions: int) -> Floats:
         """Compute by how much a small step of the coordinates moves the distorted ones at least.
@@ -229,62 +223,15 @@ class Bending(NamedTuple):
         J = self.jacobian((radius[:, None, None] * np.column_stack([np.cos(angles), np.sin(angles)])).reshape(-1, 2))
         middle, half = 0.5 * (J[:, 0, 0] + J[:, 1, 1]), 0.5 * (J[:, 0, 0] - J[:, 1, 1])
         eigenvalues = middle - np.hypot(half, 0.5 * (J[:, 0, 1] + J[:, 1, 0]))
-        _, _, denominator = self._ratio(radius * radius)
+        _, denominator = self._ratio(radius * radius)
         return np.asarray(np.where(denominator > 0, eigenvalues.reshape(-1, directions).min(axis=1), -1.0))
 
-    def invert(self, distorted: Floats, largest: float) -> Floats:
-        """Invert :meth:`apply`: first its radial terms, then all terms by Newton's method.
-
-        Shapes: ``distorted`` (N, 2), returns (N, 2).
-        """
-        if self == STRAIGHT:
-            return distorted
-        uv = distorted
-        if any(self[:7]):
-            target = np.hypot(distorted[:, 0], distorted[:, 1])
-            radius = self._radius(target, largest)
-            uv = distorted * np.where(target > 0, radius / np.where(target > 0, target, 1.0), 1.0)[:, None]
-        if any(self[7:]):
-            # Tangential and prism terms move a place by less than a tenth. Farther out there is no ray.
-            reach = _REACH * float(self.radial(np.array([largest]))[0][0])
-            uv = np.where((np.hypot(distorted[:, 0], distorted[:, 1]) <= reach)[:, None], uv, np.nan)
-            with np.errstate(all="ignore"):  # points without a ray may diverge
-                for _ in range(_NEWTON_STEPS):
-                    J, residual = self.jacobian(uv), self.apply(uv) - distorted
-                    determinant = J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0]
-                    step_u = (J[:, 1, 1] * residual[:, 0] - J[:, 0, 1] * residual[:, 1]) / determinant
-                    step_v = (J[:, 0, 0] * residual[:, 1] - J[:, 1, 0] * residual[:, 0]) / determinant
-                    uv = uv - np.column_stack([step_u, step_v])
-                    if not (np.abs(step_u) + np.abs(step_v) > _SETTLED * (1 + largest)).any():
-                        break
-        return np.asarray(uv)
-
-    def _ratio(self, s: Floats) -> tuple[Floats, Floats, Floats]:
-        """N / D, its derivative by s, and D."""
+    def _ratio(self, s: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """N / D, and D."""
         n1, n2, n3, n4, d1, d2, d3 = self[:7]
         N, D = 1 + s * (n1 + s * (n2 + s * (n3 + s * n4))), 1 + s * (d1 + s * (d2 + s * d3))
-        N_s, D_s = n1 + s * (2 * n2 + s * (3 * n3 + s * 4 * n4)), d1 + s * (2 * d2 + s * 3 * d3)
         with np.errstate(all="ignore"):  # beyond the field
-            return np.asarray(N / D), np.asarray((N_s * D - N * D_s) / (D * D)), np.asarray(D)
-
-    def _radius(self, target: Floats, largest: float) -> Floats:
-        """Radii whose distorted radii are given; the largest one where it is not reached."""
-        # A radius that is not reached would be searched by bisection to the end.
-        target = np.minimum(target, self.radial(np.array([largest]))[0])
-        low, high = np.zeros_like(target), np.full_like(target, largest)
-        radius = np.minimum(target, largest)
-        for _ in range(_RADIUS_STEPS):
-            value, slope, _ = self.radial(radius)
-            above = value > target
-            high, low = np.where(above, radius, high), np.where(above, low, radius)
-            with np.errstate(all="ignore"):  # a slope of zero
-                moved = radius - (value - target) / slope
-            moved = np.where((moved >= low) & (moved <= high), moved, 0.5 * (low + high))
-            settled = np.abs(moved - radius) <= _SETTLED * (1 + largest)
-            radius = moved
-            if settled.all():
-                break
-        return np.asarray(radius)
+            return np.asarray(N / D), np.asarray(D)
 
 
 #: No distortion.
@@ -304,9 +251,10 @@ _LEAST_SLOPE = 0.2
 _SEAM_RAD = math.radians(179.5)
 # At this latitude an image of a panorama is stretched sixfold. Corners of the image there are corners of nothing else.
 _MAX_LATITUDE_RAD = math.radians(80.0)
-# Largest error of lens coordinates that are distorted again, over one plus their size: 1e-7 px for a focal length of
-# 1000 px.
-_SOLVED = 1e-10
+#: Rays are represented on the plane z = 1, which ends at 90 degrees.
+MAX_PLANAR_ANGLE_RAD = math.radians(89.0)
+# Nodes of the table of distorted radii from which the inverse of the distortion begins.
+_NODES = 2000
 
 
 @dataclass(frozen=True)
@@ -318,6 +266,13 @@ class Lens:
     shape: Shape = (0.0, 0.0, 1.0)
     #: The distortion of its coordinates.
     bending: Bending = STRAIGHT
+    #: Whether the field is a part of the plane z = 1.
+    is_planar: bool = False
+
+    @property
+    def is_perspective(self) -> bool:
+        """Whether the lens coordinates are those of the plane z = 1."""
+        return (self.profile, self.shape) == PERSPECTIVE
 
     @cached_property
     def magnification(self) -> float:
@@ -336,6 +291,8 @@ class Lens:
         """Largest angle between the axis and a ray that the lens sees."""
         if self.profile == Profile.PANORAMA:
             return math.pi
+        if self.is_planar:
+            return math.atan(self.largest_radius) if self.is_perspective else self.largest_radius
         radius, step = self._radius(_ANGLES), _ANGLES[1] / 100
         slope = (self._radius(_ANGLES + step) - self._radius(_ANGLES - step)) / (2 * step)
         reached = np.ones(len(_ANGLES), bool)
@@ -354,8 +311,17 @@ class Lens:
         return project_profile(self.profile, self.shape, rays)[:, 0]
 
     @cached_property
-    def _largest_radius(self) -> float:
+    def largest_radius(self) -> float:
+        """Radius of the lens coordinates at which the field ends."""
+        if self.is_planar:
+            return turning_radius(self.bending[:4], math.inf if self.is_perspective else MAX_PLANAR_ANGLE_RAD)
         return float(self._radius(np.array([self.max_angle_rad]))[0])
+
+    @cached_property
+    def _table(self) -> tuple[Floats, Floats]:
+        """Distorted radii over the field, and the radii before the distortion."""
+        radii = np.linspace(0.0, self.largest_radius, _NODES)
+        return self.bending.radial(radii), radii
 
     def sees(self, rays: Floats) -> Bools:
         """Tell which rays are within the field of the lens.
@@ -370,6 +336,9 @@ class Lens:
                 & (np.abs(np.arctan2(X, Z)) <= _SEAM_RAD)
                 & (np.abs(np.arctan2(Y, level)) <= _MAX_LATITUDE_RAD)
             )
+        if self.is_planar:
+            uv = project_profile(self.profile, self.shape, rays)
+            return np.asarray((Z > 0) & (np.hypot(uv[:, 0], uv[:, 1]) <= self.largest_radius))
         side = np.hypot(X, Y)
         return np.asarray((np.arctan2(side, Z) <= self.max_angle_rad) & ((side > 0) | (Z > 0)))
 
@@ -378,28 +347,47 @@ class Lens:
 
         Shapes: ``rays`` (N, 3), returns (N, 2).
         """
-        uv = self.bending.apply(project_profile(self.profile, self.shape, rays))
+        with np.errstate(all="ignore"):  # rays beyond the field
+            uv = self.bending.apply(project_profile(self.profile, self.shape, rays))
         return np.where(self.sees(rays)[:, None], uv, np.nan)
+
+    def undistort(self, distorted: Floats) -> Floats:
+        """Compute the lens coordinates of distorted ones.
+
+        Shapes: ``distorted`` (N, 2), returns (N, 2).
+
+        * Returns: NaN where there is no ray.
+        """
+        if self.profile == Profile.PANORAMA:
+            seen = np.all(np.abs(distorted) <= (_SEAM_RAD, _MAX_LATITUDE_RAD), axis=1)
+            return np.where(seen[:, None], distorted, np.nan)
+        uv = distorted
+        if self.bending != STRAIGHT:
+            from slam_init.types.lenses.undistortion import undistorted
+
+            uv = undistorted(np.ascontiguousarray(distorted), self._start(distorted), np.array(self.bending))
+        with np.errstate(all="ignore"):  # points without a ray are NaN
+            # A root beyond the field is another ray, which the lens polynomial maps to the same pixel.
+            seen = np.hypot(uv[:, 0], uv[:, 1]) <= self.largest_radius * (1 + 1e-12)
+        return np.where(seen[:, None], uv, np.nan)
+
+    def _start(self, distorted: Floats) -> Floats:
+        """Where Newton's method begins: at the radius of the table, for the radial terms alone.
+
+        On the plane it begins at the distorted coordinates. It converges monotonically from there for barrel and for
+        pincushion lenses (the profile is concave or convex), and the tangential part is small.
+        """
+        if self.is_planar and self.is_perspective:
+            return np.array(distorted)
+        target = np.hypot(distorted[:, 0], distorted[:, 1])
+        return distorted * (np.interp(target, *self._table) / np.where(target > 0, target, 1.0))[:, None]
 
     def unproject(self, distorted: Floats) -> Floats:
         """Invert :meth:`project`.
 
         Shapes: ``distorted`` (N, 2), returns (N, 3).
         """
-        if self.profile == Profile.PANORAMA:
-            rays = unproject_profile(self.profile, self.shape, distorted)
-            rays[np.abs(distorted[:, 0]) > _SEAM_RAD] = np.nan
-            rays[~(np.abs(distorted[:, 1]) <= _MAX_LATITUDE_RAD)] = np.nan
-            return rays
-        uv = self.bending.invert(distorted, self._largest_radius)
-        rays = unproject_profile(self.profile, self.shape, uv)
-        with np.errstate(all="ignore"):  # points without a ray end as NaN
-            errors = np.abs(self.bending.apply(uv) - distorted) / (1 + np.abs(distorted))
-            solved = errors.max(axis=1, initial=0.0) < _SOLVED
-            # A root beyond the field is another ray, which the lens polynomial maps to the same pixel.
-            seen = np.hypot(uv[:, 0], uv[:, 1]) <= self._largest_radius * (1 + 1e-12)
-        rays[~(solved & seen)] = np.nan
-        return rays
+        return unproject_profile(self.profile, self.shape, self.undistort(distorted))
 
     @property
     def field_limits(self) -> tuple[float, float]:
@@ -412,27 +400,6 @@ class Lens:
         return self.max_angle_rad, 0.0
 
 
-# Newton's method doubles the number of correct digits in each step. Real lenses need 4 to 8 steps; pixels near the
-# radius at which the lens polynomial stops growing need more.
-_FISHEYE_STEPS = 30
-#: Rays are represented on the plane z = 1, which ends at 90 degrees.
-MAX_PLANAR_ANGLE_RAD = math.radians(89.0)
-
-
-def polynomial(k: tuple[float, ...], r: Floats) -> tuple[Floats, Floats]:
-    """Compute the value and the derivative of ``r (1 + k1 r^2 + k2 r^4 + ...)``.
-
-    Shapes: ``r`` (N,), returns ``value, slope`` (N,).
-    """
-    value, slope = np.ones_like(r), np.ones_like(r)
-    for i, ki in enumerate(k, start=1):
-        power = r ** (2 * i)
-        value = value + ki * power
-        slope = slope + (2 * i + 1) * ki * power
-    return r * value, slope
-
-
-@lru_cache(maxsize=1024)
 def turning_radius(k: tuple[float, ...], limit: float) -> float:
     """Find the radius at which ``r (1 + k1 r^2 + ...)`` stops growing."""
     # The slope is a polynomial in s = r^2. At its smallest positive root the distorted radius stops growing.
@@ -441,88 +408,6 @@ def turning_radius(k: tuple[float, ...], limit: float) -> float:
     roots = np.roots([*reversed(coefficients), 1.0])
     real = roots.real[(np.abs(roots.imag) < 1e-12) & (roots.real > 0)]
     return min(limit, float(np.sqrt(real.min()))) if len(real) else limit
-
-
-@dataclass(frozen=True)
-class RadialTangentialLens:
-    """OpenCV's ``k1 k2 p1 p2 [k3]``; without coefficients the lens of a pinhole camera."""
-
-    coefficients: tuple[float, ...]
-
-    @property
-    def max_tangent(self) -> float:
-        """Radius on the plane at which the distorted radius stops growing."""
-        return turning_radius((*self.coefficients[:2], *self.coefficients[4:]), np.inf)
-
-    def sees(self, xy: Floats) -> Bools:
-        """Tell which points of the plane are within the field: ``xy`` (N, 2), returns (N,).
-
-        The field of a lens without distortion has no border, so that an infinite point keeps its infinite pixel.
-        """
-        if not any(self.coefficients):
-            return np.ones(len(xy), bool)
-        return np.asarray(np.hypot(xy[:, 0], xy[:, 1]) < self.max_tangent)
-
-    def distort(self, xy: Floats) -> Floats:
-        """Distort points of the plane: ``xy`` (N, 2), returns (N, 2)."""
-        k1, k2, p1, p2, k3 = (*self.coefficients, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
-        return Bending(k1, k2, k3, p1=p1, p2=p2).apply(xy)
-
-    def undistort(self, distorted: Floats) -> Floats:
-        """Invert :meth:`distort`: ``distorted`` (N, 2), returns (N, 2) with NaN where there is no ray.
-
-        Newton's method starts from the distorted point. For the radial part alone it converges monotonically, for
-        barrel and for pincushion lenses (the profile is concave or convex). The tangential part is small.
-        """
-        if not any(self.coefficients):
-            return distorted
-        from slam_init.types.lenses.planar_kernel import undistorted
-
-        coefficients = np.zeros(5)
-        coefficients[: len(self.coefficients)] = self.coefficients
-        xy = undistorted(np.require(distorted, np.float64, ["C", "W"]), coefficients, _SOLVED)
-        # A root beyond the turning radius is another ray, which the lens polynomial maps to the same pixel.
-        with np.errstate(all="ignore"):  # points without a ray are NaN
-            return np.where(self.sees(xy)[:, None], xy, np.nan)
-
-
-@dataclass(frozen=True)
-class FisheyeLens:
-    """OpenCV's ``k1 k2 k3 k4``: the distorted radius is a polynomial of the angle."""
-
-    coefficients: tuple[float, ...]
-
-    @property
-    def _limit_rad(self) -> float:
-        return turning_radius(self.coefficients, MAX_PLANAR_ANGLE_RAD)
-
-    @property
-    def max_tangent(self) -> float:
-        """Tangent of the angle at which the distorted radius stops growing, or of 89 degrees."""
-        return math.tan(self._limit_rad)
-
-    def sees(self, xy: Floats) -> Bools:
-        """Tell which points of the plane are within the field: ``xy`` (N, 2), returns (N,)."""
-        return np.asarray(np.arctan(np.hypot(xy[:, 0], xy[:, 1])) < self._limit_rad)
-
-    def distort(self, xy: Floats) -> Floats:
-        """Distort points of the plane: ``xy`` (N, 2), returns (N, 2)."""
-        radius = np.hypot(xy[:, 0], xy[:, 1])
-        distorted, _ = polynomial(self.coefficients, np.arctan(radius))
-        return np.asarray(xy * np.where(radius > 1e-12, distorted / np.maximum(radius, 1e-12), 1.0)[:, None])
-
-    def undistort(self, distorted: Floats) -> Floats:
-        """Invert :meth:`distort`: ``distorted`` (N, 2), returns (N, 2) with NaN where there is no ray."""
-        radius, limit = np.hypot(distorted[:, 0], distorted[:, 1]), self._limit_rad
-        angle = np.minimum(radius, limit)
-        with np.errstate(all="ignore"):  # points without a ray end as NaN
-            for _ in range(_FISHEYE_STEPS):
-                value, slope = polynomial(self.coefficients, angle)
-                angle = np.clip(angle - (value - radius) / slope, 0.0, limit)
-            value, _ = polynomial(self.coefficients, angle)
-            solved = (np.abs(value - radius) < _SOLVED) & (angle < limit)
-            scale = np.where(radius > 1e-12, np.tan(angle) / np.maximum(radius, 1e-12), 1.0)
-        return np.where(solved[:, None], distorted * scale[:, None], np.nan)
 
 
 #: The names of the coefficients of each model; those after a bar may be absent, all or none of them.
@@ -538,6 +423,14 @@ COEFFICIENTS: dict[str, str] = {
     "double-sphere": "xi alpha | b",
     "eucm": "alpha beta | b",
     "equirectangular": "",
+}
+
+#: The least and the largest values of the parameters of profiles, which come first.
+_RANGES: dict[str, dict[str, tuple[float, float]]] = {
+    "fov": {"w": (1e-3, 3.14159)},
+    "omni": {"xi": (0.0, 100.0)},
+    "double-sphere": {"xi": (-0.999999, 1.0), "alpha": (0.0, 0.999999)},
+    "eucm": {"alpha": (0.0, 1.0), "beta": (1e-6, 100.0)},
 }
 
 #: Position of the coefficient to which more radial distortion is added; models without one are not bent.
@@ -564,32 +457,20 @@ def check_coefficients(model: str, coefficients: tuple[float, ...]) -> None:
         raise CalibrationError(
             f"{len(coefficients)} distortion coefficients for a {model} camera: give {allowed}{order}"
         )
-    values = dict(zip(COEFFICIENTS[model].replace("|", " ").split(), coefficients, strict=False))
-
-    def _check(name: str, fits: bool, what: str) -> None:
-        if not fits:
-            raise CalibrationError(f"{name} of a {model} camera is {values[name]!r}: it must be {what}")
-
-    if model == "fov":
-        _check("w", 1e-3 <= values["w"] < math.pi, "an angle in rad above 0.001 and below pi")
-    elif model == "omni":
-        _check("xi", 0 <= values["xi"] <= 100, "a number from 0 to 100")
-    elif model == "double-sphere":
-        _check("xi", -1 < values["xi"] <= 1, "a number above -1, and at most 1")
-        _check("alpha", 0 <= values["alpha"] < 1, "a number from 0 to below 1")
-    elif model == "eucm":
-        _check("alpha", 0 <= values["alpha"] <= 1, "a number from 0 to 1")
-        _check("beta", 0 < values["beta"] <= 100, "a positive number of at most 100")
+    for name, value in zip(_RANGES.get(model, {}), coefficients, strict=False):
+        low, high = _RANGES[model][name]
+        if not low <= value <= high:
+            raise CalibrationError(f"{name} of a {model} camera is {value!r}: it must be from {low:g} to {high:g}")
 
 
 @lru_cache(maxsize=256)
-def lens_of(model: str, coefficients: tuple[float, ...]) -> Lens:
+def lens_of(model: str, coefficients: tuple[float, ...], is_planar: bool = False) -> Lens:
     """Make the lens of a model."""
     k = coefficients
     if model == "equirectangular":
         return Lens(Profile.PANORAMA)
     if model == "fisheye":
-        return Lens(Profile.EQUIDISTANT, bending=Bending(*k))
+        return Lens(Profile.EQUIDISTANT, bending=Bending(*k), is_planar=is_planar)
     if model == "thin-prism-fisheye":
         bending = Bending(n1=k[0], n2=k[1], n3=k[4], n4=k[5], p1=k[2], p2=k[3], s1=k[6], s3=k[7])
         return Lens(Profile.EQUIDISTANT, bending=bending)
@@ -604,7 +485,7 @@ def lens_of(model: str, coefficients: tuple[float, ...]) -> Lens:
         return Lens(Profile.SPHERE, (0.0, k[0], k[1]), Bending(*k[2:]))
     # OpenCV's order: k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4, of which a model has the first ones.
     k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = (*k, *(12 - len(k)) * (0.0,))
-    return Lens(Profile.SPHERE, bending=Bending(k1, k2, k3, 0.0, k4, k5, k6, p1, p2, s1, s2, s3, s4))
+    return Lens(*PERSPECTIVE, Bending(k1, k2, k3, 0.0, k4, k5, k6, p1, p2, s1, s2, s3, s4), is_planar)
 
 
 def bent_coefficients(model: str, coefficients: tuple[float, ...], k1: float) -> tuple[float, ...]:

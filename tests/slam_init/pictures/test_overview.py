@@ -14,6 +14,9 @@ from report_run import report_run
 
 from slam_init.pictures.overview import (
     VERDICT_COLORS,
+    ShownFrame,
+    Story,
+    StoryRecorder,
     canvas,
     draw_decision,
     draw_frame,
@@ -21,7 +24,6 @@ from slam_init.pictures.overview import (
     overview_png,
     wrapped,
 )
-from slam_init.pictures.story import ShownFrame, Story, StoryRecorder
 from slam_init.types.evidence import FreeFocal, Margin
 from slam_init.types.gates import GateName, at_least, at_most
 from slam_init.types.reasons import Verdict

@@ -8,7 +8,7 @@ import numpy as np
 from make_map import make_attempts, make_frame, make_map, make_observations
 from report_run import report_run
 
-from slam_init.pictures.story import StoryRecorder
+from slam_init.pictures.overview import StoryRecorder
 
 
 def seen(recorder, frames):
