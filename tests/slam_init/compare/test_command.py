@@ -6,7 +6,6 @@ from comparisons import rows_of
 from make_source import synth
 
 from slam_init.cli import main
-from slam_init.compare.report import main_table
 from slam_init.compare.run import chosen_methods
 
 pytestmark = pytest.mark.process
@@ -28,15 +27,6 @@ def test_the_command_writes_tables_of_the_example_data_set_and_method(tmp_path, 
 def test_by_default_each_installed_method_is_compared_under_one_name():
     names = chosen_methods(None)
     assert "essential-5pt" in names and "magsac" not in names
-
-
-def test_the_tables_fit_a_terminal_and_tell_something_in_each_column(finished):
-    text = main_table(finished[1])
-    assert max(map(len, text.splitlines())) <= 120
-    for table in text.split("\n\n"):
-        rows = [line.strip("|").split("|") for line in table.splitlines()]
-        columns = list(zip(*rows[2:], strict=True))
-        assert not any(set("".join(column).split()) <= {"-"} for column in columns), rows[0]
 
 
 def test_a_wrong_command_is_reported_in_one_line(tmp_path, capsys):
