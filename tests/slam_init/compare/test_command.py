@@ -1,9 +1,9 @@
 """The command ``slam-init compare``."""
 
-import cv2
 import pytest
 from comparisons import rows_of
 from make_source import synth
+from make_video import write_mp4
 
 from slam_init.cli import main
 from slam_init.compare.run import chosen_methods
@@ -47,10 +47,7 @@ def test_a_missing_package_of_the_extra_is_told_with_what_to_install(tmp_path, m
 
 def test_a_video_is_compared_with_a_given_camera(tmp_path, capsys):
     source = synth("room", width=160, height=120)
-    writer = cv2.VideoWriter(str(tmp_path / "v.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), 30, (160, 120))
-    for frame in source.frames(0, 4):
-        writer.write(cv2.cvtColor(frame.image, cv2.COLOR_RGB2BGR))
-    writer.release()
+    write_mp4(tmp_path / "v.mp4", [frame.image for frame in source.frames(0, 4)])
     words = ["compare", str(tmp_path / "v.mp4"), "--methods", "stella", "--jobs", "1", "--out", str(tmp_path / "out")]
     assert main(words) == 2
     assert "give --camera FILE" in capsys.readouterr().err
