@@ -11,7 +11,6 @@ from makers import maker
 from paths import ROOT
 
 from slam_init.cli.main import main
-from slam_init.output.names import CALIBRATION_FILES, COMPARE_FILES, RUN_FILES
 
 pytestmark = pytest.mark.docs
 
@@ -51,12 +50,6 @@ def test_the_tutorials_run(page, tmp_path, monkeypatch):
             else:
                 for command in text.splitlines():
                     run_command(command, monkeypatch)
-
-
-def test_every_file_of_a_command_is_on_the_page_of_the_files():
-    text = (DOCS / "reference" / "files.md").read_text(encoding="utf-8")
-    for name in {*RUN_FILES, *COMPARE_FILES, *CALIBRATION_FILES}:
-        assert f"`{name}`" in text or f"`{name.partition('/')[0]}/`" in text, name
 
 
 def pages():

@@ -5,11 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sequences_synth.camera import SynthCamera, stated_camera
+from sequences_synth.camera import SynthCamera
 from sequences_synth.shutter import Shutter
 from sequences_synth.trajectory import (
-    Handling,
-    HandTurning,
     rotation_from_vector,
     rotations_from_vectors,
     vector_from_rotation,
@@ -31,14 +29,6 @@ def test_the_ray_of_a_pixel_projects_to_the_pixel(seed, k1):
     # A strong barrel distortion leaves the corners of the image black.
     assert seen[np.linalg.norm(pixels - [319.5, 239.5], axis=1) < 0.8 * 458].all()
     np.testing.assert_allclose(lens.project(rays[seen]), pixels[seen], atol=1e-6)
-
-
-def test_the_stated_camera_has_the_errors_of_the_options():
-    stated = stated_camera(CAMERA, 0.05, 0.02, np.random.default_rng(0))
-    assert stated.fx == stated.fy == pytest.approx(1.05 * 458)
-    assert abs(stated.cx - 319.5) == pytest.approx(0.02 * 640)
-    assert abs(stated.cy - 239.5) == pytest.approx(0.02 * 480)
-    assert stated_camera(CAMERA, 0, 0, np.random.default_rng(0)) == CAMERA
 
 
 def test_the_shutter_runs_in_its_direction_and_the_middle_has_the_time_of_the_frame():
@@ -64,12 +54,3 @@ def test_rotations_of_many_vectors_are_those_of_each_and_the_logarithm_inverts_t
     for vector, rotation in zip(vectors, rotations_from_vectors(vectors), strict=True):
         np.testing.assert_allclose(rotation, rotation_from_vector(vector), atol=1e-14)
         np.testing.assert_allclose(vector_from_rotation(rotation), vector, atol=1e-7)
-
-
-@settings(max_examples=15)
-@given(st.sampled_from([20.0, 60.0, 150.0]), st.sampled_from([0.4, 2.0, 10.0]), SEEDS)
-def test_hand_held_turning_has_the_requested_speed(speed, duration, seed):
-    turning = HandTurning.draw(np.random.default_rng(seed), Handling(duration, speed, 0.0))
-    R = rotations_from_vectors(turning.rotation_vector(np.linspace(0, duration, 2001)))
-    steps = np.linalg.norm(np.diff(R, axis=0), axis=(1, 2)) / np.sqrt(2) * 2000 / duration
-    assert np.degrees(np.sqrt(np.mean(steps**2))) == pytest.approx(speed, rel=0.02)

@@ -8,9 +8,8 @@ import pytest
 from make_window import WINDOW_CONFIG, point_source
 
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.errors import SlamInitError
 from slam_init.initializer import Initializer
-from slam_init.types.inertial import Attitude, checked_rotation
+from slam_init.types.inertial import Attitude
 
 SIGMA_RAD = 1e-3
 
@@ -62,24 +61,3 @@ def test_a_frame_without_a_measurement_breaks_the_chain():
     rotations[2] = None
     history = windows(source, source.camera, rotations)[1].history
     assert [history.attitude(frame).start for frame in range(4)] == [0, 0, 2, 2]
-
-
-@pytest.mark.parametrize(
-    "rotation",
-    [np.eye(2), np.diag([1.0, 1.0, -1.0]), 2 * np.eye(3), np.full((3, 3), np.nan), "no matrix", [[1], [2, 3]]],
-)
-def test_what_is_no_rotation_is_refused_and_changes_nothing(rotation):
-    source = point_source("room", 1, baseline=0.05, views=3)
-    first, second, _ = source.observations()
-    initializer = Initializer(source.camera, WINDOW_CONFIG)
-    initializer.process_tracks(first)
-    with pytest.raises(SlamInitError, match="rotation"):
-        initializer.process_tracks(second, rotation=rotation)
-    initializer.process_tracks(second, rotation=np.eye(3))
-    assert initializer.frames_read == 2
-
-
-@pytest.mark.parametrize("sigma_rad", [0.0, -1.0, np.nan, 2.0])
-def test_an_impossible_standard_deviation_is_refused(sigma_rad):
-    with pytest.raises(SlamInitError, match="rotation_sigma_rad"):
-        checked_rotation(np.eye(3), sigma_rad)

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from make_map import make_attempts, make_map, make_window_evidence
 from make_scene import CAMERA
 from make_source import GivenFrames, synth
 from paths import DATA
@@ -16,10 +15,9 @@ from slam_init.config import Config, load_config
 from slam_init.datasets import open_source
 from slam_init.errors import ConfigError, SourceError
 from slam_init.output.summary import Summary
-from slam_init.runner import live_text, run
+from slam_init.runner import run
 from slam_init.types.frame import Frame
 from slam_init.types.reasons import REASONS, Verdict
-from slam_init.types.status import State, Status
 
 SMALL = {"width": 320, "height": 240}
 
@@ -105,26 +103,6 @@ def test_a_run_without_its_picture_has_all_other_files(tmp_path, monkeypatch, fa
     else:
         run(source, source.camera, Config(), out=tmp_path, overview=False)
     assert set(contents(tmp_path)) == {"summary.json", "config.toml", "recording.rrd"}
-
-
-def test_the_provenance_holds_the_options_of_the_run(room_run):
-    options = room_run.summary.provenance.options
-    assert (options["start"], options["max_frames"], options["continue_frames"]) == (0, None, 10)
-    assert options["method"] == "quest"
-    assert options["acceptance"] == {
-        "max_risk": 0.005,
-        "lens_changes": 1.0,
-        "min_landmarks": 30,
-        "max_depth_sigma": 0.2,
-        "min_parallax_deg": 0.0,
-    }
-
-
-def test_the_frames_after_the_initialization_are_located(room_run):
-    continued = room_run.summary.continued
-    assert continued.frames == continued.located == 10
-    assert 0.5 < continued.survival_median <= 1
-    assert len(np.loadtxt(room_run.out / "continued.txt")) == 10
 
 
 def test_the_same_seed_gives_the_same_files(room_run, tmp_path):
@@ -271,13 +249,3 @@ def test_a_run_lets_the_map_grow_by_the_frames_that_are_asked_for(room, room_run
     assert later.frames_to_init == at_once.frames_to_init
     assert later.frames_read == at_once.frames_read + 10
     assert later.map.depth_sigma < 0.7 * at_once.map.depth_sigma
-
-
-def test_the_line_of_a_terminal_tells_the_reason_and_the_risk_of_the_frame_until_there_is_a_map():
-    waiting = Status(State.WAITING, 0.2, Verdict.PURE_ROTATION, "move")
-    assert live_text(waiting) == "pure rotation"
-    attempt = make_attempts(make_map())[-1]
-    window = make_window_evidence(0.0312)
-    judged = replace(waiting, attempt=replace(attempt, window=window), window=window)
-    assert live_text(judged) == "pure rotation, risk 0.031"
-    assert live_text(Status.initialized(None)) == "initialized"

@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import pytest
+
+from slam_init.calibration.files import load_camera
+from slam_init.errors import CalibrationError
 from slam_init.types.camera import Camera
 
 SIZE = (752, 480)
@@ -170,3 +176,10 @@ def own(**changes: object) -> str:
     """The YAML of this project for a camera without distortion; a value of None removes the line."""
     values = {"width": 640, "height": 480, "fx": 500, "fy": 500, "cx": 320, "cy": 240} | changes
     return "".join(f"{key}: {value}\n" for key, value in values.items() if value is not None)
+
+
+def assert_refused(path: Path, word: str) -> None:
+    """The calibration in a file is refused in one line that matches ``word``."""
+    with pytest.raises(CalibrationError, match=word) as caught:
+        load_camera(path, (640, 480))
+    assert len(str(caught.value).splitlines()) == 1, word

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from quest.robust.kernels.compiler import compiler_of
+from quest.jit import compiler_of
 from slam_init.types.arrays import Floats
 
 compiled = compiler_of(Path(__file__).parent)

@@ -11,7 +11,7 @@ from make_scene import CAMERA, cloud, plane, problem
 from slam_init.bundle import adjustment, focal
 from slam_init.bundle.adjustment import adjust
 from slam_init.bundle.focal import camera_with_focal_factor
-from slam_init.bundle.graph import calibration_key, measured_pixels
+from slam_init.bundle.graph import measured_pixels
 from slam_init.bundle.problem import BundleSolution
 
 
@@ -64,14 +64,6 @@ def test_without_rotation_the_focal_length_and_its_uncertainty_are_those_of_the_
     assert abs(solution.focal_factor - 1) < 0.02
     narrow = adjust(CAMERA, noisy, replace(FOCAL, focal_sigma=0.01))
     assert narrow.focal_factor_sigma == pytest.approx(0.01, rel=0.05)
-
-
-def test_a_held_focal_length_is_not_a_variable():
-    rng = np.random.default_rng(3)
-    solution = adjust(CAMERA, problem(CAMERA, cloud(rng), ROTATING, 0.5, rng), MAP)
-    assert solution.camera is CAMERA
-    assert (solution.focal_factor, solution.focal_factor_sigma) == (1.0, None)
-    assert not solution.values.exists(calibration_key())
 
 
 @pytest.mark.parametrize("model", ["radtan", "radtan5"])

@@ -1,9 +1,10 @@
 """Calibration files: paths, sizes; broken, unsafe and impossible files are refused in one line."""
 
 import os
+import re
 
 import pytest
-from calibration_texts import OWN, own
+from calibration_texts import OWN, assert_refused, own
 from make_files import write
 from path_types import PATH_TYPES
 
@@ -43,14 +44,11 @@ BROKEN = {
 }
 
 
-@pytest.mark.parametrize("case", BROKEN)
-def test_a_broken_file_is_refused_in_one_line_that_names_it(tmp_path, case):
-    text, word = BROKEN[case]
-    path = write(tmp_path / "bad camera é.yaml", text)
-    with pytest.raises(CalibrationError, match=word) as caught:
-        load_camera(path, (640, 480))
-    assert str(path) in str(caught.value)
-    assert len(str(caught.value).splitlines()) == 1
+def test_a_broken_file_is_refused_in_one_line_that_names_it(tmp_path):
+    for text, word in BROKEN.values():
+        path = write(tmp_path / "bad camera é.yaml", text)
+        assert_refused(path, word)
+        assert_refused(path, re.escape(str(path)))
 
 
 def test_a_missing_file_and_a_folder_are_refused(tmp_path):
@@ -70,14 +68,11 @@ IMPOSSIBLE = {
 }
 
 
-@pytest.mark.parametrize("case", IMPOSSIBLE)
-def test_an_impossible_calibration_is_refused_in_one_line(tmp_path, case):
+def test_an_impossible_calibration_is_refused_in_one_line(tmp_path):
     good = "width: 640\nheight: 480\nfx: 520\nfy: 520\ncx: 320\ncy: 240\ndistortion: []\n"
     assert load_camera(write(tmp_path / "good.yaml", good)).fx == 520
-    old, new, word = IMPOSSIBLE[case]
-    with pytest.raises(CalibrationError, match=word) as caught:
-        load_camera(write(tmp_path / "bad.yaml", good.replace(old, new)))
-    assert len(str(caught.value).splitlines()) == 1
+    for old, new, word in IMPOSSIBLE.values():
+        assert_refused(write(tmp_path / "bad.yaml", good.replace(old, new)), word)
 
 
 def test_a_key_may_be_given_twice_with_the_same_value(tmp_path):

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from calibration_texts import FORMATS, own
+from calibration_texts import FORMATS, assert_refused, own
 from make_files import write
 
 from slam_init.calibration.files import load_camera
@@ -161,9 +161,7 @@ def test_a_posted_calibration_is_read_by_its_content_whatever_its_name(tmp_path,
 
 def test_a_form_that_is_not_read_is_named_in_one_line(tmp_path):
     for text, word in NAMED.values():
-        with pytest.raises(CalibrationError, match=word) as caught:
-            load_camera(write(tmp_path / "c.txt", text), (640, 480))
-        assert len(str(caught.value).splitlines()) == 1
+        assert_refused(write(tmp_path / "c.txt", text), word)
 
 
 def test_an_archive_of_numpy_is_read_and_nothing_is_unpickled(tmp_path):
@@ -203,5 +201,4 @@ def test_no_value_of_a_key_that_states_a_model_is_passed_over(tmp_path):
         stated = re.compile(r"(?m)^(\s*(?:Camera\.)?(?:\w*_model|model|type): ).*$")
         cases += [stated.sub(r"\1squint", text)] if stated.search(text) and not name.endswith("xml") else []
     for text in cases:
-        with pytest.raises(CalibrationError, match=r"squint|MODEL"):
-            load_camera(write(tmp_path / "c.yaml", text), (640, 480))
+        assert_refused(write(tmp_path / "c.yaml", text), r"squint|MODEL")

@@ -2,16 +2,15 @@
 
 import json
 import os
-import struct
 from dataclasses import replace
 
 import cv2
 import numpy as np
+import pycolmap
 import pytest
 from make_map import make_map
 
 from slam_init import Pose, open_source, write_colmap
-from slam_init.calibration.models import NUMBERED
 from slam_init.cli import main
 from slam_init.datasets.map_files import moves_otherwise, open_map
 from slam_init.datasets.posed_images import with_axes
@@ -36,29 +35,10 @@ def told(words, capsys):
     return code, json.loads(capsys.readouterr().out)
 
 
-def to_binary(text, binary):
-    """Write the cameras and images of a text model as a binary model."""
-    binary.mkdir()
-    lines = [line for line in (text / "cameras.txt").read_text().splitlines() if not line.startswith("#")]
-    name, model, width, height, *parameters = lines[0].split()
-    camera = struct.pack("<iiQQ", int(name), NUMBERED.index(model), int(width), int(height))
-    numbers = struct.pack(f"<{len(parameters)}d", *map(float, parameters))
-    (binary / "cameras.bin").write_bytes(struct.pack("<Q", 1) + camera + numbers)
-    rows = [line for line in (text / "images.txt").read_text().splitlines() if not line.startswith("#")]
-    images = struct.pack("<Q", len(rows) // 2)
-    for head, points in zip(rows[::2], rows[1::2], strict=True):
-        number, *pose, camera_id, image = head.split()
-        images += struct.pack("<i7di", int(number), *map(float, pose), int(camera_id)) + image.encode() + b"\0"
-        values = points.split()
-        images += struct.pack("<Q", len(values) // 3)
-        for x, y, point in zip(values[::3], values[1::3], values[2::3], strict=True):
-            images += struct.pack("<ddq", float(x), float(y), int(point))
-    (binary / "images.bin").write_bytes(images)
-
-
 def test_the_same_map_has_the_same_risk_in_all_formats(map_, tmp_path, capsys):
     write_colmap(map_, tmp_path / "model")
-    to_binary(tmp_path / "model", tmp_path / "binary")
+    (tmp_path / "binary").mkdir()
+    pycolmap.Reconstruction(tmp_path / "model").write_binary(tmp_path / "binary")
     (tmp_path / "handover.npz").write_bytes(handover_bytes(map_))
     map_.save(tmp_path / "run")
     names = ("model", "binary", "handover.npz", ".", "run/graph.txt")

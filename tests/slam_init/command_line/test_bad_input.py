@@ -122,8 +122,6 @@ def test_bad_input_is_one_line_and_exit_code_2_and_writes_nothing(world, pipelin
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
-        (["run", "--out", "file"], "file"),
-        (["run", "--out", "file/below"], "file"),
         (["run", IMAGES, *WITH, "--out", IMAGES], "not empty"),
         (["run", IMAGES, *WITH, "--out", "."], "not empty"),
         (["compare", "points:room", "--out", "full"], "not empty"),
@@ -290,11 +288,6 @@ def test_a_wrong_variable_of_numba_is_one_line(threads, tmp_path):
         words, env=os.environ | {"NUMBA_NUM_THREADS": threads}, cwd=tmp_path, capture_output=True, text=True
     )
     assert (done.returncode, done.stderr.count("\n")) == (2, 1) and "NUMBA_" in done.stderr
-
-
-def test_a_folder_whose_name_is_no_text_is_one_line(world, capsys):
-    assert main(["run", IMAGES, *WITH, "--out", os.fsdecode(b"o\xff")]) == 2
-    assert "bytes that are no UTF-8" in capsys.readouterr().err
 
 
 def test_out_may_have_any_name_that_a_folder_can_have(world, capsys):

@@ -1,12 +1,11 @@
 """The command ``slam-init compare``."""
 
-import cv2
 import pytest
 from comparisons import rows_of
 from make_source import synth
+from make_video import write_mp4
 
 from slam_init.cli import main
-from slam_init.compare.report import main_table
 from slam_init.compare.run import chosen_methods
 
 pytestmark = pytest.mark.process
@@ -30,15 +29,6 @@ def test_by_default_each_installed_method_is_compared_under_one_name():
     assert "essential-5pt" in names and "magsac" not in names
 
 
-def test_the_tables_fit_a_terminal_and_tell_something_in_each_column(finished):
-    text = main_table(finished[1])
-    assert max(map(len, text.splitlines())) <= 120
-    for table in text.split("\n\n"):
-        rows = [line.strip("|").split("|") for line in table.splitlines()]
-        columns = list(zip(*rows[2:], strict=True))
-        assert not any(set("".join(column).split()) <= {"-"} for column in columns), rows[0]
-
-
 def test_a_wrong_command_is_reported_in_one_line(tmp_path, capsys):
     options = ("--methods magic", "--methods stella,stella", "--backend spark", "--jobs 0", "--min-left 1")
     options = [f"points:room {option}" for option in (*options, "--camera fov=60", "--suite drawn")]
@@ -57,10 +47,7 @@ def test_a_missing_package_of_the_extra_is_told_with_what_to_install(tmp_path, m
 
 def test_a_video_is_compared_with_a_given_camera(tmp_path, capsys):
     source = synth("room", width=160, height=120)
-    writer = cv2.VideoWriter(str(tmp_path / "v.mp4"), cv2.VideoWriter_fourcc(*"mp4v"), 30, (160, 120))
-    for frame in source.frames(0, 4):
-        writer.write(cv2.cvtColor(frame.image, cv2.COLOR_RGB2BGR))
-    writer.release()
+    write_mp4(tmp_path / "v.mp4", [frame.image for frame in source.frames(0, 4)])
     words = ["compare", str(tmp_path / "v.mp4"), "--methods", "stella", "--jobs", "1", "--out", str(tmp_path / "out")]
     assert main(words) == 2
     assert "give --camera FILE" in capsys.readouterr().err

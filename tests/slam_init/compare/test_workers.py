@@ -4,13 +4,11 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from comparisons import METHODS, SOURCES, rows_of
+from process_tree import MARK, left_over, new_mark, processes_with
 
 from slam_init.compare.run import compare
 from slam_init.compare.sources import describe_sources
@@ -20,7 +18,6 @@ from slam_init.errors import ConfigError, SlamInitError
 
 pytestmark = pytest.mark.process
 
-MARK = "SLAM_INIT_TEST_MARK"
 PARENT = f"""
 from slam_init.compare.sources import describe_sources
 from slam_init.compare.trials import Settings, Trial
@@ -30,16 +27,6 @@ trials = [Trial(source, method, 0) for method in ("stella", "failing_methods:Loo
 for row in run_trials(trials, Settings(), 1):
     print("ready", flush=True)
 """
-
-
-def marked():
-    """Processes with the mark in their environment."""
-    found = []
-    for folder in Path("/proc").glob("[0-9]*"):
-        with suppress(OSError):  # it has ended
-            if f"{MARK}={os.getpid()}".encode() in (folder / "environ").read_bytes():
-                found.append(int(folder.name))
-    return found
 
 
 def test_each_kind_of_failure_is_an_error_of_its_own_trial():
@@ -66,20 +53,17 @@ def test_a_trial_that_does_not_end_is_stopped_at_its_limit():
 
 @pytest.mark.skipif(sys.platform != "linux", reason="processes are counted in /proc")
 def test_no_process_outlives_a_parent_that_is_killed():
-    environment = os.environ | {
-        MARK: str(os.getpid()),
-        "PYTHONPATH": os.pathsep.join(path for path in sys.path if path),
-    }
+    mark = new_mark()
+    environment = os.environ | {MARK: mark, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     parent = subprocess.Popen([sys.executable, "-c", PARENT], env=environment, stdout=subprocess.PIPE)
     assert parent.stdout.readline() == b"ready\n"
-    assert len(marked()) > 1
+    assert len(processes_with(mark)) > 1
     parent.send_signal(signal.SIGKILL)
     parent.wait()
     # The kernel ends the processes; the output is theirs as well, so it is closed when all have ended.
     assert parent.stdout.read() == b""
     parent.stdout.close()
-    time.sleep(1)
-    assert marked() == []
+    assert left_over(mark) == []
 
 
 def test_a_cluster_gives_the_same_results(plan, finished, tmp_path):

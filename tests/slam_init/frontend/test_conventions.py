@@ -24,42 +24,6 @@ def with_bearings(observed, change):
     )  # fmt: skip
 
 
-def scaled(bearings):
-    bearings[:50] *= 1e200
-
-
-def zero(bearings):
-    bearings[7] = 0.0
-
-
-def long(bearings):
-    bearings *= 2.0
-
-
-def test_a_ray_that_is_not_of_length_one_is_refused_and_the_frame_can_be_given_again():
-    bad, good = Initializer(CAMERA), Initializer(CAMERA)
-    bad.process_tracks(tracks(0))
-    good.process_tracks(tracks(0))
-    for change in (scaled, zero, long):
-        with pytest.raises(SlamInitError, match="has not the length 1: divide rays by their norm") as told:
-            bad.process_tracks(with_bearings(tracks(1), change))
-        assert "\n" not in str(told.value)
-    for k in (1, 2):
-        bad.process_tracks(tracks(k))
-        good.process_tracks(tracks(k))
-    assert bad.map is not None
-    np.testing.assert_array_equal(bad.map.points, good.map.points)
-
-
-def test_a_pixel_far_outside_of_the_image_is_refused():
-    observed = tracks(0)
-    pixels = observed.pixels.copy()
-    pixels[5] = 1e12, 40.0
-    far = Observations(0, 0.0, "", observed.track_ids, pixels, CAMERA.bearings(pixels))
-    with pytest.raises(SlamInitError, match=r"frame 0: the pixel \[1.e\+12 4.e\+01\] is far outside of the image"):
-        Initializer(CAMERA).process_tracks(far)
-
-
 @pytest.mark.parametrize(
     ("axes", "named"),
     [

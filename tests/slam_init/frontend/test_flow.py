@@ -6,7 +6,7 @@ import pytest
 from make_scene import texture, window
 
 from slam_init.config import TrackingConfig
-from slam_init.frontend.flow import Drift, Exposure, anisotropy, flow, gradient_products
+from slam_init.frontend.flow import Drift, Exposure, flow, gradient_products
 from slam_init.frontend.tracks import Tracker
 from slam_init.types.camera import Camera
 
@@ -77,13 +77,6 @@ def test_a_track_on_a_straight_edge_slides_along_it():
     assert (stated[:, 1] > 4 * stated[:, 0]).all()
     # The noise of the pixels alone would state .27 px.
     assert np.median(stated[:, 1]) > 0.6
-
-
-def test_a_corner_has_no_edge_to_slide_along():
-    isotropic = np.array([[[9.0, 0.0], [0.0, 9.0]]])
-    turned = np.array([[[9.0, 3.0], [3.0, 9.0]]])
-    np.testing.assert_allclose(anisotropy(isotropic), [0.0], atol=1e-12)
-    np.testing.assert_allclose(anisotropy(turned), [6.0])
 
 
 def test_a_track_slides_along_the_trails_of_a_blurred_image():

@@ -38,19 +38,6 @@ def test_images_without_times_have_their_index_as_their_time():
     assert not [note for note in initializer.finish().notes if "time stamps" in note]
 
 
-@pytest.mark.parametrize("stamp", [float("nan"), float("inf"), -1.0, 0.5, 0.4, 2.0**63, "0.7", [0.7], 10**400, None])
-def test_a_frame_whose_time_is_refused_leaves_no_trace(stamp):  # None stands for the index of the frame, which is 2
-    initializer = Initializer(CAMERA)
-    initializer.process(IMAGE, 0.4)
-    initializer.process(IMAGE, 2.5)
-    with pytest.raises(SlamInitError) as caught:
-        initializer.process(IMAGE, stamp)
-    assert len(str(caught.value).splitlines()) == 1
-    initializer.process(IMAGE, 2.6)
-    assert [seen.timestamp_s for seen in initializer.history] == [0.4, 2.5, 2.6]
-    assert initializer.frames_read == 3
-
-
 def test_frames_of_a_source_some_seconds_apart_stay_in_seconds():
     initializer = Initializer(CAMERA)
     for index, time_s in enumerate((0.0, 60.0, 61.0)):

@@ -9,9 +9,7 @@ from make_scene import texture, window
 from scipy.ndimage import distance_transform_cdt
 
 from slam_init.config import TrackingConfig
-from slam_init.errors import SlamInitError
 from slam_init.frontend.tracks import Tracker, common_tracks
-from slam_init.initializer import Initializer
 from slam_init.types.camera import Camera
 
 SIZE = (320, 240)
@@ -91,14 +89,3 @@ def test_a_mask_without_black_changes_nothing_and_a_black_one_leaves_no_track():
     for steps in STEPS:
         black, _ = follow(frames_of(steps, np.zeros_like(MASK)))
         assert not any(len(observed) for observed in black)
-
-
-@pytest.mark.parametrize("mask", [MASK[1:], MASK[..., None], MASK.astype(float), "mask", MASK.T])
-def test_a_wrong_mask_is_an_error_and_the_frame_can_be_given_again(mask):
-    initializer = Initializer(CAMERA)
-    image = window(TEXTURE, 100, 60, *SIZE).image
-    with pytest.raises(SlamInitError, match="mask of"):
-        initializer.process(image, mask=mask)
-    initializer.process(image, mask=MASK > 0)
-    assert initializer.frames_read == 1
-    assert distances_px(initializer.history[0].pixels).min() > RADIUS - 0.5

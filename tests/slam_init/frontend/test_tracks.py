@@ -221,12 +221,6 @@ def test_the_same_frames_give_the_same_tracks():
         assert np.array_equal(a.pixels, b.pixels)
 
 
-def test_common_tracks_are_in_the_order_of_their_ids():
-    i, j = common_tracks(observed(0, [1, 4, 6, 9]), observed(1, [0, 4, 9, 12]))
-    assert i.tolist() == [1, 3]
-    assert j.tolist() == [1, 2]
-
-
 def test_the_history_is_bounded_and_keeps_the_requested_frames():
     history = History(CAMERA, 5)
     for frame in range(20):

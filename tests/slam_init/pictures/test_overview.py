@@ -20,12 +20,9 @@ from slam_init.pictures.overview import (
     canvas,
     draw_decision,
     draw_frame,
-    gate_words,
     overview_png,
-    wrapped,
 )
 from slam_init.types.evidence import FreeFocal, Margin
-from slam_init.types.gates import GateName, at_least, at_most
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Segment
 
@@ -78,15 +75,6 @@ def told(monkeypatch):
     texts = []
     monkeypatch.setattr("slam_init.pictures.overview.write", lambda axes, x, y, text, *_: texts.append(text))
     return texts
-
-
-def test_the_subtitle_of_a_failure_does_not_contradict_the_risk_beside_it(story, told):
-    result = make_result(None, Verdict.LOW_PARALLAX)
-    for name, words in ((GateName.RISK, "its risk is small"), (GateName.KNOWN_DEPTHS, "all other conditions")):
-        gate = at_least(name, 0.1, 0.5, Verdict.LOW_PARALLAX)
-        draw(replace(result, attempts=(replace(result.attempts[-1], gates=(gate,)),)), story)
-        assert any(words in text for text in told)
-        told.clear()
 
 
 def test_a_wrong_focal_length_is_written_into_the_picture_of_each_end(story, told):
@@ -163,12 +151,3 @@ def test_a_run_that_started_anew_has_a_row_for_each_map_and_the_story_of_the_fir
 def test_every_verdict_has_a_colour_of_its_own():
     assert set(VERDICT_COLORS) == set(Verdict)
     assert len(set(VERDICT_COLORS.values())) == len(Verdict)
-
-
-def test_words_are_cut_and_a_gate_has_value_side_bound_and_unit():
-    assert wrapped("one two three four", 9, 1) == "one ..."
-    assert wrapped("a\nb", 9) == r"a\nb"
-    risk = at_most(GateName.RISK, 0.03, 0.005, Verdict.LOW_PARALLAX)
-    motion = at_least(GateName.MOTION_PX, 1.5, 2.12, Verdict.STATIC_CAMERA)
-    assert gate_words(risk) == "risk 0.03, needs at most 0.005"
-    assert gate_words(motion) == "motion 1.5 px, needs at least 2.12 px"

@@ -1,9 +1,8 @@
 """Laws of reduced and compressed images."""
 
-import cv2
 import numpy as np
 
-from slam_init.recording.images import bgr, jpeg, reduced
+from slam_init.recording.images import bgr, reduced
 
 
 def test_an_image_is_reduced_to_its_longer_side_and_never_enlarged():
@@ -18,9 +17,3 @@ def test_a_grey_image_gets_three_equal_channels_and_a_coloured_one_stays():
     grey = np.random.default_rng(0).integers(0, 255, (4, 5), np.uint8)
     assert (bgr(grey) == np.dstack([grey] * 3)).all()
     assert bgr(bgr(grey)) is not grey and bgr(bgr(grey)).shape == (4, 5, 3)
-
-
-def test_a_compressed_image_is_a_jpeg_of_the_same_size():
-    (content,) = jpeg(np.zeros((48, 64, 3), np.uint8)).blob.as_arrow_array().to_pylist()
-    decoded = cv2.imdecode(np.frombuffer(bytes(content), np.uint8), cv2.IMREAD_COLOR)
-    assert decoded.shape == (48, 64, 3)

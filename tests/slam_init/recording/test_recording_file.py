@@ -7,7 +7,6 @@ import shutil
 import numpy as np
 import pytest
 import rerun as rr
-from read_recording import rerun_tool
 
 from slam_init.errors import OutputError
 from slam_init.recording import recording_file
@@ -24,17 +23,6 @@ def log(stream, megabytes):
     for frame in range(megabytes):
         stream.set_time("frame", sequence=frame)
         stream.log("noise", rr.Tensor(np.random.default_rng(frame).integers(0, 255, 1 << 20, np.uint8)))
-
-
-def test_a_complete_recording_has_its_name_and_is_sound(tmp_path, stream):
-    path = tmp_path / "a.rrd"
-    file = RecordingFile(path, stream, blueprint())
-    log(stream, 3)
-    assert not path.exists()
-    file.complete()
-    assert [entry.name for entry in tmp_path.iterdir()] == ["a.rrd"]
-    assert path.stat().st_size > 3 << 20
-    assert rerun_tool("verify", path).returncode == 0
 
 
 def test_a_disk_that_fails_is_an_error_and_leaves_no_file(tmp_path, stream, monkeypatch):

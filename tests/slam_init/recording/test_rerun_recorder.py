@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from slam_init.errors import OutputError, SourceError
 from slam_init.recording import rerun_recorder
-from slam_init.recording.layout import SERIES, End, blueprint
+from slam_init.recording.layout import SERIES
 from slam_init.recording.rerun_recorder import RerunRecorder
 from slam_init.types.gates import GateName, at_least, at_most
 from slam_init.types.reasons import Verdict
@@ -77,22 +77,6 @@ def test_dates_are_logged_as_dates_and_other_times_as_durations(path):
             # The chunks have no order, and that of the style has no time.
             (batch,) = (batch for batch in chunks(path, "/stats/counts/tracks") if name in batch.schema.names)
             assert str(batch.schema.field(name).type).startswith(kind)
-
-
-def test_the_layout_has_four_panels_and_no_legend_over_a_plot():
-    for end in End:
-        left, right = blueprint(end).root_container.contents
-        assert [len(left.contents), len(right.contents)] == [2, 2]
-        assert left.row_shares[0] > 2 * left.row_shares[1]  # the map
-        plots = right.contents[1].contents
-        views = [
-            view for plot in plots for view in (plot, *getattr(plot, "contents", ())) if hasattr(view, "properties")
-        ]
-        legends = [view.properties["PlotLegend"] for view in views if "PlotLegend" in getattr(view, "properties", ())]
-        assert len(legends) > 5
-        # Over a hundred frames without a map the parts hide the risk.
-        assert plots[0].contents == ["/stats/risk_log10/total", "/stats/risk_log10/bound"]
-        assert not any(legend.visible.as_arrow_array().to_pylist()[0] for legend in legends)
 
 
 def test_a_recording_holds_the_map_before_and_after_bundle_adjustment_and_the_truth_on_the_path(path):

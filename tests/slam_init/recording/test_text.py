@@ -10,17 +10,6 @@ from slam_init.types.evidence import FreeFocal, MapEvidence
 from slam_init.types.reasons import Verdict
 
 
-def test_the_text_of_an_attempt_has_verdict_advice_and_gates_and_fits_a_small_panel():
-    refused, *_, accepted = make_attempts(make_map())
-    text = attempt_markdown(refused)
-    for part in ("refused: low parallax", Verdict.LOW_PARALLAX.advice, "| risk | 0.07 | ≤ 0.005 | **fails** |"):
-        assert part in text
-    assert "**accepted**" in attempt_markdown(accepted) and "fails" not in attempt_markdown(accepted)
-    rival = replace(refused, window=replace(refused.window, risk_direction=0.01, risk_rival=0.06))
-    assert "largest part of the risk: another motion, 0.06" in attempt_markdown(rival)
-    assert "#" not in text and len(text.splitlines()) <= 10
-
-
 def test_the_text_of_an_attempt_has_all_evidence_that_is_known():
     attempt = replace(
         make_attempts(make_map())[0],

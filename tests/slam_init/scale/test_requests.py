@@ -15,9 +15,8 @@ from slam_init.scale.requests import (
 )
 
 
-@pytest.mark.parametrize(
-    ("text", "request_"),
-    [
+def test_a_text_says_what_is_known():
+    for text, request in (
         ("marker:tag36h11:0.14", KnownMarkers("tag36h11", KnownLength(0.14))),
         ("marker:DICT_4X4_50:0.14+-0.001", KnownMarkers("DICT_4X4_50", KnownLength(0.14, 0.001))),
         ("board:9x6:0.025", KnownBoard(9, 6, KnownLength(0.025))),
@@ -27,11 +26,9 @@ from slam_init.scale.requests import (
         ("distance:0.25,10,40", KnownDistance(KnownLength(0.25), (10, 40))),
         ("groundtruth", TrueTrajectory()),
         ("imu", MeasuredMotion()),
-    ],
-)
-def test_a_text_says_what_is_known(text, request_):
-    assert parse_scale(text) == request_
-    assert request_.origin == text.partition(":")[0]
+    ):
+        assert parse_scale(text) == request
+        assert request.origin == text.partition(":")[0]
 
 
 @pytest.mark.parametrize(
