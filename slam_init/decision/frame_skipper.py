@@ -22,7 +22,7 @@ _TELLS_MORE, _REST_AT_EVEN_ODDS = 1.2, 1
 #: share of the frames so far, and a map comes later by that share at the most. Of 100 frames of a camera that turns in
 #: the hand 25 are judged, 53 without; 1500 worlds of another generator have as many right and false maps.
 #:
-#: A window whose small risk the last look refuses takes as long as one that leads to a map. Where a camera moves
+#: A window whose small risk a zoom refuses takes as long as one that leads to a map. Where a camera moves
 #: straight toward a wall the risk is small in each frame, and each time a zoom explains the tracks too. So after this
 #: number of windows in a row that are undecided after all one frame is left out, after twice as many two frames, up to
 #: the same share. With a rest after two of them five maps fewer of 1500 worlds were right. Twenty-four frames toward a
@@ -38,7 +38,7 @@ class FrameSkipper:
         # The best score of the pairs of the last frame that was not left out.
         self._score = 0.0
         self._skipped, self._frames = 0, 0
-        # Windows in a row whose risk was small at first, and that the last look left undecided.
+        # Windows in a row whose risk was small at first, and that a zoom left undecided.
         self._in_vain = 0
 
     def skips(self, score: float, last: JudgedWindow | None) -> bool:
@@ -55,7 +55,7 @@ class FrameSkipper:
         return False
 
     def judged(self, *, in_vain: bool) -> None:
-        """Take note of a window: whether its risk was small at first, and the last look left it undecided."""
+        """Take note of a window: whether its risk was small at first, and a zoom left it undecided."""
         self._in_vain = self._in_vain + 1 if in_vain else 0
 
     def _most(self, score: float, last: JudgedWindow) -> int:

@@ -49,11 +49,10 @@ from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, ProvisionalMap
 from slam_init.types.stopwatch import Stopwatch
 from slam_init.window.hypotheses import StayingTracks, WindowHypotheses
-from slam_init.window.last_look import after_last_look
 from slam_init.window.levels import FLOOR, UNDECIDED
 from slam_init.window.live import LiveHypotheses
 from slam_init.window.motion import OtherMotion
-from slam_init.window.risk import WindowRisk, risk_of
+from slam_init.window.risk import WindowRisk, risk_of, with_zooming_rotation
 from slam_init.window.tracks import MAX_VIEWS
 from slam_init.window.two_motions import BodySearch
 
@@ -209,7 +208,7 @@ class WindowRule:
         return replace(outcome, attempt=checked, motion=window.motion, margin=risk.margin)
 
     def _estimated(self, views: _Views) -> tuple[WindowHypotheses, WindowRisk, bool] | None:
-        """The hypotheses of a window, the risk of the best one, and whether it was small before the last look.
+        """The hypotheses of a window, the risk of the best one, and whether it was small without zooms.
 
         * Returns: None without hypotheses.
         """
@@ -226,17 +225,16 @@ class WindowRule:
         max_risk = self._config.acceptance.max_risk
         first = risk_of(hypotheses, max_risk)
         hypotheses, first = self._bodies.judge(hypotheses, first, max_risk)
-        again, risk = after_last_look(hypotheses, first, max_risk)
-        if risk.total <= max_risk and again.tracks.down_weights.any():
-            alone = self._live.without_gravity(again)
+        risk = _complete(hypotheses, first, max_risk)
+        if risk.total <= max_risk and hypotheses.tracks.down_weights.any():
+            alone = self._live.without_gravity(hypotheses)
             if alone is None:
                 return None
-            again, risk = after_last_look(alone, risk_of(alone, max_risk), max_risk)
-        if again is not hypotheses:
-            self._live.keep(again)
+            hypotheses, risk = alone, _complete(alone, risk_of(alone, max_risk), max_risk)
+            self._live.keep(hypotheses)
         if risk.knows_bodies:
             self._other = risk.other
-        return again, risk, first.total <= max_risk
+        return hypotheses, risk, first.total <= max_risk
 
     def _accept_or_refuse(self, window: JudgedWindow, attempt: Attempt) -> Outcome:
         """Refuse a window by its gates, or build its map."""
@@ -325,3 +323,8 @@ class WindowRule:
         if readout is None or not self._shutter.adopt(self._history, readout.told_seconds):
             return pair
         return self._views(pair.preview, self._history[pair.current.frame]).pair
+
+
+def _complete(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -> WindowRisk:
+    """The risk with the camera that rotates and zooms, which only a small risk is worth."""
+    return with_zooming_rotation(hypotheses, risk) if risk.total <= max_risk else risk

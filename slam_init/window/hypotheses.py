@@ -87,8 +87,6 @@ class WindowHypotheses:
     #: Where the fits of the camera that only rotates ended: with any focal length, then, where it was fitted, with the
     #: stated one.
     rotations: tuple[Motion, ...] = ()
-    #: Whether they began where their last fits had ended, and nowhere else.
-    rotation_lives: bool = False
     #: The rigid motion that tracks had beside the best one in the window before; None without one.
     other_before: OtherMotion | None = None
     #: The tracks that are left out since they stay at their pixel; None without them.
@@ -134,10 +132,6 @@ class WindowHypotheses:
         used = best.fit.state.on_plane & (self.tracks.anchor >= 0)
         costs, of_rotation = self.costs_of(best), self.rotation_only.track_costs
         return 0.5 * float((of_rotation - costs - self._votes(costs, of_rotation))[used].sum())
-
-    def fit_near(self, motion: FittedMotion) -> FittedMotion | None:
-        """The first fit whose start leads to the same optimum as a motion does; None without one."""
-        return next((one for one in self.motions if one.motion.is_near(motion.motion)), None)
 
     @property
     def gain_over_rotation(self) -> tuple[float, float]:
@@ -241,26 +235,16 @@ def fit_hypotheses(
         planar, fits = _fitted(tracks, [one.motion for one in fits], bearings, priors)
     starts = tuple(_in_window(tracks, one, rotations) for one in living)
     turning = _fit_rotation(tracks, rotations, priors, fits[0], starts)
-    return WindowHypotheses(
-        tracks, planar, tuple(fits), turning.fit, priors, turning.priors, turning.ends, bool(starts)
-    )
+    return WindowHypotheses(tracks, planar, tuple(fits), turning.fit, priors, turning.priors, turning.ends)
 
 
 def with_rotation_anew(hypotheses: WindowHypotheses) -> WindowHypotheses:
-    """The same hypotheses with the camera that only rotates fitted from afar, where that costs less."""
+    """The same hypotheses with the camera that only rotates fitted from afar."""
     tracks, best = hypotheses.tracks, hypotheses.motions[0]
     bearings = tracks.bearings(_with_stated_focal(best.fit.state.lens))
     rotations = align_views(bearings, [best.motion], tracks.frames[:2])
     anew = _fit_rotation(tracks, rotations, hypotheses.priors, best)
-    if anew.fit.cost >= hypotheses.rotation_only.cost:
-        return hypotheses
-    return replace(
-        hypotheses,
-        rotation_only=anew.fit,
-        rotation_priors=anew.priors,
-        rotations=anew.ends,
-        rotation_lives=False,
-    )
+    return replace(hypotheses, rotation_only=anew.fit, rotation_priors=anew.priors, rotations=anew.ends)
 
 
 def _fitted(

@@ -25,8 +25,7 @@ _MAX_MOTIONS = 4
 #: A motion against which the tracks vote by this is dropped: a hundred nats. More frames hardly turn that.
 #: Class: level, in twice the nats.
 _HOPELESS = 200.0
-#: After proposals that left no motion, at most so many windows are fitted without one. Before a map is accepted,
-#: further motions are proposed in any case (:mod:`slam_init.window.second_look`).
+#: After proposals that left no motion, at most so many windows are fitted without one.
 _LONGEST_REST = 4
 
 

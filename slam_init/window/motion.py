@@ -20,9 +20,6 @@ from slam_init.window.levels import (
     NEAR_ROTATION_DEG,
     SAME_DIRECTION_DEG,
     SAME_ROTATION_DEG,
-    SHORTEST_BASELINE,
-    WRONG_DIRECTION_DEG,
-    WRONG_ROTATION_DEG,
 )
 from slam_init.window.row_motion import with_translation
 from slam_init.window.state import Priors, WindowState, start_at
@@ -127,20 +124,6 @@ def farthest_deg(one: Motion, other: Motion) -> tuple[float, float]:
     """Largest angles between the rotations and the directions of two motions, over the views that both know."""
     apart = [(0.0, 0.0), *_differences_deg(one, other).values()]
     return max(rotation for rotation, _ in apart), max(direction for _, direction in apart)
-
-
-def errors_if(one: Motion, right: Motion) -> tuple[float, float]:
-    """Errors of a motion if another one is right, over those that make a map wrong: of the pair, and the largest one.
-
-    The direction of a short baseline is not judged.
-    """
-    differences_deg = _differences_deg(one, right)
-    lengths = {frame: float(np.linalg.norm(one.cam_from_world[frame].t)) for frame in differences_deg}
-    shortest, errors = SHORTEST_BASELINE * max(lengths.values(), default=0.0), list[float]()
-    for frame, (rotation_deg, direction_deg) in differences_deg.items():
-        is_judged = not errors or lengths[frame] >= shortest  # the pair comes first
-        errors.append(max(rotation_deg / WRONG_ROTATION_DEG, is_judged * direction_deg / WRONG_DIRECTION_DEG))
-    return (errors[0], max(errors)) if errors else (0.0, 0.0)
 
 
 def _differences_deg(one: Motion, other: Motion) -> dict[int, tuple[float, float]]:

@@ -1,10 +1,8 @@
 """What each term of the risk refuses: windows that all other terms together would accept.
 
-Each world goes through an :class:`~slam_init.initializer.Initializer`. For each judged window, every term of the first
-look is noted, and, where their sum is small, every term of the last look, also those after the one that refuses it. A
-term that alone refuses no wrong window is not needed. What a term costs are the right windows that it alone refuses; a
-later frame may still bring their map. Of a window that the first look refuses, the last look is not noted: it might
-refuse that window too. ::
+Each world goes through an :class:`~slam_init.initializer.Initializer`. For each judged window, every term is noted; the
+camera that rotates and zooms only where the sum of the others is small. A term that alone refuses no wrong window is
+not needed. What a term costs are the right windows that it alone refuses; a later frame may still bring their map. ::
 
     python -m tests.benchmarks.terms --worlds PATH/gen.py --seeds 2000 2350 --log terms.jsonl
     python -m tests.benchmarks.terms --from-log terms.jsonl
@@ -24,21 +22,13 @@ from unittest import mock
 from slam_init.config import AcceptanceConfig
 from slam_init.decision import window_rule
 from slam_init.initializer import Initializer
-from slam_init.system.linear_algebra import single_threaded
-from slam_init.window import last_look
-from slam_init.window.hypotheses import WindowHypotheses, with_rotation_anew
-from slam_init.window.left_out import wrong_by_a_half
-from slam_init.window.risk import WindowRisk, risk_of
-from slam_init.window.rotation_term import zooming_probability
-from slam_init.window.second_look import look_again
-from slam_init.window.zooming_motion import wrong_by_zooms
-from slam_init.window.zooming_rotation import with_zooms
+from slam_init.window.hypotheses import WindowHypotheses
+from slam_init.window.risk import WindowRisk
 from tests.benchmarks.options import show
 from tests.benchmarks.reliability import World, errors_of_poses_deg, is_wrong, worlds_of
 from tests.benchmarks.tables import markdown_table
 
-#: Terms by their names in a log, with what they are called. The first four are those of the first look; the next three
-#: are parts of the direction, whose other parts stay.
+#: Terms by their names in a log, with what they are called; three are parts of the direction, whose other parts stay.
 _TERMS = {
     "dir": "direction",
     "rot": "rotation",
@@ -47,12 +37,7 @@ _TERMS = {
     "rigid": "direction: bodies and errors that neighbours share",
     "fix": "direction: a lens that changes from view to view",
     "lens": "direction: the lens that a map holds",
-    "anew": "last look: the camera that only rotates, from afar",
-    "bod": "last look: it beside bodies on half of the tracks",
-    "zrot": "last look: it with zooms",
-    "free": "last look: free depths and further starts",
-    "half": "last look: a body on half of the view",
-    "zmot": "last look: a moving camera with zooms",
+    "zrot": "rotation: with zooms",
 }
 _PARTS_OF_DIRECTION = ("rigid", "fix", "lens")
 
@@ -70,52 +55,25 @@ def windows_of(world: World) -> list[dict[str, Any]]:
 
 @contextmanager
 def _noting(world: World, found: list[dict[str, Any]]) -> Iterator[None]:
-    look = last_look.after_last_look
+    complete = window_rule._complete
 
-    def noted(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -> tuple[WindowHypotheses, WindowRisk]:
-        best = hypotheses.motions[0]
+    def noted(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -> WindowRisk:
+        best, whole, term = hypotheses.motions[0], complete(hypotheses, risk, max_risk), risk.directions
         errors = errors_of_poses_deg({k: best.motion.cam_from_world[k] for k in best.frames}, world.world_from_cam)
-        row: dict[str, Any] = {"wrong": is_wrong(errors, world), "tot": risk.total}
-        row |= {"dir": risk.direction, "rot": risk.rotation, "riv": risk.rival, "oth": risk.other.probability}
-        term = risk.directions
+        row: dict[str, Any] = {"wrong": is_wrong(errors, world), "tot": whole.total}
+        row |= {"dir": risk.direction, "rot": risk.rotation, "riv": risk.rival, "oth": risk.moving}
         row |= {"rigid": term.if_rigid, "fix": term.if_lens_fixed, "lens": term.if_lens_right}
-        if risk.total <= max_risk:
-            row["last"] = _terms_of_last_look(hypotheses, risk)
-        found.append(row)
-        return look(hypotheses, risk, max_risk)
+        found.append(row | {"zrot": whole.rotation - risk.rotation})
+        return whole
 
-    with mock.patch.object(window_rule, "after_last_look", noted):
+    with mock.patch.object(window_rule, "_complete", noted):
         yield
-
-
-def _terms_of_last_look(hypotheses: WindowHypotheses, risk: WindowRisk) -> dict[str, float]:
-    """What each step of :func:`slam_init.window.last_look.after_last_look` adds, whatever the others say."""
-    added: dict[str, float] = {}
-    with single_threaded():
-        if hypotheses.rotation_lives:
-            anew = with_rotation_anew(hypotheses)
-            if anew is not hypotheses:
-                before, hypotheses, risk = risk.total, anew, risk_of(anew)
-                added["anew"] = risk.total - before
-        added["bod"] = last_look._against_bodies(hypotheses, risk).rotation - risk.rotation
-        zooming = with_zooms(hypotheses)
-        added["zrot"] = zooming_probability(hypotheses, zooming)
-        hypotheses, again = last_look._with_free_depths(hypotheses, risk, look_again(hypotheses))
-        added["free"] = again.total - risk.total
-        added["half"] = wrong_by_a_half(hypotheses)
-        added["zmot"] = wrong_by_zooms(hypotheses, zooming) if hypotheses.priors.lens_changes else 0.0
-    return {name: max(value, 0.0) for name, value in added.items()}
 
 
 def refuses_alone(term: str, window: Mapping[str, Any], max_risk: float) -> bool:
     """Whether a window is refused, and would not be without a term."""
-    last = window.get("last", {})
-    total = window["tot"] + sum(max(value, 0.0) for value in last.values())
-    if term in _PARTS_OF_DIRECTION:
-        share = window["dir"] - min(window["dir"], window[term])
-    else:
-        share = max(last.get(term, 0.0), 0.0) if term not in window else window[term]
-    return bool(total > max_risk >= total - share)
+    share = window["dir"] - min(window["dir"], window[term]) if term in _PARTS_OF_DIRECTION else window[term]
+    return bool(window["tot"] > max_risk >= window["tot"] - share)
 
 
 def report(worlds: Sequence[Sequence[Mapping[str, Any]]]) -> str:

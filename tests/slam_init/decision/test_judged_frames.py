@@ -87,8 +87,8 @@ def test_a_frame_without_a_chosen_pair_is_judged_with_the_reference_of_the_last_
 def test_windows_whose_small_risk_is_refused_are_counted_until_one_is_not_small(monkeypatch):
     frames, counts = Frames(point_source("wall", 0, views=8, baseline=0.3, points=FEWER)), []
     risk_of = window_rule.risk_of
-    monkeypatch.setattr(window_rule, "after_last_look", lambda found, risk, _: (found, replace(risk, rival=1.0)))
-    for k, rival in enumerate((0.0, 0.0, 0.0, 1.0, 0.0, 0.0), 1):  # of the first look; the last one refuses all
+    monkeypatch.setattr(window_rule, "with_zooming_rotation", lambda _, risk: replace(risk, rival=1.0))
+    for k, rival in enumerate((0.0, 0.0, 0.0, 1.0, 0.0, 0.0), 1):  # zooms refuse all
         terms = {"direction": 0.0, "rotation": 0.0, "other": OtherMotion(), "rival": rival}
         monkeypatch.setattr(window_rule, "risk_of", lambda *of, terms=terms: replace(risk_of(*of), **terms))
         assert frames.judge(k, chosen=k == 1).accepted is None
