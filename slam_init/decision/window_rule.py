@@ -54,7 +54,6 @@ from slam_init.window.live import LiveHypotheses
 from slam_init.window.motion import OtherMotion
 from slam_init.window.risk import WindowRisk, risk_of, with_zooming_rotation
 from slam_init.window.tracks import MAX_VIEWS
-from slam_init.window.two_motions import BodySearch
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +100,6 @@ class WindowRule:
         self._rotates = False
         self._last: JudgedWindow | None = None
         self._skipper = FrameSkipper()
-        self._bodies = BodySearch()
         # The motion of other tracks in the last window that was searched for one.
         self._other = OtherMotion()
 
@@ -224,7 +222,6 @@ class WindowRule:
             hypotheses = replace(hypotheses, other_before=self._other)
         max_risk = self._config.acceptance.max_risk
         first = risk_of(hypotheses, max_risk)
-        hypotheses, first = self._bodies.judge(hypotheses, first, max_risk)
         risk = _complete(hypotheses, first, max_risk)
         if risk.total <= max_risk and hypotheses.tracks.down_weights.any():
             alone = self._live.without_gravity(hypotheses)

@@ -15,7 +15,6 @@
 * :mod:`slam_init.window.risk` composes the probability that a map of the best hypothesis is wrong:
   :mod:`slam_init.window.direction_term` states that of a large error, :mod:`slam_init.window.rival` lets the tracks
   vote between motions, :mod:`slam_init.window.other_motion` looks for the motion of a large body;
-  :mod:`slam_init.window.two_motions` takes a window apart that is refused for a body;
 * :mod:`slam_init.window.rotation_term` states that of a camera that only rotates, also with zooms
   (:mod:`slam_init.window.zooming_rotation`) where all other terms are small;
 * :mod:`slam_init.window.levels` holds the numbers.

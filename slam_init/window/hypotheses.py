@@ -91,12 +91,10 @@ class WindowHypotheses:
     other_before: OtherMotion | None = None
     #: The tracks that are left out since they stay at their pixel; None without them.
     staying: StayingTracks | None = None
-    #: The body whose tracks are left out (:mod:`slam_init.window.two_motions`); None without one.
-    body: OtherMotion | None = None
 
     def beside(self, again: WindowHypotheses) -> WindowHypotheses:
         """Other fits to the same tracks, with what is known of the window beside its tracks."""
-        return replace(again, other_before=self.other_before, staying=self.staying, body=self.body)
+        return replace(again, other_before=self.other_before, staying=self.staying)
 
     @property
     def largest_costs(self) -> Floats:

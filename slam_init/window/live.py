@@ -129,12 +129,7 @@ class LiveHypotheses:
             return None if alone is None else hypotheses.beside(alone)
 
     def keep(self, hypotheses: WindowHypotheses) -> None:
-        """Go on with the motions of hypotheses, but for those that the tracks vote against.
-
-        Motions by some of the tracks are proposed anew in each window.
-        """
-        if hypotheses.body is not None:
-            return
+        """Go on with the motions of hypotheses, but for those that the tracks vote against."""
         best = hypotheses.motions[0]
         # By their votes, not by their costs: a few tracks on a moving body cost as much as they are far off.
         kept = [

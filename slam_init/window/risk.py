@@ -111,8 +111,6 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
         # Another motion is sought where the window has a map without it; one that was found before is followed.
         seeks = direction + rotation + FLOOR <= max_risk
         other = other_motion(hypotheses, directions.rotation_sigma_deg, directions.sigma_deg, seeks=seeks)
-    if hypotheses.body is not None and hypotheses.body.probability >= other.probability:
-        other = hypotheses.body
     left = max_risk - min(1.0, direction + rotation + other.probability + FLOOR)
     most = -1.0 if is_open else min(left, UNDECIDED)
     rival, nearest = rival_term(hypotheses, expanded, directions.sigma_deg, most=most)
