@@ -23,7 +23,7 @@ from slam_init.config import AcceptanceConfig
 from slam_init.decision import window_rule
 from slam_init.initializer import Initializer
 from slam_init.window.hypotheses import WindowHypotheses
-from slam_init.window.risk import WindowRisk
+from slam_init.window.risk import WindowRisk, risk_of, with_zooming_rotation
 from tests.benchmarks.options import show
 from tests.benchmarks.reliability import World, errors_of_poses_deg, is_wrong, worlds_of
 from tests.benchmarks.tables import markdown_table
@@ -55,10 +55,9 @@ def windows_of(world: World) -> list[dict[str, Any]]:
 
 @contextmanager
 def _noting(world: World, found: list[dict[str, Any]]) -> Iterator[None]:
-    complete = window_rule._complete
-
-    def noted(hypotheses: WindowHypotheses, risk: WindowRisk, max_risk: float) -> WindowRisk:
-        best, whole, term = hypotheses.motions[0], complete(hypotheses, risk, max_risk), risk.directions
+    def noted(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
+        best, risk = hypotheses.motions[0], risk_of(hypotheses, max_risk)
+        whole, term = with_zooming_rotation(hypotheses, risk) if risk.total <= max_risk else risk, risk.directions
         errors = errors_of_poses_deg({k: best.motion.cam_from_world[k] for k in best.frames}, world.world_from_cam)
         row: dict[str, Any] = {"wrong": is_wrong(errors, world), "tot": whole.total}
         row |= {"dir": risk.direction, "rot": risk.rotation, "riv": risk.rival, "oth": risk.moving}
@@ -66,7 +65,7 @@ def _noting(world: World, found: list[dict[str, Any]]) -> Iterator[None]:
         found.append(row | {"zrot": whole.rotation - risk.rotation})
         return whole
 
-    with mock.patch.object(window_rule, "_complete", noted):
+    with mock.patch.object(window_rule, "_complete_risk", noted):
         yield
 
 
