@@ -3,7 +3,7 @@
 A hypothesis is a :class:`~slam_init.window.motion.Motion`: the poses of some views, and a plane where most points lie
 on one. quest proposes the motions of a pair. A motion is carried to all views of the window: its points locate the
 views that it does not know (:mod:`~slam_init.window.locating`), then everything is fitted jointly. The fitted motion
-knows all views, so it is the start of the next fit, when a frame has arrived.
+knows all views, so its poses are the start of the next fit, when a frame has arrived.
 
 Whether the points lie on a plane is a property of the scene, so it is decided for the whole window: all motions are
 fitted with a plane, and without one if the best of them does not pass the test of its plane
@@ -222,7 +222,7 @@ def fit_hypotheses(
             poses.append(located)
     if not poses:
         return None
-    if poses[0].points is None:
+    if poses[0].is_new:
         tracks = tracks.with_noise(tracks.noise_px * noise_factor_at(tracks, poses[0], priors))
     planar, fits = _fitted(tracks, poses, bearings, priors)
     for _ in range(_NOISE_ROUNDS):
@@ -343,12 +343,11 @@ def _far_start(tracks: WindowTracks, rotations: Floats, priors: Priors) -> Windo
 def _fit_turning(tracks: WindowTracks, start: WindowState | Motion, priors: Priors, hopeless: float) -> JointFit:
     """Fit a camera that only rotates, from the poses and the lens of a state, or from where an earlier fit ended."""
     if isinstance(start, WindowState):
-        R, points, lens = start.R, None, start.lens.centred()
+        R, lens = start.R, start.lens.centred()
     else:
-        R, points, lens = np.array([start.cam_from_world[frame].R for frame in tracks.frames]), start.points, start.lens
+        R, lens = np.array([start.cam_from_world[frame].R for frame in tracks.frames]), start.lens
     first = start_at(tracks, R, _no_motion(len(R)), lens=lens, at_infinity=True)
-    known = None if points is None else points.start(tracks, first)
-    return fit_window(tracks, first, priors, known=known, rotation_only=True, hopeless=hopeless)
+    return fit_window(tracks, first, priors, rotation_only=True, hopeless=hopeless)
 
 
 def _with_stated_focal(lens: LensOffset) -> LensOffset:
@@ -376,8 +375,7 @@ def _in_window(tracks: WindowTracks, motion: Motion, rotations: Floats) -> Motio
         turned[row] = rotations[row] if nearest is None else rotations[row] @ rotations[nearest].T @ known[nearest]
     world = turned[0]
     poses = {frame: Pose(turned[row] @ world.T, np.zeros(3)) for row, frame in enumerate(tracks.frames)}
-    points = None if motion.points is None or not known else motion.points.moved(Pose(world, np.zeros(3)))
-    return replace(motion, cam_from_world=poses, points=points)
+    return replace(motion, cam_from_world=poses)
 
 
 def _hopeless_rotation(tracks: WindowTracks, rotations: Floats, priors: Priors, best: FittedMotion) -> float:
