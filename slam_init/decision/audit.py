@@ -1,8 +1,8 @@
 """The risk that a map from anywhere is wrong: its poses are one motion among those that explain the tracks.
 
 The tracks and further views make a window, as for a map of our own. Its hypotheses are the motions that quest proposes
-from the pair, the motion of the map, what a second look adds, and the camera that only rotates. The risk of the map is
-its probability to be wrong over all of them (:mod:`slam_init.decision.map_posterior`).
+from the pair, the motion of the map, and the camera that only rotates. The risk of the map is its probability to be
+wrong over all of them (:mod:`slam_init.decision.map_posterior`).
 """
 
 from __future__ import annotations
@@ -34,10 +34,9 @@ from slam_init.types.lens_in_use import LensInUse
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
 from slam_init.window.hypotheses import fit_hypotheses, motions_of_pair
-from slam_init.window.last_look import after_last_look
 from slam_init.window.levels import SHORTEST_BASELINE
 from slam_init.window.motion import Motion
-from slam_init.window.risk import risk_of
+from slam_init.window.risk import risk_of, with_zooming_rotation
 from slam_init.window.tracks import MAX_VIEWS, gather_tracks
 
 if TYPE_CHECKING:
@@ -151,7 +150,7 @@ def _audited(known: Mapping[int, Pose], history: History, config: Config) -> Aud
     risk = risk_of(hypotheses)
     terms = posterior_of(hypotheses, risk, known)
     if terms.total <= config.acceptance.max_risk:
-        hypotheses, risk = after_last_look(hypotheses, risk, 1.0)
+        risk = with_zooming_rotation(hypotheses, risk)
         terms = posterior_of(hypotheses, risk, known)
     window = JudgedWindow(pair, hypotheses, risk, lens, threshold_rad)
     return _stated(known, window, terms, config.acceptance.max_risk)

@@ -26,10 +26,9 @@ import numpy as np
 from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses
-from slam_init.window.last_look import after_last_look
 from slam_init.window.levels import EVEN_ODDS, FLOOR, SHORTEST_BASELINE, WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
 from slam_init.window.motion import FittedMotion, difference_deg
-from slam_init.window.risk import WindowRisk, risk_of
+from slam_init.window.risk import WindowRisk, risk_of, with_zooming_rotation
 from slam_init.window.rival import rival_odds
 from slam_init.window.tails import three_directions
 from slam_init.window.tracker_errors import with_lasting_errors
@@ -131,7 +130,7 @@ def _wrong(hypotheses: WindowHypotheses, risk: WindowRisk, world_from_cam: Mappi
     """Probability that a map is wrong if the best motion is right: of a map at its fit, and of the map."""
     best, rotation_sigma_deg = hypotheses.motions[0], risk.directions.rotation_sigma_deg
     expanded, lengths = expand(best), np.linalg.norm(best.fit.state.t, axis=1)
-    # The stated tail of the direction knows lenses that change from view to view, and fits with free depths.
+    # The stated tail of the direction knows lenses that change from view to view.
     rotated = three_directions(WRONG_ROTATION_DEG, rotation_sigma_deg)
     tail = min(max(risk.direction - rotated, math.exp(-0.5 * _PLACES[-1] ** 2)), 1.0)
     stated_deg = WRONG_DIRECTION_DEG / max(math.sqrt(-2 * math.log(tail)), 1e-9)
@@ -193,4 +192,4 @@ def _tail_with_lasting_errors(hypotheses: WindowHypotheses) -> float:
     """
     wide = with_lasting_errors(hypotheses.tracks, hypotheses.rotation_only.state.R)
     again = fit_hypotheses(wide, [one.motion for one in hypotheses.motions], hypotheses.priors)
-    return 1.0 if again is None else min(after_last_look(again, risk_of(again), 1.0)[1].rotation, 1.0)
+    return 1.0 if again is None else with_zooming_rotation(again, risk_of(again)).rotation

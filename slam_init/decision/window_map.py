@@ -15,7 +15,6 @@ from slam_init.config import Config
 from slam_init.decision.judged_window import JudgedWindow
 from slam_init.decision.map_posterior import differences_deg
 from slam_init.frontend.rolling_shutter import RollingShutter
-from slam_init.frontend.static_tracks import without
 from slam_init.frontend.tracks import History
 from slam_init.mapping.candidate import map_of_poses
 from slam_init.mapping.map_building import MapWithViews, map_with_views
@@ -155,17 +154,10 @@ class WindowMaps:
     def _adjusted(
         self, motion: FittedMotion, frames: Sequence[int] | None = None, prior: PosePrior | None = None
     ) -> tuple[BundleSolution | BundleFailure, TrackTable]:
-        """The bundle-adjusted map of a fitted motion, in the given frames.
-
-        Its landmarks are tracks of the pair, but for those of a body.
-        """
+        """The bundle-adjusted map of a fitted motion, in the given frames. Its landmarks are tracks of the pair."""
         pair, lens, threshold_rad = self._window.pair, self._window.lens, self._window.threshold_rad
         views = [self._history[frame] for frame in (motion.frames if frames is None else frames)[2:]]
-        body = self._window.hypotheses.body
-        at_rest = pair.reference
-        if body is not None and motion is self._window.best:
-            at_rest = without(pair.reference, body.track_ids)
-        table = table_of(at_rest, pair.current, views)
+        table = table_of(pair.reference, pair.current, views)
         if self._readout_s:
             table = replace(table, pixels=np.array([lens.camera.project(bearings) for bearings in table.bearings]))
         poses, state = motion.motion.cam_from_world, motion.fit.state

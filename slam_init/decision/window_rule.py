@@ -18,7 +18,6 @@ from slam_init.bundle.problem import BundleSolution
 from slam_init.config import Config
 from slam_init.decision.depths import depth_gates
 from slam_init.decision.focal_check import FocalCheck
-from slam_init.decision.frame_skipper import FrameSkipper
 from slam_init.decision.judged_window import JudgedWindow
 from slam_init.decision.lens import priors_of
 from slam_init.decision.outcome import Outcome
@@ -49,13 +48,11 @@ from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, ProvisionalMap
 from slam_init.types.stopwatch import Stopwatch
 from slam_init.window.hypotheses import StayingTracks, WindowHypotheses
-from slam_init.window.last_look import after_last_look
-from slam_init.window.levels import FLOOR, UNDECIDED
+from slam_init.window.levels import FLOOR
 from slam_init.window.live import LiveHypotheses
 from slam_init.window.motion import OtherMotion
-from slam_init.window.risk import WindowRisk, risk_of
+from slam_init.window.risk import WindowRisk, risk_of, with_zooming_rotation
 from slam_init.window.tracks import MAX_VIEWS
-from slam_init.window.two_motions import BodySearch
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,8 +98,6 @@ class WindowRule:
         self._reference: int | None = None
         self._rotates = False
         self._last: JudgedWindow | None = None
-        self._skipper = FrameSkipper()
-        self._bodies = BodySearch()
         # The motion of other tracks in the last window that was searched for one.
         self._other = OtherMotion()
 
@@ -122,11 +117,8 @@ class WindowRule:
         """Judge a frame.
 
         * ``chosen``: The pair that quest proposes new motions from; None where no pair is worth it.
-        * Returns: None where no pair was chosen, and no motion is known or the window holds the pair alone; or where
-          the last window was so far from a map that this frame cannot be enough.
+        * Returns: None where no pair was chosen, and no motion is known or the window holds the pair alone.
         """
-        if self._skipper.skips(max((pair.direction_score for pair in pairs), default=0.0), self._last):
-            return None
         preview = chosen or next((pair for pair in pairs if pair.reference == self._reference), None)
         # Without further views, an earlier motion has only the reference in common with the window.
         lives_on = bool(self._live) and self._third_view
@@ -196,8 +188,7 @@ class WindowRule:
         if found is None:
             self._last = None
             return Outcome(refused_at(attempt, Verdict.NO_CONSISTENT_MOTION, Stage.MAP))
-        hypotheses, risk, was_small = found
-        self._skipper.judged(in_vain=was_small and risk.total > UNDECIDED)
+        hypotheses, risk = found
         pair = self._with_readout(views.pair, risk)
         window = JudgedWindow(pair, hypotheses, risk, self._history.lens, self._threshold_rad)
         # A camera that merely rotates is judged again once a pair shows parallax.
@@ -208,11 +199,8 @@ class WindowRule:
         checked = replace(outcome.attempt, free_focal=free)
         return replace(outcome, attempt=checked, motion=window.motion, margin=risk.margin)
 
-    def _estimated(self, views: _Views) -> tuple[WindowHypotheses, WindowRisk, bool] | None:
-        """The hypotheses of a window, the risk of the best one, and whether it was small before the last look.
-
-        * Returns: None without hypotheses.
-        """
+    def _estimated(self, views: _Views) -> tuple[WindowHypotheses, WindowRisk] | None:
+        """The hypotheses of a window and the risk of the best one; None without hypotheses."""
         lens, history = self._history.lens, self._history
         attitudes = [history.attitude(view.frame) for view in views.all]
         gravities = [history.gravities.get(view.frame) for view in views.all]
@@ -224,19 +212,16 @@ class WindowRule:
         if self._other.probability > FLOOR:
             hypotheses = replace(hypotheses, other_before=self._other)
         max_risk = self._config.acceptance.max_risk
-        first = risk_of(hypotheses, max_risk)
-        hypotheses, first = self._bodies.judge(hypotheses, first, max_risk)
-        again, risk = after_last_look(hypotheses, first, max_risk)
-        if risk.total <= max_risk and again.tracks.down_weights.any():
-            alone = self._live.without_gravity(again)
+        risk = _complete_risk(hypotheses, max_risk)
+        if risk.total <= max_risk and hypotheses.tracks.down_weights.any():
+            alone = self._live.without_gravity(hypotheses)
             if alone is None:
                 return None
-            again, risk = after_last_look(alone, risk_of(alone, max_risk), max_risk)
-        if again is not hypotheses:
-            self._live.keep(again)
+            hypotheses, risk = alone, _complete_risk(alone, max_risk)
+            self._live.keep(hypotheses)
         if risk.knows_bodies:
             self._other = risk.other
-        return again, risk, first.total <= max_risk
+        return hypotheses, risk
 
     def _accept_or_refuse(self, window: JudgedWindow, attempt: Attempt) -> Outcome:
         """Refuse a window by its gates, or build its map."""
@@ -325,3 +310,9 @@ class WindowRule:
         if readout is None or not self._shutter.adopt(self._history, readout.told_seconds):
             return pair
         return self._views(pair.preview, self._history[pair.current.frame]).pair
+
+
+def _complete_risk(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
+    """The risk of the best hypothesis, with the camera that rotates and zooms where all other terms are small."""
+    risk = risk_of(hypotheses, max_risk)
+    return with_zooming_rotation(hypotheses, risk) if risk.total <= max_risk else risk

@@ -1,8 +1,7 @@
 """The joint estimate of a window: hypotheses, one robust fit of all views for each, and the risk of the best one.
 
 * :mod:`slam_init.window.tracks` chooses the tracks;
-* :mod:`slam_init.window.live` carries the hypotheses from frame to frame, each with its points
-  (:mod:`slam_init.window.carried`);
+* :mod:`slam_init.window.live` carries the hypotheses from frame to frame;
 * :mod:`slam_init.window.hypotheses` fits each :mod:`slam_init.window.motion` to all views, beside a rotation-only
   camera: :mod:`slam_init.window.locating` finds the poses of views that a motion does not know, and
   :mod:`slam_init.window.planarity` tells whether the points lie on a plane;
@@ -15,8 +14,8 @@
 * :mod:`slam_init.window.risk` composes the probability that a map of the best hypothesis is wrong:
   :mod:`slam_init.window.direction_term` states that of a large error, :mod:`slam_init.window.rival` lets the tracks
   vote between motions, :mod:`slam_init.window.other_motion` looks for the motion of a large body;
-  :mod:`slam_init.window.two_motions` takes a window apart that is refused for a body;
-* :mod:`slam_init.window.last_look` looks again where that is small: for bodies, zooms and other starts;
+* :mod:`slam_init.window.rotation_term` states that of a camera that only rotates, also with zooms
+  (:mod:`slam_init.window.zooming_rotation`) where all other terms are small;
 * :mod:`slam_init.window.levels` holds the numbers.
 
 :mod:`slam_init.decision.window_rule` decides by this number.

@@ -66,8 +66,6 @@ class DirectionTerm:
     if_lens_right: float
     #: How far the map is from the fit if it follows the expansion. The deviations have that in them.
     moved: MovedByLens
-    #: Probability that each view is shifted as a whole.
-    frames_are_shifted: float
     #: The unknowns of the camera by the best motion.
     camera: CameraEstimate
 
@@ -148,7 +146,6 @@ def direction_term(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> Direc
         if_lens_fixed=min(1.0, float(weights @ two_directions(WRONG_DIRECTION_DEG, of_map_deg[0])) + rotated[0]),
         if_lens_right=min(1.0, lens_right + three_directions(WRONG_ROTATION_DEG, float(rotations_of_fit_deg[0]))),
         moved=moved,
-        frames_are_shifted=varying.shifted,
         camera=camera_estimate(expanded, optimism.factor(lens_held=False)),
     )
 

@@ -3,7 +3,7 @@
 A hypothesis is a :class:`~slam_init.window.motion.Motion`: the poses of some views, and a plane where most points lie
 on one. quest proposes the motions of a pair. A motion is carried to all views of the window: its points locate the
 views that it does not know (:mod:`~slam_init.window.locating`), then everything is fitted jointly. The fitted motion
-knows all views, so it is the start of the next fit, when a frame has arrived.
+knows all views, so its poses are the start of the next fit, when a frame has arrived.
 
 Whether the points lie on a plane is a property of the scene, so it is decided for the whole window: all motions are
 fitted with a plane, and without one if the best of them does not pass the test of its plane
@@ -87,18 +87,14 @@ class WindowHypotheses:
     #: Where the fits of the camera that only rotates ended: with any focal length, then, where it was fitted, with the
     #: stated one.
     rotations: tuple[Motion, ...] = ()
-    #: Whether they began where their last fits had ended, and nowhere else.
-    rotation_lives: bool = False
     #: The rigid motion that tracks had beside the best one in the window before; None without one.
     other_before: OtherMotion | None = None
     #: The tracks that are left out since they stay at their pixel; None without them.
     staying: StayingTracks | None = None
-    #: The body whose tracks are left out (:mod:`slam_init.window.two_motions`); None without one.
-    body: OtherMotion | None = None
 
     def beside(self, again: WindowHypotheses) -> WindowHypotheses:
         """Other fits to the same tracks, with what is known of the window beside its tracks."""
-        return replace(again, other_before=self.other_before, staying=self.staying, body=self.body)
+        return replace(again, other_before=self.other_before, staying=self.staying)
 
     @property
     def largest_costs(self) -> Floats:
@@ -134,10 +130,6 @@ class WindowHypotheses:
         used = best.fit.state.on_plane & (self.tracks.anchor >= 0)
         costs, of_rotation = self.costs_of(best), self.rotation_only.track_costs
         return 0.5 * float((of_rotation - costs - self._votes(costs, of_rotation))[used].sum())
-
-    def fit_near(self, motion: FittedMotion) -> FittedMotion | None:
-        """The first fit whose start leads to the same optimum as a motion does; None without one."""
-        return next((one for one in self.motions if one.motion.is_near(motion.motion)), None)
 
     @property
     def gain_over_rotation(self) -> tuple[float, float]:
@@ -230,7 +222,7 @@ def fit_hypotheses(
             poses.append(located)
     if not poses:
         return None
-    if poses[0].points is None:
+    if poses[0].is_new:
         tracks = tracks.with_noise(tracks.noise_px * noise_factor_at(tracks, poses[0], priors))
     planar, fits = _fitted(tracks, poses, bearings, priors)
     for _ in range(_NOISE_ROUNDS):
@@ -241,26 +233,16 @@ def fit_hypotheses(
         planar, fits = _fitted(tracks, [one.motion for one in fits], bearings, priors)
     starts = tuple(_in_window(tracks, one, rotations) for one in living)
     turning = _fit_rotation(tracks, rotations, priors, fits[0], starts)
-    return WindowHypotheses(
-        tracks, planar, tuple(fits), turning.fit, priors, turning.priors, turning.ends, bool(starts)
-    )
+    return WindowHypotheses(tracks, planar, tuple(fits), turning.fit, priors, turning.priors, turning.ends)
 
 
 def with_rotation_anew(hypotheses: WindowHypotheses) -> WindowHypotheses:
-    """The same hypotheses with the camera that only rotates fitted from afar, where that costs less."""
+    """The same hypotheses with the camera that only rotates fitted from afar."""
     tracks, best = hypotheses.tracks, hypotheses.motions[0]
     bearings = tracks.bearings(_with_stated_focal(best.fit.state.lens))
     rotations = align_views(bearings, [best.motion], tracks.frames[:2])
     anew = _fit_rotation(tracks, rotations, hypotheses.priors, best)
-    if anew.fit.cost >= hypotheses.rotation_only.cost:
-        return hypotheses
-    return replace(
-        hypotheses,
-        rotation_only=anew.fit,
-        rotation_priors=anew.priors,
-        rotations=anew.ends,
-        rotation_lives=False,
-    )
+    return replace(hypotheses, rotation_only=anew.fit, rotation_priors=anew.priors, rotations=anew.ends)
 
 
 def _fitted(
@@ -361,12 +343,11 @@ def _far_start(tracks: WindowTracks, rotations: Floats, priors: Priors) -> Windo
 def _fit_turning(tracks: WindowTracks, start: WindowState | Motion, priors: Priors, hopeless: float) -> JointFit:
     """Fit a camera that only rotates, from the poses and the lens of a state, or from where an earlier fit ended."""
     if isinstance(start, WindowState):
-        R, points, lens = start.R, None, start.lens.centred()
+        R, lens = start.R, start.lens.centred()
     else:
-        R, points, lens = np.array([start.cam_from_world[frame].R for frame in tracks.frames]), start.points, start.lens
+        R, lens = np.array([start.cam_from_world[frame].R for frame in tracks.frames]), start.lens
     first = start_at(tracks, R, _no_motion(len(R)), lens=lens, at_infinity=True)
-    known = None if points is None else points.start(tracks, first)
-    return fit_window(tracks, first, priors, known=known, rotation_only=True, hopeless=hopeless)
+    return fit_window(tracks, first, priors, rotation_only=True, hopeless=hopeless)
 
 
 def _with_stated_focal(lens: LensOffset) -> LensOffset:
@@ -394,8 +375,7 @@ def _in_window(tracks: WindowTracks, motion: Motion, rotations: Floats) -> Motio
         turned[row] = rotations[row] if nearest is None else rotations[row] @ rotations[nearest].T @ known[nearest]
     world = turned[0]
     poses = {frame: Pose(turned[row] @ world.T, np.zeros(3)) for row, frame in enumerate(tracks.frames)}
-    points = None if motion.points is None or not known else motion.points.moved(Pose(world, np.zeros(3)))
-    return replace(motion, cam_from_world=poses, points=points)
+    return replace(motion, cam_from_world=poses)
 
 
 def _hopeless_rotation(tracks: WindowTracks, rotations: Floats, priors: Priors, best: FittedMotion) -> float:

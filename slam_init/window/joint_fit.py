@@ -28,10 +28,6 @@ from slam_init.window.tracks import WindowTracks
 
 #: Largest number of steps of a fit that starts near the answer.
 MAX_STEPS = 12
-#: The same for a fit that goes on where the last one ended: its window has one frame more. It goes on with the next
-#: frame, so that a slow rest is no loss. It ends where a step gains less than a tenth of a nat. A camera that only
-#: rotates is a poor model of most windows, whose fit would not end; it is fitted anew before a map is accepted.
-LIVING_STEPS, LIVING_STEPS_OF_ROTATION, LIVING_TOLERANCE = 8, 2, 0.2
 #: How often the tracks may leave the plane or return to it before the fit ends.
 _PLANE_ROUNDS = 2
 #: Rays follow a step of the lens linearly. A distortion that moves by 0.1 leaves the rays of a wide image by several
@@ -132,7 +128,6 @@ def fit_window(
     start: WindowState,
     priors: Priors,
     *,
-    known: WindowState | None = None,
     rotation_only: bool = False,
     max_steps: int = MAX_STEPS,
     tolerance: float = 0.05,
@@ -143,26 +138,18 @@ def fit_window(
 
     * ``start``: Its plane says whether the points lie on a plane. The length of the longest baseline from view 0 is
       held.
-    * ``known``: The start with the points of an earlier fit. A track starts where it costs less. With the default of
-      ``max_steps`` such a fit goes on with the next frame: it takes few steps, ends early, and measures no ray again.
     * ``rotation_only``: Whether all points are at infinity, so that the camera only rotates.
     * ``hopeless``: The fit ends where the steps to come cannot lower the cost to this; ``give_up``: where a step leaves
       it above this.
     * ``tolerance``: The fit ends where a step lowers the cost by less: a fortieth of a nat is far below what decides.
     """
     equations = WindowEquations(tracks, start, priors, rotation_only, with_shares=False)
-    lives = known is not None and max_steps == MAX_STEPS  # others fit to the end
-    if known is not None:
-        start = _cheaper(equations, start, known)
-    if lives:
-        max_steps = LIVING_STEPS_OF_ROTATION if rotation_only else LIVING_STEPS
-        tolerance = max(tolerance, LIVING_TOLERANCE)
     limits = Limits(max_steps, float(tolerance), float(hopeless), float(give_up))
     fit = _optimized(equations, start, limits)
-    if fit.given_up or (lives and rotation_only):
+    if fit.given_up:
         return fit
     lens = start.lens
-    for _ in range(0 if lives else _LENS_ROUNDS):
+    for _ in range(_LENS_ROUNDS):
         if _moved(fit.state.lens, lens) < _LENS_TOLERANCE:
             break
         lens, again = fit.state.lens, _measured_again(equations, fit, rotation_only=rotation_only)
@@ -249,20 +236,6 @@ def _explained_and_near(equations: WindowEquations, state: WindowState) -> tuple
     explained = used & (equations.costs <= bound)
     near = (seen & (equations.squares < NEAR_SIGMAS**2)).sum(axis=0) > 0.5 * seen.sum(axis=0)
     return explained, used & ~explained & near
-
-
-def _cheaper(equations: WindowEquations, start: WindowState, known: WindowState) -> WindowState:
-    """Of two states with the same views, the one in which each track costs less."""
-    equations.cost(start)
-    of_start = equations.costs.copy()
-    equations.cost(known)
-    better = equations.costs <= of_start
-    return replace(
-        start,
-        rays=np.where(better[:, None], known.rays, start.rays),
-        inverse_distances=np.where(better, known.inverse_distances, start.inverse_distances),
-        on_plane=np.where(better, known.on_plane, start.on_plane),
-    )
 
 
 def _reassigned(equations: WindowEquations, state: WindowState) -> WindowState:

@@ -46,8 +46,8 @@ ON_BODIES = 0.5
 #: Class: level.
 UNDECIDED = 0.05
 
-#: More likely than not: that a camera merely rotates, that bundle adjustment has left the motion of a map, that a
-#: window is wrong and worth no frame after it, that tracks tell a zoom, or that chance has made a gain.
+#: More likely than not: that a camera merely rotates, that bundle adjustment has left the motion of a map, or that a
+#: window is wrong and worth no frame after it.
 #: Class: level.
 EVEN_ODDS = 0.5
 
@@ -83,12 +83,6 @@ FLOOR = 1e-3
 #: is judged to the last one.
 #: Class: geometry.
 INFORMATION_GROWS = 100.0
-
-# -- further starts --------------------------------------------------------------------------------------
-
-#: A start whose fit to the pair costs more than the best one by this is dropped: fifty nats in two views.
-#: Class: level, in twice the nats.
-FAR_BEHIND_IN_PAIR = 100.0
 
 # -- the camera that only rotates, and the votes ---------------------------------------------------------
 
@@ -178,18 +172,6 @@ RARER_BY_TRACKS = 3.6
 #: ten tracks contradict a motion (quest's least number of matches).
 #: Class: level.
 LEAST_TRACKS = 20
-
-#: The motion of a half of the view is far from the best one from this share of the error on that makes a map wrong: the
-#: half may still hold a part of the body, so that the right motion is farther away. Chosen among .5, .67, .8 and 1 by
-#: windows of drawn bodies and of a hospital (``docs/how/risk.md``).
-#: Class: measured, over the error that makes a map wrong.
-FAR_IN_A_HALF = 2 / 3
-
-#: Of the scenes with a body that moves one in four has one that holds the best motion where it is wrong (4 of 16 worlds
-#: of a generator that nobody had seen, with bodies on 30 to 65 % of the tracks). The other half of the view then gains
-#: up to so many standard deviations of what chance gains, alike probable (4 to 12 in those worlds, over all tracks).
-#: Class: measured, as a probability and in standard deviations.
-HELD_BY_A_BODY, LARGEST_TENSION = 0.25, 16.0
 
 #: Parts of the image (columns, rows) that err independently: errors of the lens and of the shutter extend over a
 #: quarter of the image, and a dozen sums determine a standard deviation to a fifth.

@@ -25,8 +25,7 @@ _MAX_MOTIONS = 4
 #: A motion against which the tracks vote by this is dropped: a hundred nats. More frames hardly turn that.
 #: Class: level, in twice the nats.
 _HOPELESS = 200.0
-#: After proposals that left no motion, at most so many windows are fitted without one. Before a map is accepted,
-#: further motions are proposed in any case (:mod:`slam_init.window.second_look`).
+#: After proposals that left no motion, at most so many windows are fitted without one.
 _LONGEST_REST = 4
 
 
@@ -130,12 +129,7 @@ class LiveHypotheses:
             return None if alone is None else hypotheses.beside(alone)
 
     def keep(self, hypotheses: WindowHypotheses) -> None:
-        """Go on with the motions of hypotheses, but for those that the tracks vote against.
-
-        Motions by some of the tracks are proposed anew in each window.
-        """
-        if hypotheses.body is not None:
-            return
+        """Go on with the motions of hypotheses, but for those that the tracks vote against."""
         best = hypotheses.motions[0]
         # By their votes, not by their costs: a few tracks on a moving body cost as much as they are far off.
         kept = [

@@ -12,7 +12,6 @@ import numpy as np
 from quest.geometry.quaternion import rotation_angle
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.pose import Pose
-from slam_init.window.carried import CarriedPoints
 from slam_init.window.joint_fit import MAX_STEPS, JointFit, fit_window, start_noise_factor
 from slam_init.window.lens_offset import IN_USE, LensOffset
 from slam_init.window.levels import (
@@ -20,9 +19,6 @@ from slam_init.window.levels import (
     NEAR_ROTATION_DEG,
     SAME_DIRECTION_DEG,
     SAME_ROTATION_DEG,
-    SHORTEST_BASELINE,
-    WRONG_DIRECTION_DEG,
-    WRONG_ROTATION_DEG,
 )
 from slam_init.window.row_motion import with_translation
 from slam_init.window.state import Priors, WindowState, start_at
@@ -38,8 +34,6 @@ class Motion:
     #: (3,) ``plane . X = 1`` in the world, where most points lie on one plane.
     plane: Floats | None = None
     lens: LensOffset = IN_USE
-    #: Where the last fit of the motion ended; None before its first fit.
-    points: CarriedPoints | None = None
     #: Whether the motion has not been carried from one window to the next.
     is_new: bool = True
 
@@ -88,8 +82,7 @@ class FittedMotion:
         # The next fit multiplies the first rotation with its own inverse: rounding errors would double in each frame.
         R = 0.5 * state.R @ (3 * np.eye(3) - np.swapaxes(state.R, 1, 2) @ state.R)
         poses = {frame: Pose(R[k], state.t[k]) for k, frame in enumerate(self.frames)}
-        points = CarriedPoints.of(self.tracks, state, self.fit.explains)
-        return Motion(poses, state.plane, state.lens, points, self.is_new)
+        return Motion(poses, state.plane, state.lens, self.is_new)
 
     def same_as(self, other: FittedMotion) -> bool:
         """Whether two fits ended in the same optimum."""
@@ -129,20 +122,6 @@ def farthest_deg(one: Motion, other: Motion) -> tuple[float, float]:
     return max(rotation for rotation, _ in apart), max(direction for _, direction in apart)
 
 
-def errors_if(one: Motion, right: Motion) -> tuple[float, float]:
-    """Errors of a motion if another one is right, over those that make a map wrong: of the pair, and the largest one.
-
-    The direction of a short baseline is not judged.
-    """
-    differences_deg = _differences_deg(one, right)
-    lengths = {frame: float(np.linalg.norm(one.cam_from_world[frame].t)) for frame in differences_deg}
-    shortest, errors = SHORTEST_BASELINE * max(lengths.values(), default=0.0), list[float]()
-    for frame, (rotation_deg, direction_deg) in differences_deg.items():
-        is_judged = not errors or lengths[frame] >= shortest  # the pair comes first
-        errors.append(max(rotation_deg / WRONG_ROTATION_DEG, is_judged * direction_deg / WRONG_DIRECTION_DEG))
-    return (errors[0], max(errors)) if errors else (0.0, 0.0)
-
-
 def _differences_deg(one: Motion, other: Motion) -> dict[int, tuple[float, float]]:
     """Angles of rotation and direction between two motions, for the views that both know but the reference."""
     known = [frame for frame in one.cam_from_world if frame in other.cam_from_world][1:]
@@ -163,8 +142,7 @@ def fit_motion(
     frames = tuple(tracks.frames[row] for row in rows)
     start = _start(part, R, t, motion, motion.plane)
     part = with_translation(part, start)
-    known = None if motion.points is None else motion.points.start(part, start)
-    fit = fit_window(part, start, priors, known=known, hopeless=hopeless, give_up=give_up, max_steps=max_steps)
+    fit = fit_window(part, start, priors, hopeless=hopeless, give_up=give_up, max_steps=max_steps)
     return FittedMotion(fit, rows, frames, motion.is_new)
 
 

@@ -10,39 +10,17 @@ track, on average.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
-from slam_init.types.arrays import Bools, Floats, Ints
+from slam_init.types.arrays import Bools, Floats
 from slam_init.window.joint_fit import NEAR_SIGMAS, JointFit
 from slam_init.window.kernels import TUKEY_GATES
-from slam_init.window.levels import NEIGHBOURHOOD, ON_BODIES
+from slam_init.window.levels import NEIGHBOURHOOD
 
 #: Neighbours that a track is compared with: a body holds four tracks or more, or pulls little. The bound is exceeded by
 #: chance once in twenty, that many standard deviations beyond the mean.
 #: Class: level.
 _COMPARED, _BOUND_SIGMAS = 3, 1.645
-
-
-#: Centres of the compact halves, in parts of the extent of the tracks, across and down; the quantiles that bound it;
-#: and the number of halves.
-_CENTRES, _EXTENT = (0.0, 0.5, 1.0), (0.15, 0.85)
-HALVES = len(_CENTRES) ** 2
-
-
-def far_halves(places: Floats) -> Iterator[Ints]:
-    """The tracks without the half of them that is nearest to a centre, for each centre.
-
-    Shapes: ``places`` (N, 2).
-    """
-    low, high = np.quantile(places, _EXTENT, axis=0)
-    units = np.maximum(high - low, 1e-12)
-    for across in _CENTRES:
-        for down in _CENTRES:
-            apart = np.sum(((places - low) / units - (across, down)) ** 2, axis=1)
-            order = np.argsort(apart, kind="stable")
-            yield np.sort(order[int(ON_BODIES * len(order)) :])
 
 
 def variance_by_neighbours(fit: JointFit, places: Floats) -> float:

@@ -29,7 +29,7 @@ from quest.noise import GATE_SIGMAS
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.pose import Pose
 from slam_init.window.hypotheses import WindowHypotheses
-from slam_init.window.joint_fit import JointFit, costs_off_plane
+from slam_init.window.joint_fit import JointFit, costs_off_plane, fit_window
 from slam_init.window.lens_offset import LensOffset
 from slam_init.window.levels import (
     FLOOR,
@@ -39,9 +39,9 @@ from slam_init.window.levels import (
     WRONG_DIRECTION_DEG,
     WRONG_ROTATION_DEG,
 )
-from slam_init.window.locating import locate_views
+from slam_init.window.locating import align_views, locate_views
 from slam_init.window.motion import FittedMotion, Motion, OtherMotion, difference_deg, farthest_deg, fit_motion
-from slam_init.window.rotation_by_tracks import costs_of_rotation, rotation_of
+from slam_init.window.state import start_at
 from slam_init.window.tracks import WindowTracks
 from slam_init.window.uncertainty import places_of
 
@@ -105,7 +105,7 @@ def _only_turn(hypotheses: WindowHypotheses, some: Ints) -> bool:
     """Whether a camera that only rotates explains most of some tracks: any motion with its rotations does too."""
     if len(some) < LEAST_TRACKS:
         return False
-    costs = costs_of_rotation(hypotheses, some, _rotation_by(hypotheses, some))
+    costs = _costs_of_rotation(hypotheses, some, _rotation_by(hypotheses, some))
     return bool(2 * np.count_nonzero(costs <= hypotheses.largest_costs[some]) > len(some))
 
 
@@ -124,14 +124,12 @@ class _Search:
 def _carried(search: _Search) -> OtherMotion:
     """The motion that was found in the window before, located in this one."""
     tracks, before = search.hypotheses.tracks, search.hypotheses.other_before
-    motion = None if before is None or before.fitted is None else before.fitted.motion
-    if motion is None or motion.points is None:
+    if before is None or before.fitted is None:
         return OtherMotion()
-    followed = motion.points.track_ids[motion.points.explained]
-    moving = np.flatnonzero(search.rest & np.isin(tracks.track_ids, followed))
+    moving = np.flatnonzero(search.rest & np.isin(tracks.track_ids, before.track_ids))
     if len(moving) < LEAST_TRACKS:
         return OtherMotion()
-    fitted = _fitted_to(search.hypotheses, motion, moving)
+    fitted = _fitted_to(search.hypotheses, before.fitted.motion, moving)
     return OtherMotion() if fitted is None else _weighed(search, fitted)
 
 
@@ -166,7 +164,7 @@ def _rotation(search: _Search) -> OtherMotion:
     """The camera only rotates by the tracks that the best motion does not explain, and the best one is a body's."""
     hypotheses = search.hypotheses
     fit = _rotation_by(hypotheses, np.flatnonzero(search.rest))
-    costs = costs_of_rotation(hypotheses, np.arange(len(search.rest)), fit)
+    costs = _costs_of_rotation(hypotheses, np.arange(len(search.rest)), fit)
     votes = _votes(hypotheses, costs)
     others = votes < -LARGEST_VOTE
     if min(others.sum(), (votes > LARGEST_VOTE).sum()) < LEAST_TRACKS:
@@ -175,8 +173,19 @@ def _rotation(search: _Search) -> OtherMotion:
 
 
 def _rotation_by(hypotheses: WindowHypotheses, some: Ints) -> JointFit:
-    """The camera that only rotates, by some of the tracks and the stated lens."""
-    return rotation_of(hypotheses, some, LensOffset(readout_s=hypotheses.rotation_only.state.lens.readout_s))
+    """The camera that only rotates, by some of the tracks, from the stated lens."""
+    tracks, rotating = hypotheses.tracks.of_tracks(some), hypotheses.rotation_only.state
+    lens = LensOffset(readout_s=rotating.lens.readout_s)
+    R = align_views(tracks.bearings(lens), [hypotheses.motions[0].motion], tracks.frames[:2])
+    start = start_at(tracks, R, rotating.t, lens=lens, at_infinity=True)
+    return fit_window(tracks, start, hypotheses.rotation_priors, rotation_only=True)
+
+
+def _costs_of_rotation(hypotheses: WindowHypotheses, some: Ints, fit: JointFit) -> Floats:
+    """The costs of some tracks in a camera that only rotates, as others have located it."""
+    tracks = hypotheses.tracks.of_tracks(some)
+    start = start_at(tracks, fit.state.R, fit.state.t, lens=fit.state.lens, at_infinity=True)
+    return fit_window(tracks, start, hypotheses.rotation_priors, rotation_only=True, max_steps=0).track_costs
 
 
 def _staying(hypotheses: WindowHypotheses) -> OtherMotion:
@@ -208,7 +217,7 @@ class Proposal:
     def fitted(self, hypotheses: WindowHypotheses) -> list[FittedMotion]:
         """It and its alternatives (tracks of one plane have two motions), in all views that its tracks locate."""
         first, second = (hypotheses.tracks.frames[row] for row in self.rows)
-        lens = replace(hypotheses.motions[0].motion, plane=None, points=None)
+        lens = replace(hypotheses.motions[0].motion, plane=None)
         proposed: list[Hypothesis | RelativePose] = [self.pose, *self.pose.alternatives]
         poses = [{first: Pose.identity(), second: Pose(one.R, one.t)} for one in proposed if np.any(one.t)]
         fits = [_fitted_to(hypotheses, replace(lens, cam_from_world=one), self.tracks) for one in poses]

@@ -4,27 +4,25 @@ Wrong means: a rotation off by more than 5 degrees, or a direction of the baseli
 causes add their probabilities:
 
 * **direction**: the right motion with a large error of the direction, or of the rotation
-  (:mod:`~slam_init.window.direction_term`). Before a map is accepted, a motion with any zoom of each view is fitted too
-  (:mod:`~slam_init.window.zooming_motion`).
+  (:mod:`~slam_init.window.direction_term`).
 * **rival**: another motion is right. Each track votes by the difference of its two log likelihoods, by three nats at
   the most: so much it costs to say that the track is an outlier. The image region with the largest vote is left out,
   since a moving body or a step in the scene fills a region. What the error fields explain of the rival counts for it.
-* **rotation**: the camera only rotates, with a wrong focal length, and translation and points gain by chance; or its
-  images zoom and shift besides (:mod:`~slam_init.window.rotation_term`); or up to half of the tracks lie on bodies that
-  move (:mod:`~slam_init.window.half_at_rest`).
+* **rotation**: the camera only rotates, with a wrong focal length, and translation and points gain by chance; or up to
+  half of the tracks lie on bodies that move; or its images zoom and shift (:mod:`~slam_init.window.rotation_term`). The
+  last of these takes as long as all other terms, so it is stated where these are small alone.
 * **moving**: the tracks that the best motion does not explain have a rigid motion of their own, and they may be the
-  scene at rest (:mod:`~slam_init.window.other_motion`); or a body holds the best motion, and the half of the view
-  without it prefers another one (:mod:`~slam_init.window.left_out`).
+  scene at rest (:mod:`~slam_init.window.other_motion`).
 * **floor**: what is not modelled.
 
-A window is judged at each frame: tails hold for any stopping time (:mod:`~slam_init.window.tails`). A small risk is
-looked at again (:mod:`~slam_init.window.last_look`). ``docs/how/risk.md`` derives all of it.
+A window is judged at each frame: tails hold for any stopping time (:mod:`~slam_init.window.tails`).
+``docs/how/risk.md`` derives all of it.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -32,13 +30,18 @@ import numpy as np
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.evidence import Margin
 from slam_init.window.direction_term import DirectionTerm, direction_term
-from slam_init.window.half_at_rest import bodies_probability
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.levels import EVEN_ODDS, FLOOR, ON_BODIES, UNDECIDED
 from slam_init.window.motion import OtherMotion
 from slam_init.window.other_motion import explained_tracks, other_motion
 from slam_init.window.rival import rival_term
-from slam_init.window.rotation_term import keeps_errors, rotation_probability, with_errors_in_noise
+from slam_init.window.rotation_term import (
+    bodies_probability,
+    keeps_errors,
+    rotation_probability,
+    with_errors_in_noise,
+    zooming_probability,
+)
 from slam_init.window.uncertainty import CameraEstimate, ExpandedFit, expand, inverse_distances
 
 
@@ -68,8 +71,6 @@ class WindowRisk:
     lasting_in_noise: bool
     #: The motion of the tracks that the best motion does not explain; none where the camera merely rotates.
     other: OtherMotion
-    #: Of :func:`slam_init.window.left_out.wrong_by_a_half`; 0 before a second look.
-    by_a_half: float = field(default=0.0, kw_only=True)
 
     @property
     def knows_bodies(self) -> bool:
@@ -83,8 +84,8 @@ class WindowRisk:
 
     @property
     def moving(self) -> float:
-        """The term of bodies: of another motion, or of one that holds the best motion."""
-        return min(1.0, self.other.probability + self.by_a_half)
+        """The term of bodies: the motion of other tracks is that of the camera."""
+        return self.other.probability
 
     def of_map(self, rotation_deg: float, direction_deg: float) -> WindowRisk:
         """The risk of a map whose pair is that far from the fitted one."""
@@ -110,8 +111,6 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
         # Another motion is sought where the window has a map without it; one that was found before is followed.
         seeks = direction + rotation + FLOOR <= max_risk
         other = other_motion(hypotheses, directions.rotation_sigma_deg, directions.sigma_deg, seeks=seeks)
-    if hypotheses.body is not None and hypotheses.body.probability >= other.probability:
-        other = hypotheses.body
     left = max_risk - min(1.0, direction + rotation + other.probability + FLOOR)
     most = -1.0 if is_open else min(left, UNDECIDED)
     rival, nearest = rival_term(hypotheses, expanded, directions.sigma_deg, most=most)
@@ -130,24 +129,10 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
     )
 
 
-def with_rotation_of(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk:
-    """The risk of the best hypothesis with another fit of the camera that only rotates; the other terms stay."""
-    found = _rotation_risk(hypotheses, expand(hypotheses.motions[0]), risk.direction)
-    return replace(
-        risk,
-        rotation=found.probability,
-        camera=risk.directions.camera if found.camera is None else found.camera,
-        rotation_log_likelihood=found.gain,
-        lasting_in_noise=found.lasting_in_noise,
-    )
-
-
-def directions_and_rival(hypotheses: WindowHypotheses) -> tuple[DirectionTerm, float]:
-    """The terms of the direction and of the nearest rival alone."""
-    expanded = expand(hypotheses.motions[0])
-    directions = direction_term(hypotheses, expanded)
-    most = -1.0 if _is_open(0.0, directions.of_pair) else UNDECIDED
-    return directions, rival_term(hypotheses, expanded, directions.sigma_deg, most=most)[0]
+def with_zooming_rotation(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk:
+    """The risk with the rival that the camera only rotates, and that its images zoom and shift from view to view."""
+    with single_threaded():
+        return replace(risk, rotation=min(1.0, risk.rotation + zooming_probability(hypotheses)))
 
 
 def _is_open(rotation: float, direction: float) -> bool:

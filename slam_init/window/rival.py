@@ -48,16 +48,13 @@ def rival_term(
     spread_deg: float,
     *,
     most: float,
-    free: WindowHypotheses | None = None,
 ) -> tuple[float, Margin | None]:
     """The probability that a rival is right, and the vote against the nearest one.
 
     * ``most``: A larger probability is a lower bound: fits with fields, which only raise it, are left out.
-    * ``free``: The motions of hypotheses on a plane, fitted with free depths. The points on the planes of both motions
-      vote by the plane, the others by their free depths.
     """
     best, *rivals = hypotheses.motions
-    margins = [_margin(hypotheses, best, rival, free=free) for rival in rivals]
+    margins = [_margin(hypotheses, best, rival) for rival in rivals]
 
     def probability(*, fit: bool) -> float:
         odds = [
@@ -93,20 +90,9 @@ def rival_odds(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> list[floa
     return odds
 
 
-def _margin(
-    hypotheses: WindowHypotheses,
-    best: FittedMotion,
-    rival: FittedMotion,
-    *,
-    of_all: bool = False,
-    free: WindowHypotheses | None = None,
-) -> Margin:
+def _margin(hypotheses: WindowHypotheses, best: FittedMotion, rival: FittedMotion, *, of_all: bool = False) -> Margin:
     """The vote of the tracks, or of all of them; a rival that locates fewer views explains the others as outliers."""
     votes = hypotheses.votes(best, rival)
-    free_best, free_rival = (None if free is None else free.fit_near(one) for one in (best, rival))
-    if free is not None and free_best is not None and free_rival is not None:
-        on_both = best.fit.state.on_plane & rival.fit.state.on_plane
-        votes = np.where(on_both, votes, free.votes(free_best, free_rival))
     where = places_of(best.fit)
     largest = 0.0 if of_all else float(np.bincount(regions_of(where), weights=votes).max())
     ahead = 0.5 * (float(votes.sum()) - max(largest, 0.0))

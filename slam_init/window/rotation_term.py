@@ -14,12 +14,12 @@ from functools import lru_cache
 import numpy as np
 
 from slam_init.types.arrays import Floats
-from slam_init.window.half_at_rest import bodies_probability
 from slam_init.window.hypotheses import CERTAIN_SIGMAS, EXPLAINED_BY_FIELDS, WindowHypotheses, with_rotation_anew
-from slam_init.window.levels import FLOOR, LENS_ZOOMS, SHARE_OF_BODIES, ZOOM_LEAVES
+from slam_init.window.levels import CHANCE_GAIN, FLOOR, LENS_ZOOMS, SHARE_OF_BODIES, ZOOM_LEAVES
 from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.marginal import marginalize_fields
 from slam_init.window.motion import fit_motion
+from slam_init.window.other_motion import explained_tracks
 from slam_init.window.tails import at_any_look, chi_square_as_gaussian
 from slam_init.window.tracker_errors import (
     gain_of_lasting_errors,
@@ -88,16 +88,34 @@ def with_errors_in_noise(hypotheses: WindowHypotheses) -> WindowHypotheses:
     tracks, best = hypotheses.tracks, hypotheses.motions[0]
     wide = with_lasting_errors(tracks, hypotheses.rotation_only.state.R)
     again = fit_motion(wide, best.motion, hypotheses.priors)
-    hopeless = replace(hypotheses.rotation_only, cost=math.inf)
-    return with_rotation_anew(replace(hypotheses, tracks=wide, motions=(again,), rotation_only=hopeless))
+    return with_rotation_anew(replace(hypotheses, tracks=wide, motions=(again,)))
 
 
-def zooming_probability(hypotheses: WindowHypotheses, zooming: ZoomingRotation) -> float:
+def bodies_probability(hypotheses: WindowHypotheses, share: float, price: float = 0.0) -> float:
+    """Probability of the gains over the rotation-only camera if this share of the tracks, which gain most, moves.
+
+    Before a camera that only rotates, a moving body looks like a near object before points at infinity.
+
+    * ``price``: A part of the gain that no track is needed for, in twice the nats.
+    """
+    best, explained = hypotheses.motions[0], explained_tracks(hypotheses)
+    gains = (hypotheses.rotation_only.track_costs - hypotheses.costs_of(best))[explained]
+    count = len(gains) - int(share * len(gains))
+    if not count:
+        return 1.0
+    by_chance, sigma = CHANCE_GAIN * count, math.sqrt(2 * count)
+    least = float(np.partition(gains, count - 1)[:count].sum())
+    return at_any_look(((price + least) / best.fit.dispersion - by_chance) / sigma)
+
+
+def zooming_probability(hypotheses: WindowHypotheses) -> float:
     """Probability that the camera only rotates, and that its images zoom or shift.
 
     The errors that a tracker keeps scale the gain, or are in the noise where they may be larger than it.
     """
-    probability = _probability_beside_zooms(hypotheses, zooming)
+    if not hypotheses.priors.lens_changes:
+        return 0.0
+    probability = _probability_beside_zooms(hypotheses, with_zooms(hypotheses))
     if probability > FLOOR and keeps_errors(hypotheses):
         wide = with_errors_in_noise(hypotheses)
         probability = min(probability, _probability_beside_zooms(wide, with_zooms(wide), lasting_in_noise=True))

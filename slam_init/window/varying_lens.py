@@ -47,12 +47,6 @@ class VaryingLens:
         weights = np.exp(self.log_weights - self.log_weights.max())
         return np.asarray(weights / weights.sum())
 
-    @property
-    def shifted(self) -> float:
-        """Probability that views are shifted as a whole, if the lens does not zoom."""
-        of_shifts = float(np.logaddexp.reduce(self.log_weights[1 + _WAYS_TO_ZOOM * len(ZOOMS) :]))
-        return float(np.exp(of_shifts - np.logaddexp(of_shifts, self.log_weights[0])))
-
 
 def varying_lens(expanded: ExpandedFit) -> VaryingLens:
     """What a zoom and a shift of each view explain of the tracks, and what they change about the directions.

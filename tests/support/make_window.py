@@ -359,5 +359,5 @@ def errors_deg(source, map_):
 
 
 def looks_small(risk: WindowRisk) -> WindowRisk:
-    """A risk whose terms are all 0, as the last look meets it."""
-    return replace(risk, direction=0.0, rival=0.0, rotation=0.0, other=OtherMotion(), by_a_half=0.0)
+    """A risk whose terms are all 0, beside which the camera that rotates and zooms is looked for."""
+    return replace(risk, direction=0.0, rival=0.0, rotation=0.0, other=OtherMotion())

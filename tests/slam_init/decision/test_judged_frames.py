@@ -1,20 +1,16 @@
-"""Laws of which frames of a video the rule of the window judges, and of the rests between them."""
-
-from dataclasses import replace
+"""Laws of which frames of a video the rule of the window judges."""
 
 import numpy as np
 from make_pair import preview_of
 from make_scene import history_of
 from make_window import WINDOW_CONFIG, point_source
 
-from slam_init.decision import window_rule
 from slam_init.decision.screening import LEAST_PARALLAX_SHARE
 from slam_init.decision.window_rule import WindowRule
 from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.initializer import Initializer
 from slam_init.types.reasons import Verdict
 from slam_init.types.stopwatch import Stopwatch
-from slam_init.window.motion import OtherMotion
 
 #: Fewer tracks than the default, where a law does not ask for more: the fits take as much less time.
 FEWER = 150
@@ -82,18 +78,6 @@ def test_a_frame_without_a_chosen_pair_is_judged_with_the_reference_of_the_last_
     assert frames.judge(3, chosen=True, reference=1).accepted is None
     assert frames.judge(4, chosen=False, reference=0) is None
     assert frames.judge(4, chosen=False, reference=1).attempt.frames[:2] == (1, 4)
-
-
-def test_windows_whose_small_risk_is_refused_are_counted_until_one_is_not_small(monkeypatch):
-    frames, counts = Frames(point_source("wall", 0, views=8, baseline=0.3, points=FEWER)), []
-    risk_of = window_rule.risk_of
-    monkeypatch.setattr(window_rule, "after_last_look", lambda found, risk, _: (found, replace(risk, rival=1.0)))
-    for k, rival in enumerate((0.0, 0.0, 0.0, 1.0, 0.0, 0.0), 1):  # of the first look; the last one refuses all
-        terms = {"direction": 0.0, "rotation": 0.0, "other": OtherMotion(), "rival": rival}
-        monkeypatch.setattr(window_rule, "risk_of", lambda *of, terms=terms: replace(risk_of(*of), **terms))
-        assert frames.judge(k, chosen=k == 1).accepted is None
-        counts.append(frames.rule._skipper._in_vain)
-    assert counts == [1, 2, 3, 0, 1, 2]
 
 
 def test_a_window_whose_equations_have_no_solution_is_refused(monkeypatch):

@@ -12,7 +12,7 @@ from sequences_synth.points import PointOptions, make_points
 from slam_init.config import AcceptanceConfig
 from slam_init.datasets.points import PointSource
 from slam_init.window import rival as rival_module
-from slam_init.window.levels import BODIES_MOVE, FLOOR
+from slam_init.window.levels import BODIES_MOVE, FLOOR, PRINCIPAL_SIGMA
 from slam_init.window.motion import fit_motion
 from slam_init.window.risk import risk_of
 from slam_init.window.state import Priors
@@ -240,3 +240,11 @@ def test_above_a_bound_the_term_of_the_rivals_is_a_lower_one():
         assert (bounded.total <= 0.005) == (whole.total <= 0.005)
         if bounded.total <= 0.005:
             assert bounded.total == whole.total
+
+
+def test_a_turn_about_the_optical_axis_over_flat_ground_leaves_the_direction_known():
+    """There the image moves by the error of the principal point; a calibration knows it well enough."""
+    source = point_source("nadir-turn", 0, baseline=0.1)
+    priors = Priors(0.03, principal_sigma_px=PRINCIPAL_SIGMA * source.camera.width)
+    risk = risk_of(hypotheses_of(source.camera, pair_and_further(list(source.observations()), 12), priors))
+    assert risk.direction < 0.005
