@@ -120,7 +120,7 @@ def test_the_stated_deviations_of_depths_are_their_scatter():
 @pytest.fixture(scope="module")
 def straight_ahead():
     """A camera that moves forward in a corridor: its source, and the initializer up to the map with its attempts."""
-    source = point_source("corridor", 2, baseline=0.05, noise_px=0.7, outliers=0.3, points=120)
+    source = point_source("corridor", 6, baseline=0.05, noise_px=0.7, outliers=0.3, points=120)
     return source, *initialized(source)
 
 
