@@ -41,8 +41,6 @@ def wilson(successes: int, trials: int) -> Interval:
     .. [W27] E. B. Wilson, Probable inference, the law of succession, and statistical inference, Journal of the American
        Statistical Association 22(158), 1927.
     """
-    if not 0 <= successes <= trials:
-        raise ValueError(f"{successes} successes in {trials} trials: give counts with 0 <= successes <= trials")
     if trials == 0:
         return _UNKNOWN
     share, z2 = successes / trials, _Z95**2
