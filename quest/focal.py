@@ -26,6 +26,7 @@ from quest.errors import InputError, as_floats, as_positive
 from quest.estimate import estimate_relative_pose, refine_relative_pose
 from quest.geometry.epipolar import tangent_basis
 from quest.geometry.quaternion import quaternion_from_matrix, rotation_from_vector
+from quest.noise import KERNEL_SIGMAS
 from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
 from quest.robust.loss import REACH, SCALE, log_likelihoods, weights
 from quest.robust.pose_problem import PoseProblem
@@ -174,9 +175,14 @@ class _Pixels:
         return [self._with_likelihood(_Motion(one.R, one.t, focal_px)) for one in poses]
 
     def refined(self, motion: _Motion) -> _Motion:
-        """Refine the motion and the focal length, within the range of the sweep."""
+        """Refine the motion and the focal length, within the range of the sweep; last with the scale of the noise."""
+        scale_px = SCALE * self.threshold_px
         for factor in (_WIDE, 1.0):
-            motion = self._climb(motion, factor * SCALE * self.threshold_px)
+            motion = self._climb(motion, factor * scale_px)
+        r = np.abs(self._derivatives(motion, self._in_front(motion))[0])
+        near = r[r < REACH * self.threshold_px]
+        if len(near) > 0:
+            motion = self._climb(motion, max(KERNEL_SIGMAS * 1.4826 * float(np.median(near)), scale_px))
         return self._with_likelihood(motion)
 
     def _climb(self, motion: _Motion, scale_px: float) -> _Motion:

@@ -12,15 +12,19 @@ References
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quest.estimate import as_unit_bearings, checked_options, pose_of_bearings
 from quest.relative_pose import NoPose, RelativePose
 from quest.robust import kernels
-from quest.robust.kernels.samples import Pool
 from quest.robust.lo_ransac import Proposer
 from quest.uncertainty.parallax import as_direction
+
+if TYPE_CHECKING:
+    from quest.robust.kernels.samples import Pool
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

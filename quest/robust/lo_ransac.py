@@ -14,15 +14,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quest.robust import kernels
-from quest.robust.kernels.samples import Pool
 from quest.robust.prosac import progressive_samples, subset_size
 from quest.robust.samples import RansacReport, samples_needed
+
+if TYPE_CHECKING:
+    from quest.robust.kernels.samples import Pool
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -75,9 +77,13 @@ class Proposer(NamedTuple):
     propose: Callable[[Floats, Floats, Ints, float, Pool], None]
 
 
+def _propose_by_five(m: Floats, n: Floats, samples: Ints, threshold_rad: float, pool: Pool) -> None:
+    kernels.try_samples_of_five(m, n, samples, threshold_rad, pool)
+
+
 #: QuEst 5. The share is 0.24 to 0.82 under noise of 0.7 px at a focal length of 458 px, over general and planar scenes
 #: with baselines from 0.03 to 0.5 of the depth.
-QUEST_FIVE = Proposer(5, 0.55, kernels.try_samples_of_five)
+QUEST_FIVE = Proposer(5, 0.55, _propose_by_five)
 
 
 @dataclass(frozen=True, eq=False)
