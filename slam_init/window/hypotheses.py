@@ -23,7 +23,7 @@ import numpy as np
 
 from quest.estimate import Hypothesis, NoPose, RelativePose, estimate_relative_pose
 from quest.noise import GATE_SIGMAS
-from slam_init.types.arrays import Floats, Ints, evenly_spaced
+from slam_init.types.arrays import Floats, Ints
 from slam_init.types.lens_in_use import UNKNOWN_K1_SIGMA, UNKNOWN_PRINCIPAL_SIGMA
 from slam_init.types.pose import Pose
 from slam_init.window.equations import explained_at_most
@@ -50,10 +50,6 @@ FAR_BEHIND = 600.0
 #: explain half of it, the most that they can.
 #: Class: level.
 CERTAIN_SIGMAS, EXPLAINED_BY_FIELDS = 7.0, 0.5
-#: A start of the camera that only rotates is fitted to so many tracks: it has a handful of unknowns besides the
-#: rotations, and the step of every track takes its time. It ends where a step lowers the cost by so little: a hundredth
-#: of a cost of several hundred.
-_START_TRACKS, _START_TOLERANCE = 100, 5.0
 #: A start whose residuals are this many times the noise is far from the answer.
 _FAR_FACTOR = 1.5
 
@@ -329,14 +325,13 @@ def _fit_rotation(
 
 def _far_start(tracks: WindowTracks, rotations: Floats, priors: Priors) -> WindowState:
     """Where the fit of a camera that only rotates starts if nothing is known of it."""
-    few = tracks.of_tracks(evenly_spaced(len(tracks.track_ids), _START_TRACKS))
     lens = LensOffset(readout_s=tracks.readout_s)
-    start = start_at(few, rotations, _no_motion(len(rotations)), lens=lens, at_infinity=True)
+    start = start_at(tracks, rotations, _no_motion(len(rotations)), lens=lens, at_infinity=True)
     # A wrong focal length moves the tracks by many times their noise, so the fit starts with a noise that allows it.
-    factor = start_noise_factor(few, start, priors, rotation_only=True)
+    factor = start_noise_factor(tracks, start, priors, rotation_only=True)
     for wider in (factor, math.sqrt(factor)) if factor > _FAR_FACTOR else ():
-        wide = few.with_noise(wider * tracks.noise_px)
-        start = fit_window(wide, start, priors, rotation_only=True, tolerance=_START_TOLERANCE).state
+        wide = tracks.with_noise(wider * tracks.noise_px)
+        start = fit_window(wide, start, priors, rotation_only=True).state
     return start
 
 

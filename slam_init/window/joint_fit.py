@@ -147,7 +147,8 @@ def fit_window(
       ``max_steps`` such a fit goes on with the next frame: it takes few steps, ends early, and measures no ray again.
     * ``rotation_only``: Whether all points are at infinity, so that the camera only rotates.
     * ``hopeless``: The fit ends where the steps to come cannot lower the cost to this; ``give_up``: where a step leaves
-      it above this.
+      it above this. Without both the frame with the map takes .7 longer before the checkerboard and .25 in the
+      hospital, since most of their motions and their camera that only rotates cannot win.
     * ``tolerance``: The fit ends where a step lowers the cost by less: a fortieth of a nat is far below what decides.
     """
     equations = WindowEquations(tracks, start, priors, rotation_only, with_shares=False)
