@@ -28,10 +28,6 @@ from slam_init.window.tracks import WindowTracks
 
 #: Largest number of steps of a fit that starts near the answer.
 MAX_STEPS = 12
-#: The same for a fit that goes on where the last one ended: its window has one frame more. It goes on with the next
-#: frame, so that a slow rest is no loss. It ends where a step gains less than a tenth of a nat. A camera that only
-#: rotates is a poor model of most windows, whose fit would not end; it is fitted anew before a map is accepted.
-LIVING_STEPS, LIVING_STEPS_OF_ROTATION, LIVING_TOLERANCE = 8, 2, 0.2
 #: How often the tracks may leave the plane or return to it before the fit ends.
 _PLANE_ROUNDS = 2
 #: Rays follow a step of the lens linearly. A distortion that moves by 0.1 leaves the rays of a wide image by several
@@ -143,8 +139,8 @@ def fit_window(
 
     * ``start``: Its plane says whether the points lie on a plane. The length of the longest baseline from view 0 is
       held.
-    * ``known``: The start with the points of an earlier fit. A track starts where it costs less. With the default of
-      ``max_steps`` such a fit goes on with the next frame: it takes few steps, ends early, and measures no ray again.
+    * ``known``: The start with the points of an earlier fit. A track starts where it costs less: of 200 drawn worlds
+      before flat ground with four poles four had a false map without these.
     * ``rotation_only``: Whether all points are at infinity, so that the camera only rotates.
     * ``hopeless``: The fit ends where the steps to come cannot lower the cost to this; ``give_up``: where a step leaves
       it above this. Without both the frame with the map takes .7 longer before the checkerboard and .25 in the
@@ -152,18 +148,14 @@ def fit_window(
     * ``tolerance``: The fit ends where a step lowers the cost by less: a fortieth of a nat is far below what decides.
     """
     equations = WindowEquations(tracks, start, priors, rotation_only, with_shares=False)
-    lives = known is not None and max_steps == MAX_STEPS  # others fit to the end
     if known is not None:
         start = _cheaper(equations, start, known)
-    if lives:
-        max_steps = LIVING_STEPS_OF_ROTATION if rotation_only else LIVING_STEPS
-        tolerance = max(tolerance, LIVING_TOLERANCE)
     limits = Limits(max_steps, float(tolerance), float(hopeless), float(give_up))
     fit = _optimized(equations, start, limits)
-    if fit.given_up or (lives and rotation_only):
+    if fit.given_up:
         return fit
     lens = start.lens
-    for _ in range(0 if lives else _LENS_ROUNDS):
+    for _ in range(_LENS_ROUNDS):
         if _moved(fit.state.lens, lens) < _LENS_TOLERANCE:
             break
         lens, again = fit.state.lens, _measured_again(equations, fit, rotation_only=rotation_only)
