@@ -164,7 +164,6 @@ class WindowRule:
         """Propose motions where a pair was chosen, and judge all that are known."""
         if chosen is not None:
             self._reference = chosen.reference
-        if chosen is not None and (self._live.wants_proposals() or not self._third_view):
             with stopwatch("two_view"):
                 pose, self._threshold_rad = self._estimate(self._history.camera, self._config, views.pair)
                 gravities = self._history.gravities

@@ -1,7 +1,8 @@
 """The joint estimate of a window: hypotheses, one robust fit of all views for each, and the risk of the best one.
 
 * :mod:`slam_init.window.tracks` chooses the tracks;
-* :mod:`slam_init.window.live` carries the hypotheses from frame to frame;
+* :mod:`slam_init.window.live` carries the hypotheses from frame to frame, each with its points
+  (:mod:`slam_init.window.carried`);
 * :mod:`slam_init.window.hypotheses` fits each :mod:`slam_init.window.motion` to all views, beside a rotation-only
   camera: :mod:`slam_init.window.locating` finds the poses of views that a motion does not know, and
   :mod:`slam_init.window.planarity` tells whether the points lie on a plane;

@@ -3,7 +3,7 @@
 A hypothesis is a :class:`~slam_init.window.motion.Motion`: the poses of some views, and a plane where most points lie
 on one. quest proposes the motions of a pair. A motion is carried to all views of the window: its points locate the
 views that it does not know (:mod:`~slam_init.window.locating`), then everything is fitted jointly. The fitted motion
-knows all views, so its poses are the start of the next fit, when a frame has arrived.
+knows all views, so it is the start of the next fit, when a frame has arrived.
 
 Whether the points lie on a plane is a property of the scene, so it is decided for the whole window: all motions are
 fitted with a plane, and without one if the best of them does not pass the test of its plane
@@ -23,7 +23,7 @@ import numpy as np
 
 from quest.estimate import Hypothesis, NoPose, RelativePose, estimate_relative_pose
 from quest.noise import GATE_SIGMAS
-from slam_init.types.arrays import Floats, Ints, evenly_spaced
+from slam_init.types.arrays import Floats, Ints
 from slam_init.types.lens_in_use import UNKNOWN_K1_SIGMA, UNKNOWN_PRINCIPAL_SIGMA
 from slam_init.types.pose import Pose
 from slam_init.window.equations import explained_at_most
@@ -50,10 +50,6 @@ FAR_BEHIND = 600.0
 #: explain half of it, the most that they can.
 #: Class: level.
 CERTAIN_SIGMAS, EXPLAINED_BY_FIELDS = 7.0, 0.5
-#: A start of the camera that only rotates is fitted to so many tracks: it has a handful of unknowns besides the
-#: rotations, and the step of every track takes its time. It ends where a step lowers the cost by so little: a hundredth
-#: of a cost of several hundred.
-_START_TRACKS, _START_TOLERANCE = 100, 5.0
 #: A start whose residuals are this many times the noise is far from the answer.
 _FAR_FACTOR = 1.5
 
@@ -222,7 +218,7 @@ def fit_hypotheses(
             poses.append(located)
     if not poses:
         return None
-    if poses[0].is_new:
+    if poses[0].points is None:
         tracks = tracks.with_noise(tracks.noise_px * noise_factor_at(tracks, poses[0], priors))
     planar, fits = _fitted(tracks, poses, bearings, priors)
     for _ in range(_NOISE_ROUNDS):
@@ -329,25 +325,25 @@ def _fit_rotation(
 
 def _far_start(tracks: WindowTracks, rotations: Floats, priors: Priors) -> WindowState:
     """Where the fit of a camera that only rotates starts if nothing is known of it."""
-    few = tracks.of_tracks(evenly_spaced(len(tracks.track_ids), _START_TRACKS))
     lens = LensOffset(readout_s=tracks.readout_s)
-    start = start_at(few, rotations, _no_motion(len(rotations)), lens=lens, at_infinity=True)
+    start = start_at(tracks, rotations, _no_motion(len(rotations)), lens=lens, at_infinity=True)
     # A wrong focal length moves the tracks by many times their noise, so the fit starts with a noise that allows it.
-    factor = start_noise_factor(few, start, priors, rotation_only=True)
+    factor = start_noise_factor(tracks, start, priors, rotation_only=True)
     for wider in (factor, math.sqrt(factor)) if factor > _FAR_FACTOR else ():
-        wide = few.with_noise(wider * tracks.noise_px)
-        start = fit_window(wide, start, priors, rotation_only=True, tolerance=_START_TOLERANCE).state
+        wide = tracks.with_noise(wider * tracks.noise_px)
+        start = fit_window(wide, start, priors, rotation_only=True).state
     return start
 
 
 def _fit_turning(tracks: WindowTracks, start: WindowState | Motion, priors: Priors, hopeless: float) -> JointFit:
     """Fit a camera that only rotates, from the poses and the lens of a state, or from where an earlier fit ended."""
     if isinstance(start, WindowState):
-        R, lens = start.R, start.lens.centred()
+        R, points, lens = start.R, None, start.lens.centred()
     else:
-        R, lens = np.array([start.cam_from_world[frame].R for frame in tracks.frames]), start.lens
+        R, points, lens = np.array([start.cam_from_world[frame].R for frame in tracks.frames]), start.points, start.lens
     first = start_at(tracks, R, _no_motion(len(R)), lens=lens, at_infinity=True)
-    return fit_window(tracks, first, priors, rotation_only=True, hopeless=hopeless)
+    known = None if points is None else points.start(tracks, first)
+    return fit_window(tracks, first, priors, known=known, rotation_only=True, hopeless=hopeless)
 
 
 def _with_stated_focal(lens: LensOffset) -> LensOffset:
@@ -375,7 +371,8 @@ def _in_window(tracks: WindowTracks, motion: Motion, rotations: Floats) -> Motio
         turned[row] = rotations[row] if nearest is None else rotations[row] @ rotations[nearest].T @ known[nearest]
     world = turned[0]
     poses = {frame: Pose(turned[row] @ world.T, np.zeros(3)) for row, frame in enumerate(tracks.frames)}
-    return replace(motion, cam_from_world=poses)
+    points = None if motion.points is None or not known else motion.points.moved(Pose(world, np.zeros(3)))
+    return replace(motion, cam_from_world=poses, points=points)
 
 
 def _hopeless_rotation(tracks: WindowTracks, rotations: Floats, priors: Priors, best: FittedMotion) -> float:

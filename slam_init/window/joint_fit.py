@@ -128,6 +128,7 @@ def fit_window(
     start: WindowState,
     priors: Priors,
     *,
+    known: WindowState | None = None,
     rotation_only: bool = False,
     max_steps: int = MAX_STEPS,
     tolerance: float = 0.05,
@@ -138,12 +139,17 @@ def fit_window(
 
     * ``start``: Its plane says whether the points lie on a plane. The length of the longest baseline from view 0 is
       held.
+    * ``known``: The start with the points of an earlier fit. A track starts where it costs less: of 200 drawn worlds
+      before flat ground with four poles four had a false map without these.
     * ``rotation_only``: Whether all points are at infinity, so that the camera only rotates.
     * ``hopeless``: The fit ends where the steps to come cannot lower the cost to this; ``give_up``: where a step leaves
-      it above this.
+      it above this. Without both the frame with the map takes .7 longer before the checkerboard and .25 in the
+      hospital, since most of their motions and their camera that only rotates cannot win.
     * ``tolerance``: The fit ends where a step lowers the cost by less: a fortieth of a nat is far below what decides.
     """
     equations = WindowEquations(tracks, start, priors, rotation_only, with_shares=False)
+    if known is not None:
+        start = _cheaper(equations, start, known)
     limits = Limits(max_steps, float(tolerance), float(hopeless), float(give_up))
     fit = _optimized(equations, start, limits)
     if fit.given_up:
@@ -236,6 +242,20 @@ def _explained_and_near(equations: WindowEquations, state: WindowState) -> tuple
     explained = used & (equations.costs <= bound)
     near = (seen & (equations.squares < NEAR_SIGMAS**2)).sum(axis=0) > 0.5 * seen.sum(axis=0)
     return explained, used & ~explained & near
+
+
+def _cheaper(equations: WindowEquations, start: WindowState, known: WindowState) -> WindowState:
+    """Of two states with the same views, the one in which each track costs less."""
+    equations.cost(start)
+    of_start = equations.costs.copy()
+    equations.cost(known)
+    better = equations.costs <= of_start
+    return replace(
+        start,
+        rays=np.where(better[:, None], known.rays, start.rays),
+        inverse_distances=np.where(better, known.inverse_distances, start.inverse_distances),
+        on_plane=np.where(better, known.on_plane, start.on_plane),
+    )
 
 
 def _reassigned(equations: WindowEquations, state: WindowState) -> WindowState:

@@ -25,8 +25,6 @@ _MAX_MOTIONS = 4
 #: A motion against which the tracks vote by this is dropped: a hundred nats. More frames hardly turn that.
 #: Class: level, in twice the nats.
 _HOPELESS = 200.0
-#: After proposals that left no motion, at most so many windows are fitted without one.
-_LONGEST_REST = 4
 
 
 class LiveHypotheses:
@@ -41,8 +39,6 @@ class LiveHypotheses:
         self._proposed: list[Motion] = []
         self._rotations: tuple[Motion, ...] = ()
         self._noise_px = 0.0
-        # Proposals in a row that left no motion, and the windows until the next one is worth its time.
-        self._barren = self._rest = 0
 
     def __bool__(self) -> bool:
         return bool(self._motions or self._proposed)
@@ -67,13 +63,6 @@ class LiveHypotheses:
     def frames(self) -> frozenset[int]:
         """The frames whose poses the best motion knows."""
         return frozenset(self._motions[0].cam_from_world) if self._motions else frozenset()
-
-    def wants_proposals(self) -> bool:
-        """Whether a pair should propose motions for the next window: not after proposals that left none."""
-        if self._motions and self._rest > 0:
-            self._rest -= 1
-            return False
-        return True
 
     def change_lens(self, old: LensInUse, new: LensInUse) -> None:
         """Go on with another lens: the motions were fitted through the old one."""
@@ -137,7 +126,4 @@ class LiveHypotheses:
             if len(m.rows) < len(best.rows) or hypotheses.votes(best, m).sum() < _HOPELESS
         ]  # fmt: skip
         self._motions = [replace(fitted.motion, is_new=False) for fitted in kept[:_MAX_MOTIONS]]
-        if self._proposed:
-            self._barren = 0 if any(fitted.is_new for fitted in kept) else self._barren + 1
-            self._rest = min(self._barren, _LONGEST_REST)
         self._rotations = hypotheses.rotations

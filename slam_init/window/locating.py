@@ -59,6 +59,7 @@ def locate_views(
         motion,
         cam_from_world={tracks.frames[row]: known[row] @ to_reference for row in sorted(known)},
         plane=plane,
+        points=None if motion.points is None else motion.points.moved(to_reference.inverse()),
     )
 
 
@@ -70,8 +71,15 @@ def _resected(tracks: WindowTracks, motion: Motion, bearings: Floats, rotations:
         return known
     threshold_rad = _RESECTION_SIGMAS * tracks.noise_px / tracks.camera.focal_px
     rows = list(known)
-    points = triangulate([pose.inverse() for pose in known.values()], bearings[rows])
-    usable = _explained(points, list(known.values()), bearings[rows], threshold_rad)
+    usable: Bools
+    if motion.points is None:
+        points = triangulate([pose.inverse() for pose in known.values()], bearings[rows])
+        usable = _explained(points, list(known.values()), bearings[rows], threshold_rad)
+    else:
+        points = motion.points.of_tracks(tracks.track_ids)
+        usable = np.asarray(np.isfinite(points).all(axis=1))
+        # Its points are seen through its lens.
+        bearings = tracks.bearings(motion.lens)
     for row in range(len(bearings)):
         visible = usable & np.isfinite(bearings[row, :, 0])
         if row in known or visible.sum() < MIN_RESECTED:

@@ -12,6 +12,7 @@ import numpy as np
 from quest.geometry.quaternion import rotation_angle
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.pose import Pose
+from slam_init.window.carried import CarriedPoints
 from slam_init.window.joint_fit import MAX_STEPS, JointFit, fit_window, start_noise_factor
 from slam_init.window.lens_offset import IN_USE, LensOffset
 from slam_init.window.levels import (
@@ -34,6 +35,8 @@ class Motion:
     #: (3,) ``plane . X = 1`` in the world, where most points lie on one plane.
     plane: Floats | None = None
     lens: LensOffset = IN_USE
+    #: Where the last fit of the motion ended; None before its first fit.
+    points: CarriedPoints | None = None
     #: Whether the motion has not been carried from one window to the next.
     is_new: bool = True
 
@@ -82,7 +85,8 @@ class FittedMotion:
         # The next fit multiplies the first rotation with its own inverse: rounding errors would double in each frame.
         R = 0.5 * state.R @ (3 * np.eye(3) - np.swapaxes(state.R, 1, 2) @ state.R)
         poses = {frame: Pose(R[k], state.t[k]) for k, frame in enumerate(self.frames)}
-        return Motion(poses, state.plane, state.lens, self.is_new)
+        points = CarriedPoints.of(self.tracks, state, self.fit.explains)
+        return Motion(poses, state.plane, state.lens, points, self.is_new)
 
     def same_as(self, other: FittedMotion) -> bool:
         """Whether two fits ended in the same optimum."""
@@ -142,7 +146,8 @@ def fit_motion(
     frames = tuple(tracks.frames[row] for row in rows)
     start = _start(part, R, t, motion, motion.plane)
     part = with_translation(part, start)
-    fit = fit_window(part, start, priors, hopeless=hopeless, give_up=give_up, max_steps=max_steps)
+    known = None if motion.points is None else motion.points.start(part, start)
+    fit = fit_window(part, start, priors, known=known, hopeless=hopeless, give_up=give_up, max_steps=max_steps)
     return FittedMotion(fit, rows, frames, motion.is_new)
 
 

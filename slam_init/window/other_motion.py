@@ -124,12 +124,14 @@ class _Search:
 def _carried(search: _Search) -> OtherMotion:
     """The motion that was found in the window before, located in this one."""
     tracks, before = search.hypotheses.tracks, search.hypotheses.other_before
-    if before is None or before.fitted is None:
+    motion = None if before is None or before.fitted is None else before.fitted.motion
+    if motion is None or motion.points is None:
         return OtherMotion()
-    moving = np.flatnonzero(search.rest & np.isin(tracks.track_ids, before.track_ids))
+    followed = motion.points.track_ids[motion.points.explained]
+    moving = np.flatnonzero(search.rest & np.isin(tracks.track_ids, followed))
     if len(moving) < LEAST_TRACKS:
         return OtherMotion()
-    fitted = _fitted_to(search.hypotheses, before.fitted.motion, moving)
+    fitted = _fitted_to(search.hypotheses, motion, moving)
     return OtherMotion() if fitted is None else _weighed(search, fitted)
 
 
@@ -217,7 +219,7 @@ class Proposal:
     def fitted(self, hypotheses: WindowHypotheses) -> list[FittedMotion]:
         """It and its alternatives (tracks of one plane have two motions), in all views that its tracks locate."""
         first, second = (hypotheses.tracks.frames[row] for row in self.rows)
-        lens = replace(hypotheses.motions[0].motion, plane=None)
+        lens = replace(hypotheses.motions[0].motion, plane=None, points=None)
         proposed: list[Hypothesis | RelativePose] = [self.pose, *self.pose.alternatives]
         poses = [{first: Pose.identity(), second: Pose(one.R, one.t)} for one in proposed if np.any(one.t)]
         fits = [_fitted_to(hypotheses, replace(lens, cam_from_world=one), self.tracks) for one in poses]

@@ -90,7 +90,9 @@ def _has_relief(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> b
     count = int((fitted.fit.state.on_plane & (tracks.anchor >= 0)).sum())
     left = int((tracks.anchor >= 0).sum()) - count
     of_plane = fitted.fit.cost - OFF_PLANE_COST * left
-    start, chance = replace(fitted.motion, plane=None), _chance(count, RELIEF_SIGMAS)
+    # From measured rays: distances that start on the plane gain more, and the level is for those that do not. Only
+    # whether the gain exceeds chance is asked.
+    start, chance = replace(fitted.motion, plane=None, points=None), _chance(count, RELIEF_SIGMAS)
     free = fit_motion(tracks, start, priors, hopeless=of_plane - chance)
     gain = of_plane - free.fit.cost
     return not _is_chance(gain / max(free.fit.noise_factor, 1.0) ** 2, count, RELIEF_SIGMAS)

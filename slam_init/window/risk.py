@@ -94,7 +94,7 @@ class WindowRisk:
 
 
 def risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
-    """Compose the risk of the best hypothesis; above ``max_risk`` the terms of rivals and bodies are lower bounds."""
+    """Compose the risk of the best hypothesis; above ``max_risk`` no new motion of bodies is sought."""
     with single_threaded():
         return _risk_of(hypotheses, max_risk)
 
@@ -105,15 +105,12 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
     direction = directions.of_pair
     by_rotation = _rotation_risk(hypotheses, expanded, direction)
     rotation = by_rotation.probability
-    is_open = _is_open(rotation, direction)
     other = OtherMotion()
-    if not is_open:
+    if not _is_open(rotation, direction):
         # Another motion is sought where the window has a map without it; one that was found before is followed.
         seeks = direction + rotation + FLOOR <= max_risk
         other = other_motion(hypotheses, directions.rotation_sigma_deg, directions.sigma_deg, seeks=seeks)
-    left = max_risk - min(1.0, direction + rotation + other.probability + FLOOR)
-    most = -1.0 if is_open else min(left, UNDECIDED)
-    rival, nearest = rival_term(hypotheses, expanded, directions.sigma_deg, most=most)
+    rival, nearest = rival_term(hypotheses, expanded, directions.sigma_deg)
     return WindowRisk(
         direction=direction,
         rival=rival,

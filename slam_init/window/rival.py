@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -38,39 +37,23 @@ _UNLIKELY = 0.01
 _STEPS_WITH_FIELDS = 5
 #: A rival that is further behind than this is not looked at with error fields: they explain less.
 _FAR_BEHIND_NATS = 0.5 * FAR_BEHIND
-#: So many costs with fields are kept: the risk of the same motions is stated two or three times before a map.
-_KEPT = 16
 
 
 def rival_term(
     hypotheses: WindowHypotheses,
     expanded: ExpandedFit,
     spread_deg: float,
-    *,
-    most: float,
 ) -> tuple[float, Margin | None]:
-    """The probability that a rival is right, and the vote against the nearest one.
-
-    * ``most``: A larger probability is a lower bound: fits with fields, which only raise it, are left out.
-    """
+    """The probability that a rival is right, and the vote against the nearest one."""
     best, *rivals = hypotheses.motions
     margins = [_margin(hypotheses, best, rival) for rival in rivals]
 
-    def probability(*, fit: bool) -> float:
-        odds = [
-            max(
-                _rival_probability(hypotheses, expanded, rival, margin, fit=fit),
-                _rival_by_bodies(hypotheses, best, rival),
-            )
-            * _wrong_if_right(best, rival, spread_deg)
-            for rival, margin in zip(rivals, margins, strict=True)
-        ]
-        return min(1.0, sum(odds))
-
-    # Fits with fields cost as much as those of the motions.
-    by_expansions = probability(fit=False)
-    total = probability(fit=True) if by_expansions <= most else by_expansions
-    return total, min(margins, key=Margin.decision_ratio, default=None)
+    probability = sum(
+        max(_rival_probability(hypotheses, expanded, rival, margin), _rival_by_bodies(hypotheses, best, rival))
+        * _wrong_if_right(best, rival, spread_deg)
+        for rival, margin in zip(rivals, margins, strict=True)
+    )
+    return min(1.0, probability), min(margins, key=Margin.decision_ratio, default=None)
 
 
 def rival_odds(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> list[float]:
@@ -81,7 +64,7 @@ def rival_odds(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> list[floa
     best, odds = hypotheses.motions[0], []
     for rival in hypotheses.motions[1:]:
         without, of_all = (
-            _rival_probability(hypotheses, expanded, rival, _margin(hypotheses, best, rival, of_all=of_all), fit=False)
+            _rival_probability(hypotheses, expanded, rival, _margin(hypotheses, best, rival, of_all=of_all))
             for of_all in (False, True)
         )
         probability = BODIES_MOVE * without + (1 - BODIES_MOVE) * of_all
@@ -115,12 +98,9 @@ def _rival_by_bodies(hypotheses: WindowHypotheses, best: FittedMotion, rival: Fi
 
 
 def _rival_probability(
-    hypotheses: WindowHypotheses, of_best: ExpandedFit, rival: FittedMotion, margin: Margin, *, fit: bool
+    hypotheses: WindowHypotheses, of_best: ExpandedFit, rival: FittedMotion, margin: Margin
 ) -> float:
-    """Probability that the rival is right after all: the odds of the votes, less what error fields explain of them.
-
-    Without ``fit``, by the expansions alone.
-    """
+    """Probability that the rival is right after all: the odds of the votes, less what error fields explain of them."""
     behind = margin.log_likelihood
     if behind <= 0.0 or behind > _FAR_BEHIND_NATS:
         return 0.5 if behind <= 0.0 else 0.0
@@ -135,7 +115,7 @@ def _rival_probability(
     both = np.sqrt(of_best.scale_weights * of_rival.scale_weights)
     explained = of_rival.marginal.log_evidence - of_best.marginal.log_evidence
     probability = float(both @ _odds(margin, 1 - explained / ahead))
-    if not fit or probability > UNDECIDED:
+    if probability > UNDECIDED:  # fits with fields only raise it
         return probability
     # Fields may move a fit so far that its expansion does not hold: the fits are repeated with the likeliest fields.
     scales = [(np.argmax(of_best.scale_weights), np.argmax(of_rival.scale_weights), 1.0)]
@@ -160,13 +140,10 @@ def _cost_with_fields(motion: FittedMotion, priors: Priors, expanded: ExpandedFi
     """The cost of a motion that is fitted with fields of a scale, with the cost of that many unknowns and the scale."""
     unknowns = float(np.log1p(scale_px**2 * expanded.marginal.strength).sum())
     unknowns -= 2 * math.log(float(FIELD_PRIOR[scale_px == FIELD_SCALES_PX][0]))
-    return unknowns + (_fitted_cost(motion, priors, scale_px) if scale_px else motion.fit.cost)
-
-
-@lru_cache(maxsize=_KEPT)
-def _fitted_cost(motion: FittedMotion, priors: Priors, scale_px: float) -> float:
+    if not scale_px:
+        return unknowns + motion.fit.cost
     with_fields = replace(priors, field_sigma_px=scale_px)
-    return fit_window(motion.tracks, motion.fit.state, with_fields, max_steps=_STEPS_WITH_FIELDS).cost
+    return unknowns + fit_window(motion.tracks, motion.fit.state, with_fields, max_steps=_STEPS_WITH_FIELDS).cost
 
 
 def _wrong_if_right(best: FittedMotion, rival: FittedMotion, sigma_deg: float) -> float:

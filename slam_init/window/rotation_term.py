@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -77,7 +76,6 @@ def keeps_errors(hypotheses: WindowHypotheses) -> bool:
     return gain_of_lasting_errors(hypotheses.tracks, hypotheses.rotation_only.state.R) > _LARGER_THAN_NOISE
 
 
-@lru_cache(maxsize=2)
 def with_errors_in_noise(hypotheses: WindowHypotheses) -> WindowHypotheses:
     """The best motion, and the camera that only rotates, with the errors that a tracker keeps in the noise.
 

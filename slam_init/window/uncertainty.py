@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
@@ -37,8 +37,6 @@ from slam_init.window.state import WindowState
 #: The stated distortion is suspected from here on: in the corner of a view of 70 degrees that moves a pixel by a
 #: hundredth of its distance from the centre.
 _LEAST_DISTORTION = 0.02
-#: So many expansions are kept: before a map is accepted, the risk of the same motions is stated two or three times.
-_KEPT = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,14 +179,12 @@ class CameraEstimate:
     readout: ReadoutEstimate | None
 
 
-@lru_cache(maxsize=_KEPT)
 def expand(motion: FittedMotion) -> ExpandedFit:
     """Expand the cost of a fitted motion, and integrate the error fields out."""
     expanded, by_chance = expand_for_evidence(motion), information_by_chance(motion.fit)
     return replace(expanded, marginal=expanded.marginal.without_chance(by_chance))
 
 
-@lru_cache(maxsize=_KEPT)
 def expand_for_evidence(motion: FittedMotion) -> ExpandedFit:
     """The same where only the evidence is wanted: covariances count information by chance too."""
     linearization = linearize_with_fields(motion.fit)
