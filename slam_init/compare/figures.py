@@ -83,9 +83,9 @@ FIGURES: dict[str, Callable[[DataFrame], Any]] = {
     "none": lambda t: _count(t["outcome"] == "none"),
     "error": lambda t: _count(t["outcome"] == "error"),
     "accepted": lambda t: _count(t["outcome"].isin(["correct", "false", "accepted"])),
-    # Shares of the trials with a correct map, of the judged ones with a false map, and of the right ones of the maps.
-    "correct_rate": lambda t: _rate(t["outcome"] == "correct"),
-    "false_rate": lambda t: _rate(t["outcome"][t["outcome"] != "accepted"] == "false"),
+    # Shares of the judged trials with a correct map, and with a false one, and of the right ones of the maps.
+    "correct_rate": lambda t: _rate(t["outcome"][t["judged"]] == "correct"),
+    "false_rate": lambda t: _rate(t["outcome"][t["judged"]] == "false"),
     "precision": lambda t: _rate(t["outcome"][t["outcome"].isin(["correct", "false"])] == "correct"),
     # Restricted means of the frames until the first map, and until a correct map. A trial without one counts as its
     # limit.
@@ -128,8 +128,9 @@ def figures_of(table: DataFrame) -> Figures:
 def table_of(rows: Iterable[TrialRow]) -> DataFrame:
     """Make a table of the trials: the columns of the rows, and what follows from the group and the source of each.
 
-    ``part`` is a key of :data:`PARTS`. In ``solvable`` trials a map can be correct: the source has a ground truth, and
-    the camera translates. ``sound`` trials have a sound ground truth. ``wait`` is NaN for a trial without one.
+    ``part`` is a key of :data:`PARTS`. ``judged`` trials have a ground truth. In ``solvable`` trials a map can be
+    correct: they are judged, and the camera translates. ``sound`` trials have a sound ground truth. ``wait`` is NaN for
+    a trial without one.
     """
     from pandas import DataFrame
 
@@ -140,9 +141,9 @@ def table_of(rows: Iterable[TrialRow]) -> DataFrame:
     moving = {group: "static" if one.no_translation else "moving" for group, one in criteria.items()}
     table["part"] = table["group"].map({group: f"{levels[group]}_{moving[group]}" for group in criteria})
     sound = table["group"].map({group: one.truth is Truth.SOUND for group, one in criteria.items()}).astype(bool)
-    judged = table["judged_by"] != NOT_JUDGED.rule
+    judged = (table["judged_by"] != NOT_JUDGED.rule) & (table["outcome"] != "accepted")
     translates = table["part"].str.endswith("moving")
-    table["solvable"], table["sound"] = judged & translates & (table["outcome"] != "accepted"), judged & sound
+    table["judged"], table["solvable"], table["sound"] = judged, judged & translates, judged & sound
     table["wrong_focal"] = [focal_error_of(source) != 0 for source in table["source"]]
     waited = _of_correct(table, "frames_to_accept").fillna(np.inf).clip(upper=table["frames_limit"]) - 1
     table["wait"] = waited.where(table["solvable"])

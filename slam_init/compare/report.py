@@ -56,7 +56,8 @@ def known_value(value: Interval | float | None) -> float | None:
 
 def shown(figures: Figures) -> Figures:
     """Return the figures that tables show by one name each."""
-    strict = figures["strict"] / figures["trials"] if figures["trials"] else None
+    judged = known_value(figures["correct_rate"]) is not None
+    strict = figures["strict"] / figures["trials"] if judged else None
     return {**figures, **figures["medians"], "strict_share": strict}
 
 
@@ -74,7 +75,7 @@ def main_table(summary: Figures) -> str:
             for method, figures in by_method.items()
         ]
         tables.append(fitted_tables([PARTS[part], *(heading for heading, *_ in columns)], rows))
-        if waits := summary["waits"].get(part):
+        if waits := [one for one in summary["waits"].get(part, ()) if one["trials"]]:
             header = [f"wait of {waits[0]['first']} minus that of", "trials", "sequences", "frames"]
             numbers = ("trials", "sequences", "difference_frames")
             rows = [[one["second"], *map(figure_text, (one[name] for name in numbers), (0, 0, 2))] for one in waits]

@@ -14,7 +14,7 @@ from slam_init.types.evidence import FreeFocal
 from slam_init.types.gates import Stage
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.reasons import Verdict
-from slam_init.types.result import Attempt
+from slam_init.types.result import Attempt, told_reason
 
 _LOG = logging.getLogger("slam_init")
 _LOG.addHandler(logging.NullHandler())
@@ -95,13 +95,14 @@ class AttemptLog:
 
         The first half is not counted, because a video may start with a camera that hardly moves.
 
-        * Returns: ``too_few_frames`` without attempts; of equally frequent verdicts the first member of
-          :class:`~slam_init.types.reasons.Verdict`.
+        * Returns: A wrong calibration comes before what the frames lack. ``too_few_frames`` without attempts; of
+          equally frequent verdicts the first member of :class:`~slam_init.types.reasons.Verdict`.
         """
         if not self._verdicts:
             return Verdict.TOO_FEW_FRAMES
         counts = Counter(self._verdicts[len(self._verdicts) // 2 :])
-        return _VERDICTS[min(counts, key=lambda verdict: (-counts[verdict], verdict))]
+        most = _VERDICTS[min(counts, key=lambda verdict: (-counts[verdict], verdict))]
+        return told_reason(most, self.wrong_focal)
 
     def advice(self, reason: Verdict) -> str:
         """Return what to do about a reason: check a wrong calibration, else the advice of the last attempt with it."""

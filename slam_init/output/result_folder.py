@@ -17,7 +17,7 @@ from slam_init.errors import SourceError, plain_line
 from slam_init.output.folder import read_marker
 from slam_init.output.names import RECORDING, RUN_FILES
 from slam_init.system.regular_file import check_inside, read_regular
-from slam_init.types.result import why_no_map
+from slam_init.types.reasons import in_words
 
 _SUMMARY = "summary.json"
 #: A thousand attempts with their gates and evidence have 4 MB.
@@ -113,7 +113,7 @@ def result_text(facts: dict[str, Any]) -> str:
 def _outcome(facts: dict[str, Any]) -> str:
     if facts["reason"] is None:
         return f"initialized after {facts['frames_to_init']} frames"
-    return f"not initialized after {facts['frames_read']} frames: {why_no_map(facts['reason'], facts['wrong_focal'])}"
+    return f"not initialized after {facts['frames_read']} frames: {in_words(facts['reason'])}"
 
 
 def _map_lines(facts: dict[str, Any]) -> list[tuple[str, str]]:

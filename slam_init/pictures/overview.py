@@ -97,6 +97,7 @@ VERDICT_COLORS: dict[Verdict, str] = {
     Verdict.MOVING_BODIES: "#b478e6",
     Verdict.AMBIGUOUS_PLANE: "#f28c28",
     Verdict.UNKNOWN_FOCAL_LENGTH: "#b8a200",
+    Verdict.WRONG_FOCAL_LENGTH: "#6b5900",
     Verdict.EXTERNAL_METHOD: "#566573",
     Verdict.TOO_FEW_LANDMARKS: "#d9749f",
     Verdict.BUNDLE_ADJUSTMENT_FAILED: "#c2185b",

@@ -9,7 +9,7 @@ from slam_init.output.plain_json import Json, plain_fields
 from slam_init.output.summary import Summary
 from slam_init.types.gates import Direction, Gate, GateName
 from slam_init.types.reasons import Verdict, in_words
-from slam_init.types.result import Attempt, why_no_map
+from slam_init.types.result import Attempt
 
 
 def attempt_line(attempt: Attempt) -> str:
@@ -85,7 +85,7 @@ def headline(summary: Summary) -> str:
     """Write in one line whether there is a map, and why not."""
     if summary.reason is None:
         return f"Initialized after {summary.frames_to_init} frames"
-    return f"No map after {summary.frames_read} frames: {why_no_map(summary.reason, summary.wrong_focal)}"
+    return f"No map after {summary.frames_read} frames: {in_words(summary.reason)}"
 
 
 def advice_markdown(summary: Summary) -> str:

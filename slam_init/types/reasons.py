@@ -8,7 +8,8 @@ from enum import StrEnum
 # To add a reason, add a line here: the value goes to ``summary.json``, and the advice is shown to the person who moves
 # the camera. A gate or a rule of ``slam_init.decision`` then names the reason: ``screening`` before two views,
 # ``two_views`` for a pair (a reason of :mod:`quest` has the name of its member), ``_reason`` of ``judged_window`` for a
-# window, ``depths`` and ``_map_gates`` of ``window_rule`` for a map. ``VERDICT_COLORS`` of
+# window, ``depths`` and ``_map_gates`` of ``window_rule`` for a map. The check of the stated focal length names the
+# reason of a whole run (``AttemptLog``). ``VERDICT_COLORS`` of
 # ``slam_init.pictures.overview`` gives it a colour. The page of the reasons is made from this list.
 class Verdict(StrEnum):
     """The verdict on a frame: accepted, or the reason of the refusal.
@@ -16,6 +17,7 @@ class Verdict(StrEnum):
     The stage of an attempt that refuses it gives the reason, and the stages decide which reason comes first. A run
     reports the most frequent reason of the second half of its attempts. Of equally frequent reasons it reports the
     first member: the special case stands before the general one (a static camera, a pure rotation, low parallax).
+    A stated focal length that the tracks contradict comes before all of them but ``unknown_focal_length``.
 
     Attributes
     ----------
@@ -56,6 +58,7 @@ class Verdict(StrEnum):
         "unknown_focal_length",
         "the motion does not tell the focal length: turn the camera while it moves, or give --camera",
     )
+    WRONG_FOCAL_LENGTH = "wrong_focal_length", "the stated focal length does not fit the tracks: check --camera"
     TOO_FEW_LANDMARKS = "too_few_landmarks", "too few points can be triangulated well: keep translating"
     BUNDLE_ADJUSTMENT_FAILED = "bundle_adjustment_failed", "bundle adjustment found no consistent map: keep moving"
     EXTERNAL_METHOD = "external_method", "the external program gave no map: its own output may tell why"

@@ -255,9 +255,10 @@ class Result(Described, Savable):
         return report_facts(self)
 
 
-def why_no_map(reason: str, wrong_focal: object | None) -> str:
-    """Write why there is no map. A calibration that the tracks contradict comes before what the frames lack."""
-    return in_words(reason) if wrong_focal is None else "the stated focal length does not fit"
+def told_reason(verdict: Verdict, wrong_focal: FreeFocal | None) -> Verdict:
+    """The reason that is told: a calibration that the tracks contradict comes before what the frames lack."""
+    about_focal = wrong_focal is None or verdict == Verdict.UNKNOWN_FOCAL_LENGTH
+    return verdict if about_focal else Verdict.WRONG_FOCAL_LENGTH
 
 
 #: The name of a fact and its text.
@@ -273,7 +274,7 @@ def report_facts(result: Result, further: Sequence[tuple[str, str]] = ()) -> tup
         title, facts = f"initialized after {result.frames_to_init} frames", _map_facts(result, result.map)
     else:
         assert result.reason is not None
-        title = f"not initialized: {why_no_map(result.reason, result.wrong_focal)}"
+        title = f"not initialized: {in_words(result.reason)}"
         facts = [("advice", result.advice), ("frames read", str(result.frames_read)), *_kept_facts(result)]
     verdicts = Counter(in_words(attempt.verdict) for attempt in result.attempts)
     counts = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.most_common())

@@ -11,7 +11,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.evidence import FreeFocal, WindowEvidence
 from slam_init.types.frame import Frame, as_image
 from slam_init.types.reasons import Verdict
-from slam_init.types.result import Attempt
+from slam_init.types.result import Attempt, told_reason
 
 
 class State(StrEnum):
@@ -75,7 +75,7 @@ class Status(Described):
         0 at the start, 1 when initialized. Until then it is the progress (:func:`slam_init.types.gates.progress`) of
         the best pair whose reference frame is still a candidate. It falls when that frame is dropped.
     reason : Verdict or None
-        Why there is no map yet: the verdict of the last attempt; None when initialized.
+        Why there is no map yet: the verdict of the last attempt, or ``wrong_focal_length``; None when initialized.
     advice : str
         What the person who moves the camera should do; empty when initialized.
     attempt : Attempt or None
@@ -125,7 +125,8 @@ class Status(Described):
             return replace(self, progress=progress, attempt=None)
         window = attempt.window or self.window
         advice = attempt.advice if wrong_focal is None else wrong_focal.note
-        return Status(State.WAITING, progress, attempt.verdict, advice, attempt, window, wrong_focal)
+        reason = told_reason(attempt.verdict, wrong_focal)
+        return Status(State.WAITING, progress, reason, advice, attempt, window, wrong_focal)
 
     @staticmethod
     def initialized(attempt: Attempt | None) -> Status:

@@ -37,8 +37,6 @@ def test_a_result_is_truthy_with_a_map_and_names_the_reason_without_one():
     assert lines_of(initialized)[0] == "initialized after 22 frames"
     assert lines_of(refused)[0] == "not initialized: static camera"
     assert Verdict.STATIC_CAMERA.advice in lines_of(refused)[1]
-    wrong = replace(refused, wrong_focal=FreeFocal(1230.0, 616.0, 22.0, contradicts=True))
-    assert lines_of(wrong)[0] == "not initialized: the stated focal length does not fit"
 
 
 def test_an_attempt_knows_the_suspected_focal_factor_of_its_evidence():
