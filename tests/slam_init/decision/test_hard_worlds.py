@@ -7,7 +7,7 @@ WRONG_DEG = 15.0
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [13, 22])
+@pytest.mark.parametrize("seed", [13, 19])
 def test_points_near_a_plane_make_no_false_map(seed):
     error_deg = ground_and_poles(seed)
     assert error_deg is None or error_deg < WRONG_DEG

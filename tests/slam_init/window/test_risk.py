@@ -11,7 +11,6 @@ from quest.robust.spatial_blocks import regions_of
 from sequences_synth.points import PointOptions, make_points
 from slam_init.config import AcceptanceConfig
 from slam_init.datasets.points import PointSource
-from slam_init.window import rival as rival_module
 from slam_init.window.levels import BODIES_MOVE, FLOOR, PRINCIPAL_SIGMA
 from slam_init.window.motion import fit_motion
 from slam_init.window.risk import risk_of
@@ -202,33 +201,6 @@ def test_the_stated_size_of_the_error_fields_grows_with_that_of_the_tracks():
     assert none < 0.12
     assert none < some < large
     assert large > 0.5
-
-
-def fits_with_fields(monkeypatch):
-    """The numbers of steps of the fits with fields that the risk asks for, as they are made."""
-    steps, real = [], rival_module.fit_window
-
-    def noted(*arguments, **options):
-        fit = real(*arguments, **options)
-        steps.append(fit.iterations)
-        return fit
-
-    monkeypatch.setattr(rival_module, "fit_window", noted)
-    return steps
-
-
-def test_a_motion_is_fitted_once_with_the_fields_of_a_scale(monkeypatch):
-    steps = fits_with_fields(monkeypatch)
-    found = next(one for one in (hypotheses("wall", seed, 3, baseline=0.1) for seed in range(4)) if one is not None)
-    best, rival = found.motions[:2]
-    best_and_rival = replace(found, motions=(best, rival))
-    twice = replace(found, motions=(best, rival, rival))
-    once = risk_of(best_and_rival)
-    assert steps
-    steps.clear()
-    again = risk_of(twice)
-    assert not steps
-    assert again.rival == pytest.approx(min(2 * once.rival, 1.0))
 
 
 def test_above_a_bound_the_term_of_the_rivals_is_a_lower_one():
