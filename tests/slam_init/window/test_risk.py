@@ -217,31 +217,6 @@ def fits_with_fields(monkeypatch):
     return steps
 
 
-def test_a_motion_is_fitted_once_with_the_fields_of_a_scale(monkeypatch):
-    steps = fits_with_fields(monkeypatch)
-    found = next(one for one in (hypotheses("wall", seed, 3, baseline=0.1) for seed in range(4)) if one is not None)
-    best, rival = found.motions[:2]
-    best_and_rival = replace(found, motions=(best, rival))
-    twice = replace(found, motions=(best, rival, rival))
-    once = risk_of(best_and_rival)
-    assert steps
-    steps.clear()
-    again = risk_of(twice)
-    assert not steps
-    assert again.rival == pytest.approx(min(2 * once.rival, 1.0))
-
-
-def test_above_a_bound_the_term_of_the_rivals_is_a_lower_one():
-    """Fits with error fields only raise it, so that the decision is the same."""
-    for seed in range(3):
-        found = hypotheses("nadir", seed, 6, baseline=0.06)
-        whole, bounded = risk_of(found), risk_of(found, 0.005)
-        assert bounded.rival <= whole.rival
-        assert (bounded.total <= 0.005) == (whole.total <= 0.005)
-        if bounded.total <= 0.005:
-            assert bounded.total == whole.total
-
-
 def test_a_turn_about_the_optical_axis_over_flat_ground_leaves_the_direction_known():
     """There the image moves by the error of the principal point; a calibration knows it well enough."""
     source = point_source("nadir-turn", 0, baseline=0.1)
