@@ -4,13 +4,14 @@ The joint fit of a window holds a stated focal length within its prior. The free
 prior that leaves a factor of two open. It begins at the motions of the window, and at those that the pair has at other
 focal lengths: a plane or a short baseline leads to a motion that suits a wrong focal length, and no step from there
 lowers the cost. The best fit by the likelihood is the estimate. It contradicts the stated focal length where both
-differ by more than the errors of the tracks explain, and by more than the prior allows. Nothing else of a run depends
-on a check.
+differ by more than the errors of the tracks explain, and by more than the prior allows. A window that contradicts it
+has no map: with a focal length that is wrong by half, a wrong motion may fit better than the true one.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,8 +21,11 @@ from slam_init.decision.judged_window import JudgedWindow
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.evidence import FreeFocal
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
-from slam_init.window.hypotheses import fit_hypotheses, motions_at_focal
+from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_at_focal, with_plane
+from slam_init.window.motion import Motion
+from slam_init.window.other_motion import bearings_of_best
 from slam_init.window.risk import risk_of
+from slam_init.window.state import Priors
 from slam_init.window.tracker_errors import gain_of_shared_errors
 
 #: Standard deviation of the logarithm of the focal length about a stated one that may be wrong: half or twice as long
@@ -41,16 +45,12 @@ _LEAST_VIEWS = 3
 #: 96, 98 and 93 were.
 #: Class: measured.
 _CONTRADICTS_SIGMAS = 1.9
-#: The map of an accepted window is checked at once where its fit has left the stated focal length by so many
-#: deviations of the prior. Tracks that know the focal length half as well as the prior does move it by less if right.
-#: Class: assumption.
-_LEFT_SIGMAS = 1.0
 
 
 class FocalCheck:
-    """Checks the stated focal length: in the first, second, fourth, eighth refused window and so on, and at the end.
+    """Checks the stated focal length: in each window that would have a map, and in some of the refused ones.
 
-    A map whose fit has left the stated focal length is checked at once.
+    These are the first, the second, the fourth, the eighth and so on, and the last one, at the end.
     """
 
     def __init__(self) -> None:
@@ -60,13 +60,12 @@ class FocalCheck:
     def __call__(self, window: JudgedWindow, *, accepted: bool) -> FreeFocal | None:
         """The free fit of a window; None where no check is due.
 
-        * ``accepted``: Whether a map of the window was accepted.
+        * ``accepted``: Whether nothing else refuses a map of the window.
         """
         if window.lens.stated.source in ("prior", "estimated") or len(window.best.rows) < _LEAST_VIEWS:
             return None
-        pull, _ = window.hypotheses.priors.lens_pulls(window.best.fit.state)
         self._refused += not accepted
-        is_due = abs(pull) > _LEFT_SIGMAS if accepted else self._refused.bit_count() == 1
+        is_due = accepted or self._refused.bit_count() == 1
         self._unchecked = None if is_due else window
         return free_focal(window) if is_due else None
 
@@ -84,7 +83,7 @@ def free_focal(window: JudgedWindow) -> FreeFocal | None:
         with single_threaded():
             motions = [one.motion for one in hypotheses.motions]
             motions += [one for factor in _PROPOSED_AT for one in motions_at_focal(hypotheses, math.log(factor))]
-            free = fit_hypotheses(hypotheses.tracks, motions, priors)
+            free = _fit_without_plane(hypotheses, motions, priors)
         if free is None:
             return None
         found = risk_of(free, max_risk=0.0).camera.focal
@@ -100,3 +99,19 @@ def free_focal(window: JudgedWindow) -> FreeFocal | None:
         sigma_px=sigma * estimated_px,
         contradicts=least < abs(off) < GATE_SIGMAS * _FREE_SIGMA,
     )
+
+
+def _fit_without_plane(
+    hypotheses: WindowHypotheses, motions: Sequence[Motion], priors: Priors
+) -> WindowHypotheses | None:
+    """Fit motions with a distance for each track; the best one with a plane too, where the points lie on it.
+
+    With a wrong focal length a wrong motion can bring the points of any scene near a plane.
+    """
+    tracks = hypotheses.tracks
+    free = fit_hypotheses(tracks, [replace(one, plane=None, points=None) for one in motions], priors)
+    if free is None or not hypotheses.planar:
+        return free
+    best = with_plane(replace(free.motions[0].motion, points=None), tracks, bearings_of_best(free))
+    on_plane = fit_hypotheses(tracks, [best], priors)
+    return on_plane if on_plane is not None and on_plane.planar else free

@@ -193,10 +193,13 @@ class WindowRule:
         # A camera that merely rotates is judged again once a pair shows parallax.
         self._last, self._rotates = window, window.only_rotates
         outcome = self._accept_or_refuse(window, window.with_evidence(attempt))
-        self._live.change_lens(window.lens, outcome.lens or window.lens)
         free = self._focal_check(window, accepted=outcome.accepted is not None)
-        checked = replace(outcome.attempt, free_focal=free)
-        return replace(outcome, attempt=checked, motion=window.motion, margin=risk.margin)
+        outcome = replace(outcome, attempt=replace(outcome.attempt, free_focal=free))
+        if outcome.accepted is not None and free is not None and free.contradicts:
+            refused = refused_at(outcome.attempt, Verdict.WRONG_FOCAL_LENGTH, Stage.MAP)
+            outcome = Outcome(refused, lens=window.next_lens)
+        self._live.change_lens(window.lens, outcome.lens or window.lens)
+        return replace(outcome, motion=window.motion, margin=risk.margin)
 
     def _estimated(self, views: _Views) -> tuple[WindowHypotheses, WindowRisk] | None:
         """The hypotheses of a window and the risk of the best one; None without hypotheses."""
