@@ -53,7 +53,7 @@ def explained_by_plane(problem: PoseProblem, plane: PlaneFit, best: Floats, inli
     chance = inliers + _RELIEF_SIGMAS * np.sqrt(_RELIEF_VARIANCE * inliers)
     if len(plane.poses) < 2 or plane.relief > chance + _LARGEST_RELIEF * _OFF_PLANE * inliers:
         return False
-    return any(not _is_less_probable(problem, pose, best, SAME_FIT_NATS) for pose in plane.poses)
+    return any(not _is_less_probable(problem, pose, best) for pose in plane.poses)
 
 
 def more_probable_first(problem: PoseProblem, plane: PlaneFit, noise_rad: float) -> list[Floats]:
@@ -95,21 +95,18 @@ def equivalent_motions(
         if any(same_mode(model, other) for other in known):
             continue
         known.append(model)
-        if not _is_less_probable(problem, model, best, SAME_FIT_NATS):
+        if not _is_less_probable(problem, model, best):
             kept.append((-float(log_likelihoods_of(problem, model).sum()), model))
     kept.sort(key=lambda one: one[0])
     return [as_hypothesis(model, problem.explained(model, gate_rad)) for _, model in kept[:_MOST]]
 
 
-def _is_less_probable(problem: PoseProblem, model: Floats, other: Floats, least: float) -> bool:
-    """Whether a motion is significantly less probable than another one [V89]_.
-
-    * ``least``: Smallest difference that counts, in nats.
-    """
+def _is_less_probable(problem: PoseProblem, model: Floats, other: Floats) -> bool:
+    """Whether a motion is significantly less probable than another one [V89]_."""
     votes = log_likelihoods_of(problem, other) - log_likelihoods_of(problem, model)
     behind = float(votes.sum())
     # The scatter over regions is at least that over matches, and takes longer to compute.
-    if behind <= max(least, _DROPPED_SIGMAS * float(np.sqrt(np.sum(votes**2)))):
+    if behind <= max(SAME_FIT_NATS, _DROPPED_SIGMAS * float(np.sqrt(np.sum(votes**2)))):
         return False
     differs = votes != 0
     return behind > _DROPPED_SIGMAS * scatter_of_sum(votes[differs], directions_of(problem.m[differs]))

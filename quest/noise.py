@@ -63,7 +63,7 @@ def best_of_modes(
 
 def log_likelihood(problem: PoseProblem, model: Floats) -> float:
     """Logarithm of the likelihood of a motion (q_wxyz, t), less that of outliers alone."""
-    return kernels.log_likelihood(problem.m, problem.n, model, problem.threshold_rad)
+    return float(log_likelihoods_of(problem, model).sum())
 
 
 def log_likelihoods_of(problem: PoseProblem, model: Floats) -> Floats:

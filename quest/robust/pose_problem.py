@@ -1,4 +1,4 @@
-"""Matched rays under a motion: residuals, cost, inliers.
+"""Matched rays under a motion: residuals and inliers.
 
 Models are rows (q_wxyz, t) of seven numbers, ``cam2_from_cam1``, |t| = 1; data are matches of unit bearings.
 """
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from quest.robust import kernels
 
 Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 
@@ -35,11 +34,6 @@ class PoseProblem:
         Shapes: ``model`` (7,), returns (N,).
         """
         return kernels.residuals_of_model(self.m, self.n, model, self.threshold_rad)
-
-    def costs(self, models: Floats) -> tuple[Floats, Ints]:
-        """Truncated sums of squared Sampson errors (H,), rad^2, and numbers of inliers (H,), of models (H, 7)."""
-        r2, limit = np.array([self.residuals(model) for model in models]), self.threshold_rad**2
-        return np.minimum(r2, limit).sum(axis=1), (r2 < limit).sum(axis=1)
 
     def explained(self, model: Floats, gate_rad: float) -> Bools:
         """Whether each match lies within the gate and in front of both cameras.

@@ -6,6 +6,7 @@ import numpy as np
 from make_views import unit
 
 from quest.geometry.quaternion import quaternion_from_matrix, rotation_angle, rotation_from_vector
+from quest.robust.kernels.scoring import rays_by_row, score_or_refute
 
 #: Sampson error above which a match is an outlier, and the noise of a bearing: 0.3 px at a focal length of 600 px.
 THRESHOLD_RAD = 2e-3
@@ -62,3 +63,14 @@ def angle_between(R1, R2) -> float:
 def assert_orthonormal(R) -> None:
     """R is orthonormal to rounding."""
     assert np.abs(R @ R.T - np.eye(3)).max() < 1e-12
+
+
+def score(m, n, R, t, threshold_rad, bail):
+    """Truncated cost and number of inliers of a pose."""
+    return score_or_refute(rays_by_row(m, n), R, t, threshold_rad, bail, 0.0, 0.0)[:2]
+
+
+def costs_of(problem, models):
+    """Truncated costs (H,) of models (H, 7)."""
+    r2 = np.array([problem.residuals(model) for model in models])
+    return np.minimum(r2, problem.threshold_rad**2).sum(axis=1)

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from quest.robust.kernels.planes import off_line as off_line
     from quest.robust.kernels.planes import planar_information as planar_information
     from quest.robust.kernels.quest_five import try_samples_of_five as try_samples_of_five
-    from quest.robust.kernels.refinement import log_likelihood as log_likelihood
     from quest.robust.kernels.refinement import refine as refine
     from quest.robust.kernels.refinement import refine_rotation as refine_rotation
     from quest.robust.kernels.rotations import best_rotation as best_rotation
@@ -44,7 +43,6 @@ if TYPE_CHECKING:
     from quest.robust.kernels.scoring import rays_by_row as rays_by_row
     from quest.robust.kernels.scoring import residuals as residuals
     from quest.robust.kernels.scoring import residuals_of_model as residuals_of_model
-    from quest.robust.kernels.scoring import score as score
 
 #: The loops by module.
 _LOOPS = {
@@ -54,10 +52,10 @@ _LOOPS = {
     "quest.robust.kernels.parallax": "anisotropy_sums depths_and_parallax pose_information ratio_sums rotation_of_all",
     "quest.robust.kernels.planes": "best_plane fit_plane off_line planar_information",
     "quest.robust.kernels.quest_five": "try_samples_of_five",
-    "quest.robust.kernels.refinement": "log_likelihood refine refine_rotation",
+    "quest.robust.kernels.refinement": "refine refine_rotation",
     "quest.robust.kernels.rotations": "best_rotation",
     "quest.robust.kernels.samples": "try_poses",
-    "quest.robust.kernels.scoring": "rays_by_row residuals residuals_of_model score",
+    "quest.robust.kernels.scoring": "rays_by_row residuals residuals_of_model",
 }
 _MODULE_OF = {loop: module for module, loops in _LOOPS.items() for loop in loops.split()}
 

@@ -1,4 +1,4 @@
-"""Refinement of a pose, and of a rotation alone, by weighted least squares steps; the likelihood of a pose.
+"""Refinement of a pose, and of a rotation alone, by weighted least squares steps.
 
 The likelihood and the weights of a pose are those of :mod:`quest.robust.loss`. A rotation has the
 weights of Geman and McClure.
@@ -9,10 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.algebra import copy_pose, rotation_of_model, shift, solve_in_place, tangents, turn
+from quest.algebra import copy_pose, shift, solve_in_place, tangents, turn
 from quest.jit import compiled
-from quest.robust.kernels.scoring import match_residual
-from quest.robust.loss import OUTLIERS, REACH, SCALE
+from quest.robust.loss import OUTLIERS
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -244,18 +243,3 @@ def refine_rotation(m: Floats, n: Floats, R: Floats, scale_rad: float, iteration
         turn(R, factor * g[0], factor * g[1], factor * g[2])
         if angle < _SETTLED_RAD:
             return
-
-
-@compiled
-def log_likelihood(m: Floats, n: Floats, model: Floats, threshold_rad: float) -> float:
-    """Logarithm of the likelihood of a pose in a row, less that of outliers alone.
-
-    Shapes: ``m, n`` (N, 3), ``model`` (7,).
-    """
-    R, t = rotation_of_model(model), model[4:]
-    limit, scale2, total = (REACH * threshold_rad) ** 2, (SCALE * threshold_rad) ** 2, 0.0
-    for i in range(len(m)):
-        r2, behind = match_residual(m, i, n, i, R, t, 2 * threshold_rad * threshold_rad)
-        if r2 < limit and not behind:
-            total += np.log(1 + 1 / (OUTLIERS * (1 + r2 / scale2)))
-    return total

@@ -74,18 +74,6 @@ def residuals_of_model(m: Floats, n: Floats, model: Floats, threshold_rad: float
 
 
 @compiled
-def score(m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float, bail: float) -> tuple[float, int]:
-    """Truncated sum of squared Sampson errors and number of inliers (MSAC [T00]_).
-
-    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3).
-
-    * ``bail``: The loop stops once the sum exceeds this bound. No better pose is lost: the sum only grows.
-    """
-    cost, inliers, _ = score_or_refute(rays_by_row(m, n), R, t, threshold_rad, bail, 0.0, 0.0)
-    return cost, inliers
-
-
-@compiled
 def rays_by_row(m: Floats, n: Floats) -> Floats:
     """Matches with one row for each coordinate, so that the compiler treats several matches at once.
 
@@ -102,7 +90,10 @@ def rays_by_row(m: Floats, n: Floats) -> Floats:
 def score_or_refute(
     rays: Floats, R: Floats, t: Floats, threshold_rad: float, bail: float, good: float, bad: float
 ) -> tuple[float, int, float]:
-    """Score as :func:`score`, and stop as well where the matches refute a good pose.
+    """Truncated sum of squared Sampson errors and number of inliers (MSAC [T00]_).
+
+    The loop stops once the sum exceeds ``bail``: no better pose is lost, since the sum only grows. It stops as well
+    where the matches refute a good pose.
 
     The matches are a sequence of trials. A good pose explains each with probability ``good``, a bad one with
     probability ``bad``. The likelihood ratio of the two is followed (Wald's sequential test, for RANSAC [M05]_) where

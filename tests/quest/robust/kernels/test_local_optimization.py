@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from make_pose_matches import THRESHOLD_RAD, as_model, disturbed, pose_and_matches
+from make_pose_matches import THRESHOLD_RAD, as_model, costs_of, disturbed, pose_and_matches, score
 
 from quest.robust import kernels
 from quest.robust.kernels.local_optimization import draw_subset
@@ -35,9 +35,9 @@ def test_the_score_of_a_climb_is_that_of_its_pose(seed, most):
     R, t = disturbed(R, t, seed, 1e-3)
     start = as_model(R, t)
     stages = np.array([[2 * THRESHOLD_RAD, THRESHOLD_RAD], [THRESHOLD_RAD, 0.5 * THRESHOLD_RAD]])
-    model, *score = kernels.climb(m, n, start, THRESHOLD_RAD, stages, most, 6)
+    model, *found = kernels.climb(m, n, start, THRESHOLD_RAD, stages, most, 6)
     R, t = kernels.rotation_of_model(model), model[4:]
-    assert score == pytest.approx(kernels.score(m, n, R, t, THRESHOLD_RAD, np.inf), rel=1e-9)
+    assert found == pytest.approx(score(m, n, R, t, THRESHOLD_RAD, np.inf), rel=1e-9)
     assert (np.abs(model - start).max() < 1e-14) == (most < 6)
 
 
@@ -47,11 +47,11 @@ def test_refits_come_in_order_of_cost(seed):
     R, t, m, n = pose_and_matches(seed, wrong=20)
     uniform = np.random.default_rng(seed).random((20, 14))
     fits = kernels.refit(m, n, as_model(R, t), THRESHOLD_RAD, uniform, len(m), 6, 3)
-    costs = PoseProblem(m, n, THRESHOLD_RAD).costs(fits)[0].tolist()
+    costs = costs_of(PoseProblem(m, n, THRESHOLD_RAD), fits).tolist()
     assert len(costs) == 3
     assert costs == sorted(costs)
     # The noise of 14 matches moves a fit by a few standard deviations.
-    assert costs[0] < 2 * kernels.score(m, n, R, t, THRESHOLD_RAD, np.inf)[0]
+    assert costs[0] < 2 * score(m, n, R, t, THRESHOLD_RAD, np.inf)[0]
 
 
 def test_too_few_inliers_give_no_refit():

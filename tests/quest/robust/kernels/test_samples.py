@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from make_pose_matches import THRESHOLD_RAD, angle_between, as_model, pose_and_matches, random_pose
+from make_pose_matches import THRESHOLD_RAD, angle_between, as_model, pose_and_matches, random_pose, score
 
 from quest.robust import kernels
 from quest.robust.kernels.samples import SAME_MODE_RAD, mode_distance
@@ -40,7 +40,7 @@ def test_the_pool_holds_distinct_modes_ordered_by_cost(seed, wrong, size, planar
     filled = np.isfinite(costs)
     assert (costs[:-1] <= costs[1:]).all()
     for i in np.flatnonzero(filled):
-        assert kernels.score(m, n, R[i], t[i], THRESHOLD_RAD, np.inf) == (costs[i], inliers[i])
+        assert score(m, n, R[i], t[i], THRESHOLD_RAD, np.inf) == (costs[i], inliers[i])
         for j in range(i):
             assert mode_distance(R[i], t[i], R[j], t[j]) >= SAME_MODE_RAD
 

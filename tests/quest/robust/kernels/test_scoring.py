@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from make_pose_matches import THRESHOLD_RAD, as_model, disturbed, matches_of_all_kinds, pose_and_matches
+from make_pose_matches import (
+    THRESHOLD_RAD,
+    as_model,
+    costs_of,
+    disturbed,
+    matches_of_all_kinds,
+    pose_and_matches,
+    score,
+)
 from make_views import unit
 
 from quest.geometry.epipolar import depths_from_pose, sampson_error
@@ -47,9 +55,9 @@ def test_the_score_is_the_truncated_sum_of_squares_in_front_of_both_cameras(seed
     r2, behind = expected(R, t, m, n)
     near = (r2 < THRESHOLD_RAD**2) & ~behind
     cost = np.where(near, r2, THRESHOLD_RAD**2).sum()
-    assert kernels.score(m, n, R, t, THRESHOLD_RAD, np.inf) == (pytest.approx(cost, rel=1e-9), near.sum())
+    assert score(m, n, R, t, THRESHOLD_RAD, np.inf) == (pytest.approx(cost, rel=1e-9), near.sum())
     problem, model = PoseProblem(m, n, THRESHOLD_RAD), as_model(R, t)
-    assert problem.costs(model[None])[0] == pytest.approx([cost], rel=1e-9)
+    assert costs_of(problem, model[None]) == pytest.approx([cost], rel=1e-9)
     assert (problem.explained(model, 1e-3) == ((r2 < 1e-6) & ~behind)).all()
 
 
@@ -57,8 +65,8 @@ def test_the_score_is_the_truncated_sum_of_squares_in_front_of_both_cameras(seed
 @given(seed=SEEDS, share=st.floats(0, 2))
 def test_scoring_stops_early_only_where_the_cost_exceeds_the_bound(seed, share):
     R, t, m, n = matches_of_all_kinds(seed)
-    full = kernels.score(m, n, R, t, THRESHOLD_RAD, np.inf)
-    answer = kernels.score(m, n, R, t, THRESHOLD_RAD, share * full[0])
+    full = score(m, n, R, t, THRESHOLD_RAD, np.inf)
+    answer = score(m, n, R, t, THRESHOLD_RAD, share * full[0])
     assert answer == full or (answer == (np.inf, 0) and full[0] > share * full[0])
 
 
