@@ -231,7 +231,7 @@ def test_a_frame_that_does_not_come_after_the_last_one_is_refused_and_changes_no
         one.process(replace(first, index=5))
         one.process(replace(second, index=7))
     for index in (7, 6, 3):
-        with pytest.raises(SlamInitError, match=f"frame {index} comes after frame 7"):
+        with pytest.raises(SlamInitError, match=f"frame {index} is given after frame 7"):
             initializer.process(replace(third, index=index))
     for one in (initializer, without):
         one.process(replace(third, index=8))
