@@ -94,7 +94,7 @@ class Intake:
             frame = replace(frame, gravity=gravity)
         if frame.index <= self.history.newest:
             raise SlamInitError(
-                f"frame {frame.index} comes after frame {self.history.newest}: feed frames in ascending order"
+                f"frame {frame.index} is given after frame {self.history.newest}: feed frames in ascending order"
             )
         own_seconds = timestamp_s is None or isinstance(image, Frame)
         stamped = self._clock.stamped(frame, in_seconds_by_type=own_seconds)

@@ -14,7 +14,7 @@ from slam_init.system.regular_file import user_path
 
 def add_info(commands: Commands) -> None:
     """Add the command."""
-    info = commands.add_parser("info", help="tell what a sequence or a folder of results holds", allow_abbrev=False)
+    info = commands.add_parser("info", help="tell what a sequence or the folder of a run holds", allow_abbrev=False)
     info.description = (
         "Tell what a sequence holds. For the folder of a run: the verdict and its reason, the keyframes, the files, "
         "the version and the command."

@@ -56,8 +56,7 @@ def known_value(value: Interval | float | None) -> float | None:
 
 def shown(figures: Figures) -> Figures:
     """Return the figures that tables show by one name each."""
-    judged = known_value(figures["correct_rate"]) is not None
-    strict = figures["strict"] / figures["trials"] if judged else None
+    strict = None if known_value(figures["correct_rate"]) is None else figures["strict"] / figures["trials"]
     return {**figures, **figures["medians"], "strict_share": strict}
 
 

@@ -231,7 +231,8 @@ def _names_of(source: TimedSource) -> list[str]:
     """The names of the images of a source."""
     if isinstance(source, ImageFileSource):
         return [path.as_posix() for path in source.paths]
-    return list(source.image_names) if isinstance(source, TrackSource) else []
+    numbered = (f"frame-{k:06d}" for k in range(len(source)))
+    return list(source.image_names if isinstance(source, TrackSource) else numbered)
 
 
 def _trajectory(path: Path) -> MapFile:

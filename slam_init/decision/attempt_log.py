@@ -62,13 +62,8 @@ class AttemptLog:
         reference = attempt.frames[0]
         self._progress[reference] = max(self._progress.get(reference, 0.0), attempt.progress)
         tried = attempt.verdict == Verdict.ACCEPTED or attempt.stage in (Stage.TWO_VIEWS, Stage.MAP)
-        _LOG.log(
-            logging.INFO if tried else logging.DEBUG,
-            "frames %s: %s%s",
-            attempt.frames,
-            attempt.verdict,
-            f" ({advice})" if advice else "",
-        )
+        level, told = logging.INFO if tried else logging.DEBUG, f" ({advice})" if advice else ""
+        _LOG.log(level, "frames %s: %s%s", attempt.frames, attempt.verdict, told)
         return replace(attempt, advice=advice)
 
     def add_free_focal(self, free: FreeFocal | None) -> None:
@@ -101,8 +96,7 @@ class AttemptLog:
         if not self._verdicts:
             return Verdict.TOO_FEW_FRAMES
         counts = Counter(self._verdicts[len(self._verdicts) // 2 :])
-        most = _VERDICTS[min(counts, key=lambda verdict: (-counts[verdict], verdict))]
-        return told_reason(most, self.wrong_focal)
+        return told_reason(_VERDICTS[min(counts, key=lambda verdict: (-counts[verdict], verdict))], self.wrong_focal)
 
     def advice(self, reason: Verdict) -> str:
         """Return what to do about a reason: check a wrong calibration, else the advice of the last attempt with it."""

@@ -123,7 +123,7 @@ class History:
         again = observations.frame == newest and self._frames[newest] is not observations
         if observations.frame < max(newest, 0) or again:
             raise SlamInitError(
-                f"frame {observations.frame} comes after frame {newest}: feed frames in ascending order"
+                f"frame {observations.frame} is given after frame {newest}: feed frames in ascending order"
             )
         for one in revised:
             if one.frame in self._frames:

@@ -129,7 +129,7 @@ class Follower:
         check_type(frame, Frame, "the frame", "Frame(index, timestamp_s, name, image)")
         newest = self._tracker.history.newest
         if frame.index <= newest:
-            raise SlamInitError(f"frame {frame.index} comes after frame {newest}: feed frames in ascending order")
+            raise SlamInitError(f"frame {frame.index} is given after frame {newest}: feed frames in ascending order")
         observed = self._tracker.track(frame)
         self._tracker.history.forget(keep=())
         self._recorder.frame(frame, observed)

@@ -71,11 +71,6 @@ class FreeFocal:
         """The estimated focal length over the stated one."""
         return self.estimated_px / self.stated_px
 
-    @property
-    def sigma(self) -> float:
-        """Relative standard deviation of the estimate."""
-        return self.sigma_px / self.estimated_px
-
     def enlarged(self, factor: float) -> FreeFocal:
         """The same for images of another size."""
         return FreeFocal(factor * self.stated_px, factor * self.estimated_px, factor * self.sigma_px, self.contradicts)

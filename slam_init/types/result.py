@@ -256,9 +256,12 @@ class Result(Described, Savable):
 
 
 def told_reason(verdict: Verdict, wrong_focal: FreeFocal | None) -> Verdict:
-    """The reason that is told: a calibration that the tracks contradict comes before what the frames lack."""
-    about_focal = wrong_focal is None or verdict == Verdict.UNKNOWN_FOCAL_LENGTH
-    return verdict if about_focal else Verdict.WRONG_FOCAL_LENGTH
+    """The reason that is told: a calibration that the tracks contradict comes before what the frames lack.
+
+    An unknown focal length stays, since all frames together may tell it.
+    """
+    stays = wrong_focal is None or verdict == Verdict.UNKNOWN_FOCAL_LENGTH
+    return verdict if stays else Verdict.WRONG_FOCAL_LENGTH
 
 
 #: The name of a fact and its text.

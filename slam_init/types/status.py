@@ -118,15 +118,15 @@ class Status(Described):
     def after(self, attempt: Attempt | None, progress: float, wrong_focal: FreeFocal | None = None) -> Status:
         """Return the status after a frame that did not lead to a map.
 
-        * ``attempt``: The attempt of this frame. Without an attempt, reason and advice stay.
+        * ``attempt``: The attempt of this frame, with the advice that is shown. Without an attempt, reason and advice
+          stay.
         * ``progress``: From 0 to 1.
         """
         if attempt is None:
             return replace(self, progress=progress, attempt=None)
         window = attempt.window or self.window
-        advice = attempt.advice if wrong_focal is None else wrong_focal.note
         reason = told_reason(attempt.verdict, wrong_focal)
-        return Status(State.WAITING, progress, reason, advice, attempt, window, wrong_focal)
+        return Status(State.WAITING, progress, reason, attempt.advice, attempt, window, wrong_focal)
 
     @staticmethod
     def initialized(attempt: Attempt | None) -> Status:

@@ -102,10 +102,10 @@ def decide(seed: int, *, is_wrong: bool) -> Case:
     fits = [(k, attempt.free_focal) for k, attempt in enumerate(result.attempts) if attempt.free_focal is not None]
     case = Case(
         seed, scene, kind, stated, is_wrong, result.map is not None, result.frames_read, wrong is not None,
-        fits=[(stated * fit.factor, fit.sigma, k) for k, fit in fits],
+        fits=[(stated * fit.factor, fit.sigma_px / fit.estimated_px, k) for k, fit in fits],
     )  # fmt: skip
     if wrong is not None:
-        return replace(case, estimated=stated * wrong.factor, sigma=wrong.sigma, told=True)
+        return replace(case, estimated=stated * wrong.factor, sigma=wrong.sigma_px / wrong.estimated_px, told=True)
     if not is_wrong:
         return case
     free = _run(source, prior_camera((source.camera.width, source.camera.height)), result.frames_read)

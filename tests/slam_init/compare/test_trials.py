@@ -59,14 +59,14 @@ def test_the_map_of_any_method_is_audited_where_it_is_asked_for():
 def test_one_suspicion_of_the_focal_length_is_recorded_several_that_agree_are_reported_and_both_are_counted():
     def row_of(text, *suspected):
         (source,) = describe_sources([text])
-        evidence = [FreeFocal(1.0, factor, 0.01, contradicts=True) for factor in suspected]
+        evidence = [FreeFocal(1.0, factor, 0.01, factor < 1) for factor in suspected]
         attempts = tuple(Attempt((0, k), Verdict.PURE_ROTATION, free_focal=one) for k, one in enumerate(evidence))
         named = evidence[0] if len(evidence) > 1 else None
         result = Result(None, Verdict.PURE_ROTATION, 12, None, attempts, {}, wrong_focal=named)
         return result_row(Trial(source, "quest", 0), Settings(), result, open_compared(text), ())
 
     wrong, right = "points:rotation?focal_error=0.05", "points:rotation"
-    rows = [row_of(wrong), row_of(wrong, 0.96), row_of(wrong, 0.95, 0.95, 0.96), row_of(right, 0.95, 0.95)]
+    rows = [row_of(wrong, 1.0), row_of(wrong, 0.96), row_of(wrong, 0.95, 0.95, 0.96), row_of(right, 0.95, 0.95)]
     factors = [(row.suspected_focal_factor, row.reported_focal_factor) for row in rows]
     assert factors == [(None, None), (0.96, None), (0.95, 0.95), (0.95, 0.95)]
     figures = figures_of(table_of(rows))

@@ -1,6 +1,7 @@
 """Maps of other programs: what their files state is what the map has, and a pose belongs to one image."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import gtsam
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 from make_map import make_map
 
-from slam_init import Pose, SourceError
+from slam_init import Camera, Pose, SourceError, open_source
 from slam_init.config import Config
 from slam_init.datasets.map_files import open_map, tracked_by
 from slam_init.output.nerfstudio import opengl_matrix
@@ -31,8 +32,6 @@ def sequence(tmp_path):
 
 
 def poses_in(map_, sequence):
-    from slam_init import Camera, open_source
-
     camera = Camera("pinhole", 64, 48, 60.0, 60.0, 31.5, 23.5)
     return tracked_by(map_, open_source(sequence.folder), camera, Config())[0]
 
@@ -50,6 +49,15 @@ def test_a_graph_of_gtsam_states_what_the_handover_states(model, tmp_path):
         # The landmark of a graph is named by its key.
         rows = np.argsort(one.track_ids), np.argsort(other.track_ids)
         np.testing.assert_allclose(one.pixels[rows[0]], other.pixels[rows[1]], atol=1e-6)
+
+
+def test_a_colmap_model_of_a_video_belongs_to_its_frames(tmp_path):
+    """A video has no names of files: a model that a run of it wrote names its frames by their numbers."""
+    made = make_map()
+    named = [replace(keyframe, name=f"frame-{keyframe.frame:06d}") for keyframe in made.keyframes]
+    replace(made, keyframes=tuple(named)).save(tmp_path)
+    poses, *_ = tracked_by(open_map(tmp_path / "colmap"), open_source("synth:room"), made.camera, Config())
+    assert sorted(poses) == [keyframe.frame for keyframe in named]
 
 
 def graph_of(folder, *factors, values):

@@ -11,7 +11,7 @@ from slam_init.decision.attempt_log import AttemptLog, focal_notes
 from slam_init.types.evidence import FreeFocal
 from slam_init.types.gates import Stage
 from slam_init.types.reasons import Verdict
-from slam_init.types.result import Attempt
+from slam_init.types.result import Attempt, told_reason
 from slam_init.types.status import Status
 
 
@@ -102,12 +102,7 @@ def test_the_newest_free_fit_decides_whether_the_stated_focal_length_is_wrong():
         assert log.advice(Verdict.LOW_PARALLAX) == last.advice
         told = Verdict.WRONG_FOCAL_LENGTH if wrong is not None else last.verdict
         assert log.prevailing_reason() == Status().after(last, 0.0, wrong).reason == told
-
-
-def test_an_unknown_focal_length_stays_the_reason_since_all_frames_together_may_tell_it():
-    log = AttemptLog(limit=1)
-    log.add(refusal(0, Verdict.UNKNOWN_FOCAL_LENGTH, free_focal=FreeFocal(1230.0, 616.0, 22.0, contradicts=True)))
-    assert log.prevailing_reason() == Verdict.UNKNOWN_FOCAL_LENGTH
+        assert told_reason(Verdict.UNKNOWN_FOCAL_LENGTH, wrong) == "unknown_focal_length"
 
 
 def test_an_adjusted_focal_length_gets_a_note_only_if_the_views_hardly_determine_it():

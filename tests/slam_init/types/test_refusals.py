@@ -37,7 +37,6 @@ def test_each_refusal_has_an_advice_and_a_special_case_comes_before_a_general_on
     """A run reports the first of equally frequent reasons."""
     assert all(reason.advice for reason in REASONS)
     assert Verdict.ACCEPTED.advice == ""
-    assert {*REASONS, Verdict.ACCEPTED} == set(Verdict)
     order = [REASONS.index(reason) for reason in (Verdict.STATIC_CAMERA, Verdict.PURE_ROTATION, Verdict.LOW_PARALLAX)]
     assert order == sorted(order)
 

@@ -6,7 +6,6 @@ from make_map import make_attempts, make_map, make_result
 
 from slam_init.types.evidence import FreeFocal
 from slam_init.types.reasons import Verdict
-from slam_init.types.result import Attempt
 
 
 def lines_of(described) -> list[str]:
@@ -37,14 +36,6 @@ def test_a_result_is_truthy_with_a_map_and_names_the_reason_without_one():
     assert lines_of(initialized)[0] == "initialized after 22 frames"
     assert lines_of(refused)[0] == "not initialized: static camera"
     assert Verdict.STATIC_CAMERA.advice in lines_of(refused)[1]
-
-
-def test_an_attempt_knows_the_suspected_focal_factor_of_its_evidence():
-    attempt = Attempt((0, 1), Verdict.PURE_ROTATION)
-    assert attempt.suspected_focal_factor is None
-    for contradicts, factor in ((False, None), (True, 0.5)):
-        free = FreeFocal(1230.0, 615.0, 22.0, contradicts)
-        assert replace(attempt, free_focal=free).suspected_focal_factor == factor
 
 
 def test_a_printed_result_says_that_the_stated_focal_length_is_wrong():

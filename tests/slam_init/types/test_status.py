@@ -17,16 +17,12 @@ from slam_init.types.status import State, Status, frame_of
 WINDOW = WindowEvidence(**{field.name: 0 for field in fields(WindowEvidence)})
 
 
-def test_a_status_takes_reason_and_advice_from_the_attempt():
+def test_a_status_takes_reason_and_advice_from_the_last_attempt():
     refused = Attempt((0, 1), Verdict.LOW_PARALLAX, "keep translating")
     status = Status().after(refused, 0.4)
     assert (status.state, status.reason, status.advice) == (State.WAITING, "low_parallax", "keep translating")
     assert (status.progress, status.attempt) == (0.4, refused)
     assert not status
-
-
-def test_reason_and_advice_stay_after_a_frame_without_an_attempt():
-    status = Status().after(Attempt((0, 1), Verdict.LOW_PARALLAX, "keep translating"), 0.4)
     idle = status.after(None, 0.3)
     assert (idle.reason, idle.advice, idle.progress, idle.attempt) == ("low_parallax", "keep translating", 0.3, None)
 
