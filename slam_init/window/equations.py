@@ -113,7 +113,8 @@ class WindowEquations:
 
         * Returns: The last state, its cost, the number of steps, and whether the fit was given up.
         """
-        states = self._place(state), Unknowns.empty(len(state.R), state.on_plane)
+        size = len(state.R), state.on_plane
+        states = self._place(state), Unknowns.empty(*size), Unknowns.empty(*size)
         at, cost, steps, given_up = optimize(
             self._observed, self._known, self._layout, self.held_view, limits, states, self._equations, self._fitted,
             self._sums, Work.empty(len(self.gradient)),

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,15 +41,13 @@ from slam_init.window.tracks import WindowTracks
 #: are off by as much. With another noise other observations are outliers, hence the rounds.
 _NOISE_TOLERANCE, _NOISE_ROUNDS = 0.07, 2
 #: A proposal beside a living motion is given up if it costs this many times what is hopeless after its first step:
-#: later steps of starts that ended below gained a third of their cost at most. Without it the frame with the map of the
-#: checkerboard takes a fifth longer.
+#: later steps of starts that ended below gained a third of their cost at most.
 _GIVEN_UP = 1.5
 #: A motion whose cost is higher by this cannot become the best: 300 nats.
 #: Class: level, in twice the nats.
 FAR_BEHIND = 600.0
 #: A gain is certain where it exceeds that by chance by so many standard deviations (one in 10^12) even if error fields
-#: explain half of it, the most that they can. Where the fit of the camera that only rotates does not end there, a frame
-#: that waits before the checkerboard takes a fifth longer.
+#: explain half of it, the most that they can.
 #: Class: level.
 CERTAIN_SIGMAS, EXPLAINED_BY_FIELDS = 7.0, 0.5
 #: A start whose residuals are this many times the noise is far from the answer.
@@ -81,6 +80,9 @@ class WindowHypotheses:
     priors: Priors
     #: Of the camera that only rotates: its focal length may be wrong.
     rotation_priors: Priors
+    #: Where the fits of the camera that only rotates ended: with any focal length, then, where it was fitted, with the
+    #: stated one.
+    rotations: tuple[Motion, ...] = ()
     #: The rigid motion that tracks had beside the best one in the window before; None without one.
     other_before: OtherMotion | None = None
     #: The tracks that are left out since they stay at their pixel; None without them.
@@ -192,13 +194,17 @@ def motions_at_focal(hypotheses: WindowHypotheses, log_scale: float) -> list[Mot
     return [one for one in located if one is not None]
 
 
-def fit_hypotheses(tracks: WindowTracks, motions: Sequence[Motion], priors: Priors) -> WindowHypotheses | None:
+def fit_hypotheses(
+    tracks: WindowTracks, motions: Sequence[Motion], priors: Priors, living: Sequence[Motion] = ()
+) -> WindowHypotheses | None:
     """Fit motions, and the rotation-only camera, to all views of a window.
 
     * ``tracks``: Views: reference, current, then further ones. Their noise is measured again by the residuals of the
       best motion.
     * ``motions``: Each knows two of the views or more. Those that know more come first: a later one that is near is
       left out.
+    * ``living``: Where the last fits of the camera that only rotates ended (:attr:`WindowHypotheses.rotations`); by
+      default it is fitted anew.
     """
     first = motions[0] if motions else Motion({}, lens=LensOffset(readout_s=tracks.readout_s))
     bearings = tracks.bearings(_with_stated_focal(first.lens))
@@ -221,17 +227,18 @@ def fit_hypotheses(tracks: WindowTracks, motions: Sequence[Motion], priors: Prio
             break
         tracks = tracks.with_noise(noise_px)
         planar, fits = _fitted(tracks, [one.motion for one in fits], bearings, priors)
-    turning, rotation_priors = _fit_rotation(tracks, rotations, priors, fits[0])
-    return WindowHypotheses(tracks, planar, tuple(fits), turning, priors, rotation_priors)
+    starts = tuple(_in_window(tracks, one, rotations) for one in living)
+    turning = _fit_rotation(tracks, rotations, priors, fits[0], starts)
+    return WindowHypotheses(tracks, planar, tuple(fits), turning.fit, priors, turning.priors, turning.ends)
 
 
-def with_rotation_fitted(hypotheses: WindowHypotheses) -> WindowHypotheses:
-    """The same hypotheses with the camera that only rotates fitted to their tracks."""
+def with_rotation_anew(hypotheses: WindowHypotheses) -> WindowHypotheses:
+    """The same hypotheses with the camera that only rotates fitted from afar."""
     tracks, best = hypotheses.tracks, hypotheses.motions[0]
     bearings = tracks.bearings(_with_stated_focal(best.fit.state.lens))
     rotations = align_views(bearings, [best.motion], tracks.frames[:2])
-    turning, rotation_priors = _fit_rotation(tracks, rotations, hypotheses.priors, best)
-    return replace(hypotheses, rotation_only=turning, rotation_priors=rotation_priors)
+    anew = _fit_rotation(tracks, rotations, hypotheses.priors, best)
+    return replace(hypotheses, rotation_only=anew.fit, rotation_priors=anew.priors, rotations=anew.ends)
 
 
 def _fitted(
@@ -281,32 +288,39 @@ def with_plane(motion: Motion, tracks: WindowTracks, bearings: Floats) -> Motion
     return replace(motion, plane=plane_of_motion(pose.R, pose.t, bearings[0, both], bearings[1, both]))
 
 
-def _fit_rotation(
-    tracks: WindowTracks, rotations: Floats, priors: Priors, best: FittedMotion
-) -> tuple[JointFit, Priors]:
-    """Fit the camera that only rotates, with a right and with a wrong focal length: the better fit, and its priors.
+class _Turning(NamedTuple):
+    """The better fit of the camera that only rotates, and its prior."""
 
-    It starts from afar in each window: where it went on from the last one, it stayed in wrong modes, and cameras that
-    only rotate with a focal length off by half had false maps.
-    """
+    fit: JointFit
+    priors: Priors
+    #: Where the fits ended.
+    ends: tuple[Motion, ...]
+
+
+def _fit_rotation(
+    tracks: WindowTracks, rotations: Floats, priors: Priors, best: FittedMotion, living: Sequence[Motion] = ()
+) -> _Turning:
+    """Fit the camera that only rotates, with a right and with a wrong focal length."""
     # A focal length that is no calibration may be wrong at no price.
     unknown = priors.focal_sigma >= WRONG_FOCAL
     any_focal = replace(
         priors, focal_sigma=max(WRONG_FOCAL, priors.focal_sigma), k1_sigma=max(UNKNOWN_K1_SIGMA, priors.k1_sigma)
     )
-    start = _far_start(tracks, rotations, any_focal)
+    start = None if living else _far_start(tracks, rotations, any_focal)
     # Far from the answer the principal point would follow outliers.
     any_focal = replace(any_focal, principal_sigma_px=UNKNOWN_PRINCIPAL_SIGMA * tracks.camera.width)
     hopeless = _hopeless_rotation(tracks, rotations, priors, best)
-    wrong = _fit_turning(tracks, start, any_focal, hopeless)
-    if unknown:
-        return wrong, any_focal
-    wrong = replace(wrong, cost=wrong.cost + WRONG_FOCAL_COST)
-    if wrong.cost > hopeless:
-        return wrong, any_focal
+    wrong = _fit_turning(tracks, living[0] if start is None else start, any_focal, hopeless)
+    ends: tuple[Motion, ...] = (_turning_motion(wrong),)
+    wrong = replace(wrong, cost=wrong.cost + (0.0 if unknown else WRONG_FOCAL_COST))
+    if unknown or wrong.cost > hopeless:
+        return _Turning(wrong, any_focal, ends)
     # It is the better one only if it costs less.
-    right = _fit_turning(tracks, wrong.state, priors, wrong.cost)
-    return (right, priors) if right.cost <= wrong.cost else (wrong, any_focal)
+    right = _fit_turning(tracks, living[1] if len(living) > 1 else wrong.state, priors, wrong.cost)
+    ends = (*ends, _turning_motion(right))
+    if right.cost <= wrong.cost:
+        return _Turning(right, priors, ends)
+    return _Turning(wrong, any_focal, ends)
 
 
 def _far_start(tracks: WindowTracks, rotations: Floats, priors: Priors) -> WindowState:
@@ -321,10 +335,15 @@ def _far_start(tracks: WindowTracks, rotations: Floats, priors: Priors) -> Windo
     return start
 
 
-def _fit_turning(tracks: WindowTracks, start: WindowState, priors: Priors, hopeless: float) -> JointFit:
-    """Fit a camera that only rotates, from the rotations and the lens of a state."""
-    first = start_at(tracks, start.R, _no_motion(len(start.R)), lens=start.lens.centred(), at_infinity=True)
-    return fit_window(tracks, first, priors, rotation_only=True, hopeless=hopeless)
+def _fit_turning(tracks: WindowTracks, start: WindowState | Motion, priors: Priors, hopeless: float) -> JointFit:
+    """Fit a camera that only rotates, from the poses and the lens of a state, or from where an earlier fit ended."""
+    if isinstance(start, WindowState):
+        R, points, lens = start.R, None, start.lens.centred()
+    else:
+        R, points, lens = np.array([start.cam_from_world[frame].R for frame in tracks.frames]), start.points, start.lens
+    first = start_at(tracks, R, _no_motion(len(R)), lens=lens, at_infinity=True)
+    known = None if points is None else points.start(tracks, first)
+    return fit_window(tracks, first, priors, known=known, rotation_only=True, hopeless=hopeless)
 
 
 def _with_stated_focal(lens: LensOffset) -> LensOffset:
@@ -335,6 +354,25 @@ def _with_stated_focal(lens: LensOffset) -> LensOffset:
 def _no_motion(views: int) -> Floats:
     """Translations (V, 3) without an effect on points at infinity; their length only has to differ from zero."""
     return np.outer(np.arange(views), [1e-9, 0.0, 0.0])
+
+
+def _turning_motion(fit: JointFit) -> Motion:
+    """Where a fit of a camera that only rotates ended."""
+    frames = fit.tracks.frames
+    return FittedMotion(fit, tuple(range(len(frames))), frames).motion
+
+
+def _in_window(tracks: WindowTracks, motion: Motion, rotations: Floats) -> Motion:
+    """A rotation-only motion in the views of a window: those that it does not know turn as the tracks do."""
+    known = {row: motion.cam_from_world[f].R for row, f in enumerate(tracks.frames) if f in motion.cam_from_world}
+    turned = dict(known)
+    for row in set(range(len(tracks.frames))) - set(known):
+        nearest = min(known, key=lambda one: abs(tracks.frames[one] - tracks.frames[row]), default=None)
+        turned[row] = rotations[row] if nearest is None else rotations[row] @ rotations[nearest].T @ known[nearest]
+    world = turned[0]
+    poses = {frame: Pose(turned[row] @ world.T, np.zeros(3)) for row, frame in enumerate(tracks.frames)}
+    points = None if motion.points is None or not known else motion.points.moved(Pose(world, np.zeros(3)))
+    return replace(motion, cam_from_world=poses, points=points)
 
 
 def _hopeless_rotation(tracks: WindowTracks, rotations: Floats, priors: Priors, best: FittedMotion) -> float:

@@ -37,6 +37,7 @@ class LiveHypotheses:
         self._least_noise_px = least_noise_px
         self._motions: list[Motion] = []
         self._proposed: list[Motion] = []
+        self._rotations: tuple[Motion, ...] = ()
         self._noise_px = 0.0
 
     def __bool__(self) -> bool:
@@ -68,11 +69,15 @@ class LiveHypotheses:
         if new is old:
             return
         log_scale, k1 = new.log_scale - old.log_scale, new.k1 - old.k1
-        self._motions = [replace(one, lens=one.lens.from_moved(log_scale, k1)) for one in self._motions]
+        self._motions, rotations = (
+            [replace(one, lens=one.lens.from_moved(log_scale, k1)) for one in ones]
+            for ones in (self._motions, self._rotations)
+        )
+        self._rotations = tuple(rotations)
 
     def forget(self) -> None:
         """Drop all motions."""
-        self._motions, self._proposed = [], []
+        self._motions, self._proposed, self._rotations = [], [], ()
 
     def fitted(
         self,
@@ -89,16 +94,16 @@ class LiveHypotheses:
             )
             # Where no turning is known, the readout moves no pixel.
             priors = priors if tracks.sweep_px_s.any() else replace(priors, readout_sigma_s=0.0)
-            hypotheses = fit_hypotheses(tracks, [*self._motions, *self._proposed], priors)
+            hypotheses = fit_hypotheses(tracks, [*self._motions, *self._proposed], priors, self._rotations)
         if hypotheses is None:
             self._proposed = []
-            self._motions = []
+            self._motions, self._rotations = [], ()
             return None
         self._noise_px = hypotheses.tracks.noise_px
         gain, freedom = hypotheses.gain_over_rotation
         # Twice the gain is as large as this by chance alone: there is nothing to carry on.
         if 2 * gain < freedom:
-            self._motions, self._proposed = [], []
+            self._motions, self._proposed, self._rotations = [], [], hypotheses.rotations
             return hypotheses
         self.keep(hypotheses)
         self._proposed = []
@@ -109,7 +114,7 @@ class LiveHypotheses:
         with single_threaded():
             tracks = replace(hypotheses.tracks, down_weights=np.zeros(len(hypotheses.tracks.frames)))
             motions = [fitted.motion for fitted in hypotheses.motions]
-            alone = fit_hypotheses(tracks, motions, hypotheses.priors)
+            alone = fit_hypotheses(tracks, motions, hypotheses.priors, hypotheses.rotations)
             return None if alone is None else hypotheses.beside(alone)
 
     def keep(self, hypotheses: WindowHypotheses) -> None:
@@ -121,3 +126,4 @@ class LiveHypotheses:
             if len(m.rows) < len(best.rows) or hypotheses.votes(best, m).sum() < _HOPELESS
         ]  # fmt: skip
         self._motions = [replace(fitted.motion, is_new=False) for fitted in kept[:_MAX_MOTIONS]]
+        self._rotations = hypotheses.rotations

@@ -32,6 +32,9 @@ from slam_init.window.track_equations import eliminate
 OFF_PLANE_COST = LARGEST_VOTE
 #: Levenberg-Marquardt: first damping, the factor of a rejected step, and how often a step is tried.
 _DAMPING, _RAISE, _TRIES = 1e-4, 10.0, 6
+#: Robust costs converge linearly. A step that gains at least this share of what the step before gained is tried again
+#: at up to this multiple of its length, which costs a fifth of new equations.
+_SLOW, _LONGEST = 0.3, 6.0
 #: All steps to come together gain at most this many times what the last one gained: a ratio of 0.95.
 _STEPS_TO_COME = 20.0
 #: Stiffness of the held baseline over that of its view.
@@ -45,24 +48,24 @@ def optimize(
     layout: Layout,
     held_view: int,
     limits: Limits,
-    states: tuple[Unknowns, Unknowns],
+    states: tuple[Unknowns, Unknowns, Unknowns],
     equations: Equations,
     fitted: Fitted,
     sums: Sums,
     work: Work,
 ) -> tuple[int, float, int, bool]:
-    """Levenberg-Marquardt from the first of two states; the other one is place for steps.
+    """Levenberg-Marquardt from the first of three states; the others are place for steps.
 
     * Returns: Which state is the answer, its cost, the number of steps, and whether the fit was given up. ``fitted`` is
       that of the answer.
     """
-    at, tried = 0, 1
+    at, tried, spare = 0, 1, 2
     # Variables: for each of the constants True and False numba would compile the loops once more.
     builds = limits.max_steps > 0
     only_cost = not builds
     cost = evaluate(observed, known, layout, states[at], equations, fitted, sums, builds, builds)
     # The state that the costs of the tracks belong to.
-    weighed, damping, steps, given_up = at, _DAMPING, 0, False
+    weighed, damping, steps, fell, given_up = at, _DAMPING, 0, np.inf, False
     while steps < limits.max_steps:
         if steps:
             evaluate(observed, known, layout, states[at], equations, fitted, sums, builds, builds)
@@ -79,7 +82,15 @@ def optimize(
         if not lower < cost:
             break
         steps += 1
-        fell = cost - lower
+        ratio, fell = (cost - lower) / fell, cost - lower
+        if _SLOW < ratio < 1.0:
+            # Where each step gains this share of the one before, the sum of all steps is so much longer (Aitken).
+            longer = min(1.0 / (1.0 - ratio), _LONGEST)
+            move(states[at], work.step, longer, known, layout, equations, fitted.free, states[spare])
+            weighed = spare
+            lowest = evaluate(observed, known, layout, states[spare], equations, fitted, sums, only_cost, only_cost)
+            if lowest < lower:
+                tried, spare, lower = spare, tried, lowest
         at, tried = tried, at
         cost, damping = lower, max(damping / _RAISE, 1e-9)
         given_up = cost - _STEPS_TO_COME * fell > limits.hopeless or cost > limits.give_up

@@ -13,12 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from slam_init.types.arrays import Floats
-from slam_init.window.hypotheses import (
-    CERTAIN_SIGMAS,
-    EXPLAINED_BY_FIELDS,
-    WindowHypotheses,
-    with_rotation_fitted,
-)
+from slam_init.window.hypotheses import CERTAIN_SIGMAS, EXPLAINED_BY_FIELDS, WindowHypotheses, with_rotation_anew
 from slam_init.window.levels import CHANCE_GAIN, FLOOR, LENS_ZOOMS, SHARE_OF_BODIES, ZOOM_LEAVES
 from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.marginal import marginalize_fields
@@ -91,7 +86,7 @@ def with_errors_in_noise(hypotheses: WindowHypotheses) -> WindowHypotheses:
     tracks, best = hypotheses.tracks, hypotheses.motions[0]
     wide = with_lasting_errors(tracks, hypotheses.rotation_only.state.R)
     again = fit_motion(wide, best.motion, hypotheses.priors)
-    return with_rotation_fitted(replace(hypotheses, tracks=wide, motions=(again,)))
+    return with_rotation_anew(replace(hypotheses, tracks=wide, motions=(again,)))
 
 
 def bodies_probability(hypotheses: WindowHypotheses, share: float, price: float = 0.0) -> float:

@@ -12,7 +12,7 @@ def reference_optimum(
     equations: WindowEquations, state: WindowState, max_steps: int, tolerance: float
 ) -> tuple[WindowState, float, int]:
     """What :func:`slam_init.window.optimizer.optimize` gives: the last state, its cost, the number of steps."""
-    cost, damping, steps = equations.cost(state), 1e-4, 0
+    cost, damping, steps, fell = equations.cost(state), 1e-4, 0, np.inf
     while steps < max_steps:
         equations.build(state)
         normal, gradient = equations.information(state), equations.gradient.copy()
@@ -27,7 +27,11 @@ def reference_optimum(
         else:
             break
         steps += 1
-        fell = cost - lower
+        ratio, fell = (cost - lower) / fell, cost - lower
+        if 0.3 < ratio < 1:
+            further = equations.moved(state, step, min(1 / (1 - ratio), 6.0))
+            if equations.cost(further) < lower:
+                moved, lower = further, equations.cost(further)
         state, cost, damping = moved, lower, max(damping / 10, 1e-9)
         if fell < tolerance:
             break

@@ -53,8 +53,9 @@ def test_a_point_at_infinity_is_far_and_not_lost():
 @pytest.mark.parametrize("scene", ["room", "wall"])
 def test_a_fit_that_goes_on_takes_few_steps_and_costs_no_more(scene):
     first = fitted(scene)
-    again = fit_hypotheses(first.tracks, [one.motion for one in first.motions], PRIORS)
+    again = fit_hypotheses(first.tracks, [one.motion for one in first.motions], PRIORS, first.rotations)
     best = again.motions[0]
     assert best.fit.iterations <= MAX_STEPS
     assert best.fit.cost <= first.motions[0].fit.cost + 0.2
     assert best.same_as(first.motions[0])
+    assert again.rotation_only.cost <= first.rotation_only.cost + 0.2

@@ -114,7 +114,7 @@ class GivenCosts:
         self.asked, self.costs, self.views = [], {}, {}
         self.gain_over_rotation = FAR_FROM_ROTATION
 
-    def __call__(self, tracks, motions, priors):
+    def __call__(self, tracks, motions, priors, living):
         self.asked.append(motions)
         fits = [
             SimpleNamespace(
@@ -133,6 +133,7 @@ class GivenCosts:
             motions=tuple(fits),
             gain_over_rotation=self.gain_over_rotation,
             votes=votes_by_costs,
+            rotations=(),
             body=None,
         )
 
