@@ -18,21 +18,18 @@ import numpy as np
 
 from slam_init.calibration.files import load_camera
 from slam_init.datasets.grey_levels import GreyLevels
-from slam_init.datasets.gyroscope import Gyroscope, gyroscope_of
 from slam_init.datasets.image_files import ImageFileSource, frame_range, read_image
-from slam_init.datasets.inertial import inertial_of
 from slam_init.datasets.synth import SynthSource
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import user_path
 from slam_init.types.arrays import Floats, Image, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, TimedSource, notes_of
-from slam_init.types.inertial import InertialRecord
 
 
-def _of_source(name: str) -> Any:
+def _of_source(name: str, *default: None) -> Any:
     """A property that is that of the source."""
-    return property(lambda derived: getattr(derived.source, name), doc="That of the source.")
+    return property(lambda derived: getattr(derived.source, name, *default), doc="That of the source.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,21 +40,12 @@ class DerivedSource:
 
     name, kind, camera = _of_source("name"), _of_source("kind"), _of_source("camera")
     groundtruth, timestamps_s = _of_source("groundtruth"), _of_source("timestamps_s")
+    gyroscope, inertial = _of_source("gyroscope", None), _of_source("inertial", None)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Those of the source."""
         return notes_of(self.source)
-
-    @property
-    def gyroscope(self) -> Gyroscope | None:
-        """That of the source."""
-        return gyroscope_of(self.source)
-
-    @property
-    def inertial(self) -> InertialRecord | None:
-        """That of the source."""
-        return inertial_of(self.source)
 
     def __len__(self) -> int:
         return len(self.source)
@@ -175,31 +163,28 @@ class MaskedSource(DerivedSource):
 
     #: An image for all frames, or a folder.
     path: Path
-    #: (H, W) The mask of all frames; None for a folder.
-    of_all: Image | None
 
-    @classmethod
-    def open(cls, source: TimedSource, path: str | os.PathLike[str]) -> MaskedSource:
-        """Open the masks of a source."""
-        path = user_path(path)
-        if path.is_dir():
-            return cls(source, path, None)
-        if not path.exists():
-            raise SourceError(f"{path}: no such file or folder of masks")
-        return cls(source, path, read_mask(path))
+    def __post_init__(self) -> None:
+        if not self.path.exists():
+            raise SourceError(f"{self.path}: no such file or folder of masks")
+
+    @cached_property
+    def _of_all(self) -> Image | None:
+        """(H, W) The mask of all frames; None for a folder."""
+        return None if self.path.is_dir() else read_mask(self.path)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Those of the source, and what the mask ignores."""
         notes = notes_of(self.source)
-        if self.of_all is None:
+        if self._of_all is None:
             return (*notes, f"the masks in {self.path.name} are ignored pixels of the frames")
-        return (*notes, f"the mask {self.path.name} ignores {np.mean(self.of_all == 0):.1%} of each image")
+        return (*notes, f"the mask {self.path.name} ignores {np.mean(self._of_all == 0):.1%} of each image")
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Read frames in order, with their masks."""
         for frame in self.source.frames(start, max_frames):
-            mask, path = (self.of_all, self.path) if self.of_all is not None else self._of(frame)
+            mask, path = (self._of_all, self.path) if self._of_all is not None else self._of(frame)
             size, expected = mask.shape[::-1], frame.image.shape[1::-1]
             if size != expected:
                 raise SourceError(
@@ -210,13 +195,11 @@ class MaskedSource(DerivedSource):
 
     def _of(self, frame: Frame) -> tuple[Image, Path]:
         names = (f"{frame.name}.png", f"{os.path.splitext(frame.name)[0]}.png")  # noqa: PTH122 (a Path drops "./")
-        for name in names:
-            if (self.path / name).exists():
-                return read_mask(self.path / name, self.path), self.path / name
-        looked_for = " or ".join(dict.fromkeys(names))
-        raise SourceError(
-            f"{self.path}: no mask for the frame {frame.name}: add {looked_for}, or give one mask for all"
-        )
+        found = next((self.path / name for name in names if (self.path / name).exists()), None)
+        if found is None:
+            looked_for = " or ".join(dict.fromkeys(names))
+            raise SourceError(f"{self.path}: no mask for the frame {frame.name}: add {looked_for}, or give one for all")
+        return read_mask(found, self.path), found
 
 
 def read_mask(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Image:
@@ -268,7 +251,7 @@ class SourceView:
         if self.every != 1 or self.fps is not None:
             source = SubsampledSource(source, self.every, self.fps, renumbered)
         if self.mask is not None:
-            source = MaskedSource.open(source, self.mask)
+            source = MaskedSource(source, user_path(self.mask))
         if self.camera is None:
             return source
         height, width = next(source.frames(0, 1)).image.shape[:2]

@@ -62,10 +62,7 @@ _INTRINSICS = (
     *_COEFFICIENTS,
 )
 # Without the models of spheres and prisms, whose coefficients these files have no keys for.
-_MODELS = {
-    **dict.fromkeys(("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"), "radtan"),
-    "OPENCV_FISHEYE": "fisheye",
-}
+_MODELS = ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
 
 
 def find_colmap(folder: Path) -> Path | None:
@@ -132,16 +129,10 @@ def _transforms_camera(place: str, stated: JsonObject, size: tuple[int, int] | N
     sized = stated if size is None else {"w": size[0], "h": size[1], **stated}
     if not {"fl_x", "camera_angle_x"} & stated.keys() or not {"w", "h"} <= sized.keys():
         return None  # without a size the image is not in the folder either
-    section = Section(sized)
+    section, name = Section(sized), str(stated.get("camera_model", "OPENCV"))
     with at_place(place):
-        name, is_fisheye = str(stated.get("camera_model", "OPENCV")), stated.get("is_fisheye", False)
         if name.upper() not in _MODELS:
             raise CalibrationError(f"camera_model {name[:40]!r} is not supported: use OPENCV or OPENCV_FISHEYE")
-        if is_fisheye not in (False, True):
-            raise CalibrationError(f"is_fisheye is {str(is_fisheye)[:40]!r}: give true or false")
-        model = "fisheye" if is_fisheye else _MODELS[name.upper()]
-        if model == "radtan" and section.number("k4", 0.0) != 0:
-            raise CalibrationError("k4 is not supported for a perspective camera: use k1, k2, k3, p1, p2")
         width, height = section.number("w"), section.number("h")
         if "fl_x" in stated:
             fx = section.number("fl_x")
@@ -152,9 +143,12 @@ def _transforms_camera(place: str, stated: JsonObject, size: tuple[int, int] | N
             fx = 0.5 * width / math.tan(0.5 * angle)
         fy = section.number("fl_y", fx)
         cx, cy = section.number("cx", width / 2) - 0.5, section.number("cy", height / 2) - 0.5
-        k = {name: section.number(name, 0.0) for name in _COEFFICIENTS}
-    content = {"model": model, "width": width, "height": height, "fx": fx, "fy": fy, "cx": cx, "cy": cy, **k}
-    return camera_of(place, content)
+    lens = {key: stated[key] for key in (*_COEFFICIENTS, "is_fisheye") if key in stated}
+    model = {} if stated.get("is_fisheye") else {"model": name}
+    camera = camera_of(place, {"width": width, "height": height, "fx": fx, "fy": fy, "cx": cx, "cy": cy} | lens | model)
+    if camera.model == "rational":
+        raise CalibrationError(f"{place}: k4 is not supported for a perspective camera: use k1, k2, k3, p1, p2")
+    return camera
 
 
 def find_trakmark(folder: Path) -> Path | None:

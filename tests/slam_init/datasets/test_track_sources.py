@@ -55,8 +55,8 @@ def test_a_database_has_its_camera_and_the_natural_order_of_its_names(tmp_path):
     source = open_source(write_database(tmp_path / "database.db", scene()))
     assert (source.kind, source.image_names, source.camera) == ("colmap-database", NAMES, CAMERA)
     facts = describe(source, source.camera)
-    assert facts.tracks.tracks > 200
-    assert facts.tracks.frames_per_track > 2
+    assert facts["tracks"]["tracks"] > 200
+    assert facts["tracks"]["frames_per_track"] > 2
 
 
 def test_a_focal_length_that_is_a_guess_of_colmap_is_no_calibration(tmp_path):
