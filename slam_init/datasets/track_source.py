@@ -40,7 +40,7 @@ class KnowsTracks(Protocol):
         ...
 
 
-def draw_points(size: tuple[int, int], pixels: Floats) -> Image:
+def _draw_points(size: tuple[int, int], pixels: Floats) -> Image:
     """Draw points as an image, for sources that have none.
 
     Shapes: ``pixels`` (N, 2), returns (H, W).
@@ -92,7 +92,7 @@ class TrackSource:
         for index in frame_range(len(self), start, max_frames, self.name):
             name = self.image_names[index]
             if self.pictures is None:
-                image = draw_points(self.size, self.table.pixels[self._rows(index)])
+                image = _draw_points(self.size, self.table.pixels[self._rows(index)])
             else:
                 image = next(self.pictures.frames(self.picture_indices[index], 1)).image
                 check_size(name, (image.shape[1], image.shape[0]), self.size, f"that of {self.name}")

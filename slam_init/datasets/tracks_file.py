@@ -31,11 +31,6 @@ _MAX_BYTES = 640_000_000
 _MAX_UNNAMED = 1_000_000
 
 
-def is_tracks_file(path: Path) -> bool:
-    """Tell whether a file is an archive of arrays, by its suffix."""
-    return path.suffix.lower() == ".npz"
-
-
 def open_tracks_file(path: Path) -> TrackSource:
     """Open a file of tracks."""
     arrays = read_npz(path, _REQUIRED, _MAX_BYTES, "tracks", _OPTIONAL)

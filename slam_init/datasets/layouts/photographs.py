@@ -143,9 +143,9 @@ def _transforms_camera(place: str, stated: JsonObject, size: tuple[int, int] | N
             fx = 0.5 * width / math.tan(0.5 * angle)
         fy = section.number("fl_y", fx)
         cx, cy = section.number("cx", width / 2) - 0.5, section.number("cy", height / 2) - 0.5
-    lens = {key: stated[key] for key in (*_COEFFICIENTS, "is_fisheye") if key in stated}
-    model = {} if stated.get("is_fisheye") else {"model": name}
-    camera = camera_of(place, {"width": width, "height": height, "fx": fx, "fy": fy, "cx": cx, "cy": cy} | lens | model)
+    lens: JsonObject = {key: stated.get(key, 0.0) for key in _COEFFICIENTS}
+    lens |= {"is_fisheye": stated["is_fisheye"]} if stated.get("is_fisheye") else {"model": name}
+    camera = camera_of(place, {"width": width, "height": height, "fx": fx, "fy": fy, "cx": cx, "cy": cy} | lens)
     if camera.model == "rational":
         raise CalibrationError(f"{place}: k4 is not supported for a perspective camera: use k1, k2, k3, p1, p2")
     return camera
