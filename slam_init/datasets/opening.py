@@ -22,14 +22,14 @@ from slam_init.datasets.colmap import SQLITE, open_colmap_database
 from slam_init.datasets.hloc import HDF5, open_hloc
 from slam_init.datasets.image_files import IMAGE_SUFFIXES, image_folder, natural_key, open_folder
 from slam_init.datasets.layouts import LAYOUTS
-from slam_init.datasets.live import is_live
-from slam_init.datasets.live.address import without_password
+from slam_init.datasets.live import is_live, without_password
 from slam_init.datasets.posed_images import Layout
-from slam_init.datasets.ros import BagName, RosSource
 from slam_init.datasets.ros.bag import MCAP, ROS1, STORAGE_SUFFIXES, is_bag_folder
+from slam_init.datasets.ros.source import RosSource
+from slam_init.datasets.ros.topics import BagName
 from slam_init.datasets.stamps import image_times
 from slam_init.datasets.synth import PREFIX, open_synth
-from slam_init.datasets.tracks_file import open_tracks_file
+from slam_init.datasets.track_source import open_tracks_file
 from slam_init.datasets.video import open_video
 from slam_init.errors import SlamInitError, SourceError
 from slam_init.system.regular_file import kind_problem, user_path

@@ -26,15 +26,17 @@ References
 
 from __future__ import annotations
 
+import json
 import math
+import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
 from slam_init.calibration.files import camera_of
 from slam_init.calibration.values import Section, at_place
-from slam_init.datasets.bounded import JsonObject, read_json
 from slam_init.datasets.colmap import model_files, read_model
 from slam_init.datasets.image_files import (
     IMAGE_SUFFIXES,
@@ -48,7 +50,7 @@ from slam_init.datasets.image_files import (
 from slam_init.datasets.posed_images import Layout, PosedImage, file_of, image_sequence, photographs, with_axes
 from slam_init.datasets.text import pose_from_matrix, read_poses_of
 from slam_init.errors import CalibrationError, SourceError
-from slam_init.system.regular_file import check_inside
+from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.arrays import as_array
 from slam_init.types.camera import Camera
 
@@ -63,6 +65,31 @@ _INTRINSICS = (
 )
 # Without the models of spheres and prisms, whose coefficients these files have no keys for.
 _MODELS = ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
+
+
+#: The top level of a JSON file. A value is checked when it is read.
+JsonObject = dict[str, object]
+
+# A million poses with file names have 100 to 400 MB as JSON; the largest scenes in use have a few thousand.
+_MAX_JSON_BYTES = 100_000_000
+
+
+def _read_json(path: str | os.PathLike[str], root: str | os.PathLike[str], what: str) -> JsonObject:
+    """Read a JSON file with an object at its top.
+
+    * ``root``: The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
+    """
+    check_inside(path, root)
+    data = read_regular(path, _MAX_JSON_BYTES, what, SourceError)
+    try:
+        content = json.loads(data.decode("utf-8-sig"))
+    except json.JSONDecodeError as error:
+        raise SourceError(f"{path}:{error.lineno}: broken JSON: {error.msg}") from None
+    except (UnicodeDecodeError, ValueError, RecursionError):  # ValueError: an integer of thousands of digits
+        raise SourceError(f"{path}: not a JSON file of {what}") from None
+    if not isinstance(content, dict):
+        raise SourceError(f"{path}: not {what}: expected a JSON object")
+    return cast(JsonObject, content)
 
 
 def find_colmap(folder: Path) -> Path | None:
@@ -93,7 +120,7 @@ def open_transforms(folder: Path, path: Path) -> ImageFileSource:
 
 def read_transforms(path: Path, folder: Path) -> Iterator[PosedImage]:
     """The images of a ``transforms.json``, whether the folder holds them or not."""
-    content = read_json(path, folder, "a list of posed images")
+    content = _read_json(path, folder, "a list of posed images")
     frames = content.get("frames")
     if not isinstance(frames, list) or not frames:
         raise SourceError(f"{path}: frames is missing or empty: expected a list of images")

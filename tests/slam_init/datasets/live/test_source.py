@@ -10,8 +10,7 @@ import pytest
 
 from slam_init.config import Config
 from slam_init.datasets import open_source
-from slam_init.datasets.live import LiveSource, is_live, open_live
-from slam_init.datasets.live.address import without_password
+from slam_init.datasets.live import LiveSource, is_live, open_live, without_password
 from slam_init.datasets.live.source import QUEUE_FRAMES
 from slam_init.datasets.live.streams import StreamImage
 from slam_init.errors import SourceError
