@@ -97,10 +97,8 @@ def _check(camera: Camera, image_size: tuple[int, int] | None, orientation: int 
     grid = np.stack(np.meshgrid(np.linspace(0, camera.width - 1, 21), np.linspace(0, camera.height - 1, 21)), axis=-1)
     reached = float(np.isfinite(camera.bearings(grid.reshape(-1, 2))).all(axis=1).mean())
     if reached < _MIN_REACHED:
-        raise CalibrationError(
-            f"distortion {list(camera.distortion)} gives rays for {100 * reached:.0f} % of the image only: "
-            "check the coefficients and their order"
-        )
+        problem = f"distortion {list(camera.distortion)} gives rays for {100 * reached:.0f} % of the image only"
+        raise CalibrationError(f"{problem}: check the coefficients and their order")
 
 
 def load_yaml(path: str | os.PathLike[str]) -> dict[str, object]:

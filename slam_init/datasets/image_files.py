@@ -178,10 +178,8 @@ def _check_header(name: str, data: bytes) -> None:
     if pixels < 1:
         raise SourceError(f"{name}: not a readable image")
     if pixels > MAX_PIXELS:
-        raise SourceError(
-            f"{name}: the header states more than {MAX_PIXELS / 1e6:.0f} million pixels: shrink the image and scale "
-            "its calibration"
-        )
+        most = f"{MAX_PIXELS / 1e6:.0f} million"
+        raise SourceError(f"{name}: the header states more than {most} pixels: shrink the image")
 
 
 def image_size(path: str | os.PathLike[str], root: str | os.PathLike[str]) -> tuple[int, int]:

@@ -195,10 +195,8 @@ def _announced() -> list[Layout]:
         try:
             layout = entry.load()
         except (Exception, SystemExit) as error:
-            cause = described_error(error)
-            raise SourceError(
-                f"the reader {entry.value} cannot be loaded ({cause}): correct or uninstall it"
-            ) from error
+            problem = f"the reader {entry.value} cannot be loaded ({described_error(error)})"
+            raise SourceError(f"{problem}: correct or uninstall it") from error
         if not isinstance(layout, Layout):
             raise SourceError(f"the reader {entry.value} is no slam_init.datasets.posed_images.Layout: make it one")
         layouts.append(layout)

@@ -281,10 +281,8 @@ def open_video(path: Path) -> VideoSource:
         raise SourceError(f"{path}: not a readable video ({cause}); give a video file, or a folder of images") from None
     notes: list[str] = []
     if quarters:
-        notes.append(
-            f"the frames are turned by {360 - 90 * quarters} degrees, as the video states: a calibration has to be "
-            "that of upright images"
-        )
+        turned = f"the frames are turned by {360 - 90 * quarters} degrees, as the video states"
+        notes.append(f"{turned}: a calibration has to be that of upright images")
     if not (np.isfinite(rate_hz) and 0 < rate_hz <= 1000):
         rate_hz = NOMINAL_RATE_HZ
         notes.append(f"the video states no possible frame rate: {rate_hz:g} frames a second are assumed")

@@ -58,18 +58,15 @@ def decode(place: str, message: Any) -> Pixels:
         return decode_image(place, data.tobytes())
     encoding = str(message.encoding).lower()
     if encoding not in _ENCODINGS:
-        raise SourceError(
-            f"{place}: the encoding {str(message.encoding)[:40]!r} is not supported: use one of {', '.join(_ENCODINGS)}"
-        )
+        known = ", ".join(_ENCODINGS)
+        raise SourceError(f"{place}: the encoding {encoding[:40]!r} is not supported: use one of {known}")
     (channels, conversion), is_wide = _ENCODINGS[encoding], encoding.endswith("16")
     width, height, step = int(message.width), int(message.height), int(message.step)
     check_pixels(place, width, height)
     row = width * channels * (2 if is_wide else 1)
     step = step or row  # some drivers leave it out
     if step < row or len(data) < step * (height - 1) + row:
-        raise SourceError(
-            f"{place}: {len(data)} bytes in rows of {step} hold no {width}x{height} pixels of {message.encoding}"
-        )
+        raise SourceError(f"{place}: {len(data)} bytes in rows of {step} hold no {width}x{height} pixels of {encoding}")
     data = np.pad(data, (0, max(0, step * height - len(data))))  # the last row may end with its last pixel
     pixels: Pixels = np.ascontiguousarray(data[: step * height].reshape(height, step)[:, :row])
     if is_wide:
