@@ -332,22 +332,12 @@ def _metashape(calibration: Element) -> Content:
     if kind not in ("frame", "fisheye") or any(section.number(name, 0.0) for name in unread):
         problem = f"Metashape's type {kind} with {', '.join(unread)}"
         raise CalibrationError(f"{problem}: use frame or fisheye, and 0 for these")
+    f, b1, skew, cx, cy = section.number("f"), *(section.number(name, 0.0) for name in ("b1", "b2", "cx", "cy"))
+    K = [f + b1, skew, (width - 1) / 2 + cx, 0, f, (height - 1) / 2 + cy, 0, 0, 1]
     values = {name: section.number(name, 0.0) for name in ("k1", "k2", "k3", "k4")}
     p1, p2 = section.number("p2", 0.0), section.number("p1", 0.0)
     model = "radtan" if kind == "frame" else "thin_prism_fisheye" if p1 or p2 else "fisheye"
-    return {
-        "model": model,
-        "width": width,
-        "height": height,
-        "skew": section.number("b2", 0.0),
-        "p1": p1,
-        "p2": p2,
-        "fx": section.number("f") + section.number("b1", 0.0),
-        "fy": section.number("f"),
-        **values,
-        "cx": (width - 1) / 2 + section.number("cx", 0.0),
-        "cy": (height - 1) / 2 + section.number("cy", 0.0),
-    }
+    return {"model": model, "resolution": [width, height], "K": K, "p1": p1, "p2": p2, **values}
 
 
 def _lines(text: str) -> list[str]:

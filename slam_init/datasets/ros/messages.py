@@ -88,11 +88,7 @@ def camera_of_info(place: str, info: Any, images: str, image_size: tuple[int, in
         K = P.reshape(3, 4)[:, :3].ravel()
     if not K.any():
         return None
-    content: dict[str, object] = {
-        "K": K.tolist(),
-        "D": [] if rectified else D.tolist(),
-        "distortion_model": "" if rectified else str(info.distortion_model),
-        "width": int(info.width),
-        "height": int(info.height),
-    }
+    content: dict[str, object] = {"K": K.tolist(), "width": int(info.width), "height": int(info.height)}
+    if not rectified:
+        content |= {"D": D.tolist(), "distortion_model": str(info.distortion_model)}
     return camera_of(place, content, image_size)
