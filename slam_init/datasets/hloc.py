@@ -117,18 +117,16 @@ def _read_matches(path: Path, matches: h5py.File, names: list[str]) -> Iterator[
     index = {name.replace("/", "-"): i for i, name in enumerate(names)}
     if len(index) < len(names):
         raise SourceError(f"{path}: two images differ in / and - only, which hloc does not tell apart")
-    found = False
-    for name, entry in _entries(path, matches):
-        if name.endswith("/matches0"):
-            found = True
-            pair = _pair(name.removesuffix("/matches0"), index)
-            if pair is None:
-                raise SourceError(f"{path}: {name[:200]}: names an image that the features do not have")
-            partner = _numbers(path, name, entry, (None,)).astype(np.int64)
-            first = np.flatnonzero(partner > -1)
-            yield PairMatches(*pair, np.column_stack([first, partner[first]]))
-    if not found:
+    entries = [(name, entry) for name, entry in _entries(path, matches) if name.endswith("/matches0")]
+    if not entries:
         raise SourceError(f"{path}: holds no matches0: name the file of the matches, not that of the features")
+    for name, entry in entries:
+        pair = _pair(name.removesuffix("/matches0"), index)
+        if pair is None:
+            raise SourceError(f"{path}: {name[:200]}: names an image that the features do not have")
+        partner = _numbers(path, name, entry, (None,)).astype(np.int64)
+        first = np.flatnonzero(partner > -1)
+        yield PairMatches(*pair, np.column_stack([first, partner[first]]))
 
 
 def _pair(name: str, index: dict[str, int]) -> tuple[int, int] | None:

@@ -290,8 +290,8 @@ def _handover(path: Path) -> MapFile:
     if str(arrays["format"]) != FORMAT or str(arrays["version"]) != str(VERSION):
         raise SourceError(f"{path}: is no {FORMAT} of version {VERSION}: give that of slam-init run")
     width, height = array("camera_size", np.int64, 2).tolist()
-    frames, ids = (array(name, np.int64, None) for name in ("keyframe_frames", "point_ids"))
-    keyframes, points = (array(f"observation_{name}", np.int64, None) for name in ("keyframes", "points"))
+    indices = ("keyframe_frames", "point_ids", "observation_keyframes", "observation_points")
+    frames, ids, keyframes, points = (array(name, np.int64, None) for name in indices)
     pixels, matrices = array("observation_pixels", np.float64, None, 2), array("keyframe_poses", np.float64, None, 4, 4)
     parameters = array("camera_parameters", np.float64, None).tolist()
     fits = len(parameters) >= 4 and len(frames) == len(matrices) and len(keyframes) == len(points) == len(pixels)

@@ -275,7 +275,7 @@ def test_a_frame_of_transforms_may_state_a_fisheye_of_its_own(tmp_path):
 
 def test_json_that_is_nested_too_deeply_is_refused(tmp_path):
     write(tmp_path / "transforms.json", '{"frames": ' + "[" * 100_000)
-    with pytest.raises(SourceError, match=r"transforms.json"):
+    with pytest.raises(CalibrationError, match=r"transforms.json"):
         open_source(tmp_path)
 
 
