@@ -284,9 +284,8 @@ class SourceView:
             return cls(), text
         query, _, source = text.removeprefix(_PREFIX).partition(":")  # a colon in a value is written as %3A
         options = dict(parse_qsl(query))
-        fps = options.get("fps")
-        rate = None if fps is None else float(fps)
-        return cls(int(options.get("every", 1)), rate, options.get("mask"), options.get("camera")), source
+        fps = float(options["fps"]) if "fps" in options else None
+        return cls(int(options.get("every", 1)), fps, options.get("mask"), options.get("camera")), source
 
 
 # -- gravity ---------------------------------------------------------------------------------------
