@@ -96,10 +96,9 @@ def _edges(nodes: Sequence[Ints], pairs: Iterable[PairMatches], what: str) -> In
             if len(column) and not (column.min() >= 0 and column.max() < len(nodes[image])):
                 pair_of = f"a match of {pair.first} and {pair.second}"
                 raise SourceError(f"{what}: {pair_of} names a keypoint that {image} lacks")
-        if pair.first != pair.second and len(matched):
-            ends = np.column_stack([nodes[pair.first][matched[:, 0]], nodes[pair.second][matched[:, 1]]])
-            found.append(np.sort(ends, axis=1))
-            gaps.append(np.full(len(ends), abs(pair.first - pair.second)))
+        ends = np.column_stack([nodes[pair.first][matched[:, 0]], nodes[pair.second][matched[:, 1]]])
+        found.append(np.sort(ends, axis=1))
+        gaps.append(np.full(len(ends), abs(pair.first - pair.second)))
     if not found:
         return np.zeros((0, 2), np.int64)
     edges, first = np.unique(np.concatenate(found), axis=0, return_index=True)

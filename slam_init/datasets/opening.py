@@ -148,11 +148,8 @@ def open_source(text: str | os.PathLike[str], seed: int = 0) -> TimedSource:
 def detect_kind(text: str | os.PathLike[str]) -> str:
     """Detect the kind of a source."""
     text = _text(text)
-    if text.startswith(PREFIX):
-        return "synth"
-    if text.startswith(PYTHON):
-        return "python"
-    return _layout_of(text)[0].kind
+    prefix, colon, _ = text.partition(":")
+    return prefix if prefix + colon in (PREFIX, PYTHON) else _layout_of(text)[0].kind
 
 
 def _text(source: str | os.PathLike[str]) -> str:
