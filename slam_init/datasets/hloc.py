@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.datasets.bounded import first_bytes
 from slam_init.datasets.match_chains import PairMatches, chain_matches
 from slam_init.datasets.track_source import TrackSource, by_name, track_source
 from slam_init.errors import SourceError
@@ -60,8 +59,6 @@ def _opened(path: Path) -> Iterator[h5py.File]:
         import h5py
     except ImportError:
         raise SourceError(f'{path}: reading .h5 needs h5py: pip install ".[hloc]"') from None
-    if first_bytes(path, len(HDF5)) != HDF5:
-        raise SourceError(f"{path}: is no HDF5 file of hloc")
     try:
         with h5py.File(path, "r") as file:
             yield file

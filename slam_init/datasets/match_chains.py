@@ -39,14 +39,14 @@ class TrackTable:
     #: (M, 2) Pixel centres at integer coordinates.
     pixels: Floats
 
-    def reordered(self, rank: Ints) -> TrackTable:
-        """The same tracks with the frames in another order.
+    @staticmethod
+    def of(frames: Ints, track_ids: Ints, pixels: Floats) -> TrackTable:
+        """Sort observations.
 
-        Shapes: ``rank`` (F,).
+        Shapes: ``frames, track_ids`` (M,), ``pixels`` (M, 2).
         """
-        frames = rank[self.frames]
-        order = np.lexsort((self.track_ids, frames))
-        return TrackTable(frames[order], self.track_ids[order], self.pixels[order])
+        order = np.lexsort((track_ids, frames))
+        return TrackTable(frames[order], track_ids[order], pixels[order])
 
 
 def chain_matches(
@@ -69,10 +69,8 @@ def chain_matches(
     _, first, inverse = np.unique(labels[seen], return_index=True, return_inverse=True)
     # Nodes are sorted by image, so that this is the order of the first observations.
     track_ids = np.argsort(np.argsort(first, kind="stable"), kind="stable")[inverse]
-    order = np.lexsort((track_ids, images[seen]))
-    chosen = seen[order]
     notes = (f"{dropped} matches would join two points of one image in a track, and are dropped",) if dropped else ()
-    return TrackTable(images[chosen], track_ids[order].astype(np.int64), pixels[chosen]), notes
+    return TrackTable.of(images[seen], track_ids.astype(np.int64), pixels[seen]), notes
 
 
 def _nodes(keypoints: Sequence[Floats]) -> tuple[list[Ints], Ints, Floats]:
