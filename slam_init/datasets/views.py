@@ -48,7 +48,7 @@ class DerivedSource:
 
     name, kind, camera = _of_source("name"), _of_source("kind"), _of_source("camera")
     groundtruth, timestamps_s = _of_source("groundtruth"), _of_source("timestamps_s")
-    gyroscope, inertial = _of_source("gyroscope", None), _of_source("inertial", None)
+    gyroscope, inertial, left = (_of_source(name, None) for name in ("gyroscope", "inertial", "left"))
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -57,11 +57,6 @@ class DerivedSource:
 
     def __len__(self) -> int:
         return len(self.source)
-
-    def left(self, start: int) -> int:
-        """Count the frames from a frame on."""
-        left: Callable[[int], int] | None = getattr(self.source, "left", None)
-        return len(self.source) - start if left is None else left(start)
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Give the frames of the source."""
