@@ -10,7 +10,7 @@ Scenes indoors are ``room``, ``static``, ``rotation`` and ``rotate-then-move`` i
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import TypeAlias
 
@@ -377,27 +377,19 @@ def handheld_wall(setup: Setup) -> Built:
 # -- all -------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class World:
-    """A scene and the path of the camera through it."""
-
-    #: All surfaces.
-    quads: tuple[Quad, ...]
-    #: Frame number, not necessarily whole -> pose (4, 4), metres.
-    world_from_cam: Callable[[float], Floats]
-    #: (float, float) The exposure changes slowly as a sine: its phase at frame 0 and its advance per frame, radians.
-    exposure_phase: tuple[float, float]
-
-
-def build_world(name: str, entropy: tuple[int, ...], K: Floats, options: SynthOptions) -> World:
+def build_world(
+    name: str, entropy: tuple[int, ...], K: Floats, options: SynthOptions
+) -> tuple[list[Quad], Callable[[float], Floats], tuple[float, float]]:
     """Build a scene.
 
     Shapes: ``K`` (3, 3).
+
+    * Returns: Its surfaces; frame number, not necessarily whole -> pose (4, 4) of the camera; and of the exposure, which
+      changes slowly as a sine, the phase at frame 0 and the advance per frame, radians.
     """
     rng = np.random.default_rng(entropy)
     quads, world_from_cam = _BUILDERS[name](Setup(rng, entropy, K, options))
-    phase = (float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(0.03, 0.09)))
-    return World(tuple(quads), world_from_cam, phase)
+    return quads, world_from_cam, (float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(0.03, 0.09)))
 
 
 _BUILDERS: dict[str, Callable[[Setup], Built]] = {

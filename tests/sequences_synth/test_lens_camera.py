@@ -8,7 +8,6 @@ import pytest
 
 from sequences_synth import LENSES, SynthOptions, make_sequence, write_tum
 from sequences_synth.camera import SynthCamera, all_sights, lens_camera
-from sequences_synth.sequence import Sensor
 from slam_init.calibration.files import load_camera
 from slam_init.datasets.synth import open_synth
 from slam_init.types.camera import Camera
@@ -45,7 +44,7 @@ def test_a_lens_without_distortion_renders_what_a_pinhole_camera_renders():
     sensor = make_sequence("wall", 2, SynthOptions(**SMALL)).sensors[0]
     c = sensor.camera
     lens = SynthCamera(c.width, c.height, c.fx, c.fy, c.cx, c.cy, "radtan", (0.0, 0.0, 0.0, 0.0), 1.2)
-    through = Sensor(lens, sensor.shutter, sensor.fps, sensor.motion_blur, sensor.world)
+    through = replace(sensor, camera=lens)
     plain, bent = sensor.expose(1), through.expose(1)
     np.testing.assert_allclose(through.depth(bent), sensor.depth(plain), rtol=1e-3)
     assert np.abs(plain.image.astype(float) - bent.image).mean() < 1.0
