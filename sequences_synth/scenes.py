@@ -384,8 +384,8 @@ def build_world(
 
     Shapes: ``K`` (3, 3).
 
-    * Returns: Its surfaces; frame number, not necessarily whole -> pose (4, 4) of the camera; and of the exposure, which
-      changes slowly as a sine, the phase at frame 0 and the advance per frame, radians.
+    * Returns: Its surfaces; frame number, not necessarily whole -> pose (4, 4) of the camera; and of the slow sine of
+      the exposure the phase at frame 0 and the advance per frame, radians.
     """
     rng = np.random.default_rng(entropy)
     quads, world_from_cam = _BUILDERS[name](Setup(rng, entropy, K, options))

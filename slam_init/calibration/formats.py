@@ -300,9 +300,8 @@ def _dso(text: str) -> Content:
         values.pop()
     model = [*named, {4: "pinhole", 5: "fov", 8: "radtan"}[len(values)]][0].lower()
     width, height = Section({"resolution": sides}).size(None)
-    if (
-        values[2] < 1 and values[3] < 1
-    ):  # relative to the size: their pixel centres lie at .5, those of others at integers
+    # Relative to the size; their pixel centres lie at .5, those of others at integers.
+    if values[2] < 1 and values[3] < 1:
         values[:4] = width * values[0], height * values[1], width * values[2] - 0.5, height * values[3] - 0.5
     return {"model": model, "width": width, "height": height, "calibration": values}
 
