@@ -36,10 +36,7 @@ _OPENSFM = (
     "the form of OpenSfM, whose numbers are relative to the longer side: multiply focal_x, focal_y, c_x and c_y by it, "
     f"add (width - 1) / 2 to c_x and (height - 1) / 2 to c_y, and {_WRITE}"
 )
-_KALIBR_RESULTS = (
-    "the results of Kalibr as text, which state no image size: give the *camchain.yaml that Kalibr writes beside them, "
-    f"or {_WRITE}"
-)
+_KALIBR_RESULTS = "the results of Kalibr as text, which state no image size: give the *camchain.yaml beside them"
 _ZED = f"the settings of a ZED, which have a camera for each resolution and side: with the numbers of one, {_WRITE}"
 
 

@@ -91,9 +91,8 @@ class Gyroscope:
         angles = 0.5 * (rates[1:] + rates[:-1]) * np.diff(knots)[:, None]
         imu1_from_imu0 = reduce(lambda before, step: step @ before, rotation_from_vector(-angles), np.eye(3))
         duration_s = t1_s - t0_s
-        constant_rad_s = math.hypot(
-            self.bias_sigma_rad_s, _SCALE_ERROR * float(np.linalg.norm(angles.sum(axis=0))) / duration_s
-        )
+        scale_rad_s = _SCALE_ERROR * float(np.linalg.norm(angles.sum(axis=0))) / duration_s
+        constant_rad_s = math.hypot(self.bias_sigma_rad_s, scale_rad_s)
         sigma_rad = math.hypot(
             self.noise_density * math.sqrt(duration_s),
             constant_rad_s * math.sqrt(duration_s * max(duration_s, _CHAIN_S)),

@@ -216,9 +216,8 @@ def _by_time(known: Trajectory, times_s: Floats) -> tuple[dict[int, Pose], tuple
 
 
 def _clocks(stamps: Floats, times_s: Floats) -> str:
-    return (
-        f"time stamps of {stamps[0]:.12g} to {stamps[-1]:.12g}, and images of {times_s[0]:.12g} to {times_s[-1]:.12g} s"
-    )
+    first, last, from_s, to_s = (f"{time:.12g}" for time in (stamps[0], stamps[-1], times_s[0], times_s[-1]))
+    return f"time stamps of {first} to {last}, and images of {from_s} to {to_s} s"
 
 
 def _names_of(source: TimedSource) -> list[str]:

@@ -131,9 +131,8 @@ def photographs(kind: str, root: Path, images: Sequence[PosedImage]) -> ImageFil
 
     Images that the folder does not hold are left out, since data sets are often passed on in part.
     """
-    there = sorted(
-        (image for image in images if image.path.is_file()), key=lambda image: natural_key(image.path.as_posix())
-    )
+    there = [image for image in images if image.path.is_file()]
+    there.sort(key=lambda image: natural_key(image.path.as_posix()))
     if not there:
         listed = f", for example {os.path.relpath(images[0].path, root)}" if images else ""
         raise SourceError(f"{root}: holds none of the {len(images)} images that its {kind} lists{listed}")

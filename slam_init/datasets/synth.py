@@ -58,10 +58,8 @@ class SynthSource(WithSensor):
         if measured is None:
             return None
         samples = np.concatenate([measured.rates_rad_s, measured.accelerations_m_s2], axis=1)
-        densities = {
-            "gyroscope_noise_density": measured.noise.gyroscope_density,
-            "accelerometer_noise_density": measured.noise.accelerometer_density,
-        }
+        names = ("gyroscope_density", "accelerometer_density")
+        densities = {name: getattr(measured.noise, name) for name in names}
         pose = pose_from_matrix(self.name, measured.cam_from_imu)
         return InertialSensor.made(measured.timestamps_s, samples, pose, densities, name="the simulated sensor")
 
