@@ -27,9 +27,6 @@ from sequences_synth.tracking_error import TrackingError
 
 #: Names of the scenes.
 POINT_SCENES: tuple[str, ...] = tuple(LAYOUTS)
-#: Scenes in which the camera never translates. In the scenes ``handheld`` and ``handheld-wall`` the camera does not
-#: translate either if the option ``speed`` is 0.
-SCENES_WITHOUT_TRANSLATION: tuple[str, ...] = ("rotation", "static", "pan")
 
 # A horizontal field of view of 70 degrees at 640x480: an ordinary wide lens.
 _WIDTH, _HEIGHT, _FOCAL_PX = 640, 480, 458.0

@@ -67,13 +67,6 @@ class Sensor:
             return view
         return replace(view, image=blur_along(view.image, self._half_flow(frame, view)))
 
-    def pixel_poses(self, frame: int, pixels: Floats) -> Floats:
-        """Compute the poses world_from_cam that the camera had when it exposed pixels, metres.
-
-        Shapes: ``pixels`` (N, 2), returns (N, 4, 4).
-        """
-        return np.stack([self.pose(float(f)) for f in frame + self.fps * self.shutter.delay_s(pixels)])
-
     def depth(self, view: View) -> Floats32:
         """Compute the depths of a view.
 

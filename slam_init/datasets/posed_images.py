@@ -155,10 +155,10 @@ def common_camera(cameras: Sequence[Camera | None], what: str) -> tuple[Camera |
     stated = [camera for camera in cameras if camera is not None]
     if not stated:
         return None, [True] * len(cameras), ()
-    counts = Counter((camera.model, camera.width, camera.height, len(camera.distortion)) for camera in stated)
-    kind = max(counts, key=counts.__getitem__)  # of equal ones the first
-    alike = [c for c in stated if (c.model, c.width, c.height, len(c.distortion)) == kind]
+    kinds = [(camera.model, camera.width, camera.height, len(camera.distortion)) for camera in stated]
+    (kind, _), *_ = Counter(kinds).most_common(1)  # of equal ones the first
     model, width, height, _ = kind
+    alike = [camera for camera, its_kind in zip(stated, kinds, strict=True) if its_kind == kind]
     middle = np.median([(c.fx, c.fy, c.cx, c.cy, *c.distortion) for c in alike], axis=0).tolist()
     fx, fy, cx, cy, *distortion = middle
     median = Camera(model, width, height, fx, fy, cx, cy, tuple(distortion))

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from sequences_synth import LENSES, SynthOptions, make_sequence, write_tum
-from sequences_synth.camera import SynthCamera, all_sights, lens_camera
+from sequences_synth import SynthOptions, make_sequence, write_tum
+from sequences_synth.camera import LENSES, SynthCamera, all_sights, lens_camera
 from slam_init.calibration.files import load_camera
 from slam_init.datasets.synth import open_synth
 from slam_init.types.camera import Camera

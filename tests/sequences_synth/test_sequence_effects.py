@@ -12,19 +12,24 @@ CLEAN = {"width": 320, "height": 240, "noise": 0.0, "motion_blur": 0.0, "exposur
 SMALL = {**CLEAN, "width": 160, "height": 120}
 
 
+def pixel_poses(sensor, frame, pixels):
+    """The poses that the camera had when it exposed pixels."""
+    return np.stack([sensor.pose(float(f)) for f in frame + sensor.fps * sensor.shutter.delay_s(pixels)])
+
+
 def transfer(sequence, i, j, depth):
     """Pixels of frame i transferred to frame j by the depth of i and the poses of the rows; their depth in frame j."""
     depth = depth.astype(float)
     camera = sequence.true_camera
     y, x = (a.ravel() for a in np.mgrid[: depth.shape[0] : 8, : depth.shape[1] : 8])
     pixels = np.column_stack([x, y]).astype(float)
-    poses = sequence.sensors[0].pixel_poses(i, pixels)
+    poses = pixel_poses(sequence.sensors[0], i, pixels)
     rays = camera.rays(pixels)
     X = rays / rays[:, 2:] * depth[y, x][:, None]
     X = np.einsum("nij,nj->ni", poses[:, :3, :3], X) + poses[:, :3, 3]
     there = pixels
     for _ in range(8):
-        poses = sequence.sensors[0].pixel_poses(j, there)
+        poses = pixel_poses(sequence.sensors[0], j, there)
         moved = np.einsum("ni,nij->nj", X - poses[:, :3, 3], poses[:, :3, :3])
         there = camera.project(np.column_stack([moved[:, :2], np.maximum(moved[:, 2], 0.1)]))
         there = np.clip(there, -200, 600)
