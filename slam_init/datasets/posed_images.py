@@ -113,17 +113,8 @@ def image_sequence(
     if poses:
         stamped = zip(timestamps_s.tolist(), poses, strict=True)
         truth = trajectory([(time_s, pose) for time_s, pose in stamped if pose is not None])
-    return ImageFileSource(
-        root.resolve().name if name is None else name,
-        kind,
-        tuple(paths),
-        timestamps_s,
-        camera,
-        truth,
-        (*time_notes, *notes, *truth_notes),
-        root,
-        imu,
-    )
+    name, notes = name or root.resolve().name, (*time_notes, *notes, *truth_notes)
+    return ImageFileSource(name, kind, tuple(paths), timestamps_s, camera, truth, notes, root, imu)
 
 
 def photographs(kind: str, root: Path, images: Sequence[PosedImage]) -> ImageFileSource:
