@@ -69,13 +69,9 @@ def open_kitti(folder: Path, found: Path) -> ImageFileSource:
         if path.exists():
             poses = [pose @ cam0_from_cam for pose in read_poses_of(paths, path, root)]
             break
-    name, rate_hz, camera = (
-        f"{sequence.name}/{images.name}",
-        _NOMINAL_RATE_HZ,
-        stored_camera(sequence, paths[0]) or camera,
-    )
+    camera, name = stored_camera(sequence, paths[0]) or camera, f"{sequence.name}/{images.name}"
     return image_sequence(
-        "kitti", sequence, paths, name=name, stamps=stamps, rate_hz=rate_hz, camera=camera, poses=poses
+        "kitti", sequence, paths, name=name, stamps=stamps, rate_hz=_NOMINAL_RATE_HZ, camera=camera, poses=poses
     )
 
 
