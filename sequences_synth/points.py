@@ -37,12 +37,9 @@ class PointSequence:
     """A sequence of tracks with exact truth."""
 
     name: str
-    seed: int
     options: PointOptions
     #: The stated camera, which has the errors of the options and no distortion.
     camera: SynthCamera
-    #: The camera by which the points were projected.
-    true_camera: SynthCamera
     #: (V, 4, 4) World_from_cam of the middle row.
     poses: Floats
     #: (V,) Time of the middle row.
@@ -59,8 +56,6 @@ class PointSequence:
     visible: Bools
     #: The correlated error that ``pixels`` contain, except those of outliers.
     tracking_error: TrackingError
-    #: (M,) Number of the body of a moving track, -1 for other tracks.
-    body_of_track: Ints
     #: The true camera, path, shutter and bodies.
     shot: Shot
 
@@ -118,10 +113,8 @@ def make_points(name: str, seed: int = 0, options: PointOptions | None = None) -
     pixels, visible = _measure(shot, kinds, error, options, rng)
     return PointSequence(
         name=name,
-        seed=seed,
         options=options,
         camera=stated_camera(pinhole, options.focal_error, options.principal_error, camera_rng),
-        true_camera=shot.camera,
         poses=np.stack([shot.path.at_frame(view) for view in range(options.views)]),
         timestamps_s=np.asarray(1 / options.fps * np.arange(options.views), float),
         points=shot.points,
@@ -130,7 +123,6 @@ def make_points(name: str, seed: int = 0, options: PointOptions | None = None) -
         pixels=pixels,
         visible=visible,
         tracking_error=error,
-        body_of_track=shot.bodies.body_of_track,
         shot=shot,
     )
 

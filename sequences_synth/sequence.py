@@ -126,8 +126,6 @@ class SynthSequence:
     options : SynthOptions
     camera : SynthCamera
         The stated camera, which has the errors of the options and no distortion besides that of the lens.
-    true_camera : SynthCamera
-        The camera by which the images are rendered.
     poses : (N, 4, 4) float
         world_from_cam at the middle row and the middle of each exposure, metres. After a cut the world is another one.
     timestamps_s : (N,) float
@@ -140,7 +138,6 @@ class SynthSequence:
     seed: int
     options: SynthOptions
     camera: SynthCamera
-    true_camera: SynthCamera
     poses: Floats
     timestamps_s: Floats
     sensors: tuple[Sensor, ...]
@@ -241,7 +238,6 @@ def make_sequence(name: str, seed: int = 0, options: SynthOptions | None = None)
         seed=seed,
         options=options,
         camera=stated_camera(ideal, options.focal_error, options.principal_error, rng),
-        true_camera=true_camera,
         poses=np.stack(poses),
         timestamps_s=np.arange(options.frames) / options.fps,
         sensors=tuple(sensors),

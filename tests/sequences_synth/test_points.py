@@ -20,7 +20,7 @@ TREMOR_DEG = 0.52
 def reprojected(sequence, index):
     """Pixels of the static points under the true pose."""
     X = (sequence.points - sequence.poses[index, :3, 3]) @ sequence.poses[index, :3, :3]
-    return sequence.true_camera.project(X)
+    return sequence.shot.camera.project(X)
 
 
 def test_noise_and_shares_are_the_requested_ones():
@@ -60,7 +60,7 @@ def test_in_a_rotation_scene_the_true_rotation_maps_the_tracks_only_with_the_tru
         mapped = np.column_stack([sequence.pixels[0, both], np.ones(both.sum())]) @ H.T
         return np.abs(mapped[:, :2] / mapped[:, 2:] - sequence.pixels[-1, both]).max()
 
-    assert largest_error(sequence.true_camera) < 1e-9
+    assert largest_error(sequence.shot.camera) < 1e-9
     assert largest_error(sequence.camera) > 1
 
 
@@ -91,7 +91,7 @@ def test_the_standard_scenes_are_fixed_and_exist_as_images_and_as_points():
 
 def field(sequence, index, step_px=16):
     """Correlated error of one view in the centres of squares that divide the image, (rows, columns, 2)."""
-    width, height = sequence.true_camera.width, sequence.true_camera.height
+    width, height = sequence.shot.camera.width, sequence.shot.camera.height
     x, y = np.meshgrid(np.arange(0, width, step_px), np.arange(0, height, step_px))
     pixels = np.stack([x, y], axis=-1) + 0.5 * (step_px - 1)
     return sequence.tracking_error.at(index, pixels.reshape(-1, 2)).reshape(pixels.shape)
@@ -158,7 +158,7 @@ def static_reprojections(sequence, index):
     pixels = sequence.pixels[index, ids]
     poses = pixel_poses(sequence.shot, index, pixels)
     X = np.einsum("ni,nij->nj", sequence.points[ids] - poses[:, :3, 3], poses[:, :3, :3])
-    return pixels, sequence.true_camera.project(X)
+    return pixels, sequence.shot.camera.project(X)
 
 
 @settings(max_examples=40)  # fifteen scenes, four directions
@@ -210,9 +210,9 @@ def test_the_bodies_have_their_share_of_the_tracks_and_move_rigidly(moving, bodi
     options = PointOptions(**EXACT, moving=moving, bodies=bodies, body_turn_deg_s=20, points=600, baseline=0.2)
     sequence = make_points("room", 6, options)
     assert sequence.is_moving.mean() == pytest.approx(moving, abs=0.002)
-    np.testing.assert_array_equal(sequence.is_moving, sequence.body_of_track >= 0)
+    np.testing.assert_array_equal(sequence.is_moving, sequence.shot.bodies.body_of_track >= 0)
     for body in range(bodies):
-        own = sequence.body_of_track == body
+        own = sequence.shot.bodies.body_of_track == body
         assert own.mean() == pytest.approx(moving / bodies, abs=0.002)
         before = sequence.points[own]
         after = sequence.shot.bodies.displaced(sequence.points, 1.0)[own]
@@ -227,7 +227,7 @@ def test_the_bodies_have_their_share_of_the_tracks_and_move_rigidly(moving, bodi
         # The measured pixels show the moved points.
         pose, seen = sequence.poses[-1], sequence.visible[-1][own]
         X = (after[seen] - pose[:3, 3]) @ pose[:3, :3]
-        np.testing.assert_allclose(sequence.true_camera.project(X), sequence.pixels[-1, own][seen], atol=1e-9)
+        np.testing.assert_allclose(sequence.shot.camera.project(X), sequence.pixels[-1, own][seen], atol=1e-9)
 
 
 def test_a_body_is_compact_in_the_first_view():
@@ -241,7 +241,7 @@ def test_a_body_is_compact_in_the_first_view():
 def test_a_lens_moves_the_pixels_away_from_the_centre_and_the_stated_camera_lacks_it():
     k1 = 0.2
     sequence = make_points("static", 1, PointOptions(**EXACT, k1=k1))
-    assert sequence.camera == make_points("static", 1).true_camera
+    assert sequence.camera == make_points("static", 1).shot.camera
     X = sequence.points[sequence.visible[0]]
     ideal = X[:, :2] / X[:, 2:]
     seen = (sequence.pixels[0, sequence.visible[0]] - [319.5, 239.5]) / 458

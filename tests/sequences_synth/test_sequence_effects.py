@@ -20,7 +20,7 @@ def pixel_poses(sensor, frame, pixels):
 def transfer(sequence, i, j, depth):
     """Pixels of frame i transferred to frame j by the depth of i and the poses of the rows; their depth in frame j."""
     depth = depth.astype(float)
-    camera = sequence.true_camera
+    camera = sequence.sensors[0].camera
     y, x = (a.ravel() for a in np.mgrid[: depth.shape[0] : 8, : depth.shape[1] : 8])
     pixels = np.column_stack([x, y]).astype(float)
     poses = pixel_poses(sequence.sensors[0], i, pixels)
@@ -38,9 +38,9 @@ def transfer(sequence, i, j, depth):
 
 def test_a_render_with_one_pose_per_row_is_the_usual_render_where_all_poses_are_equal():
     sequence = make_sequence("desk", 1, SynthOptions(**CLEAN, frames=31))
-    K, quads, pose = sequence.true_camera.K, sequence.sensors[0].quads, sequence.sensors[0].pose
+    K, quads, pose = sequence.sensors[0].camera.K, sequence.sensors[0].quads, sequence.sensors[0].pose
     usual = render(quads, K, np.linalg.inv(pose(30)), 320, 240)
-    lines = render_lines(quads, sequence.true_camera, lambda rows: np.full(len(rows), 30.0), pose)
+    lines = render_lines(quads, sequence.sensors[0].camera, lambda rows: np.full(len(rows), 30.0), pose)
     assert np.abs(usual.image.astype(int) - lines.image).max() <= 3
     assert np.mean(usual.ids != lines.ids) < 1e-3
     same = usual.ids == lines.ids
