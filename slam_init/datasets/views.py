@@ -346,12 +346,11 @@ def read_gravity(path: str | os.PathLike[str]) -> Callable[[Frame], Gravity | No
         raise SourceError(f"{table}: holds no direction of gravity: write lines of TIME x y z or NAME x y z")
     if not all(map(math.isfinite, timed)):
         raise SourceError(f"{table}: a time stamp is not finite: give seconds")
-    times_s = np.array(sorted(timed))
 
     def gravity_of(frame: Frame) -> Gravity | None:
-        if frame.name in named or not len(times_s):
+        if frame.name in named or not timed:
             return named.get(frame.name)
-        nearest = float(times_s[np.argmin(np.abs(times_s - frame.timestamp_s))])
+        nearest = min(timed, key=lambda time_s: abs(time_s - frame.timestamp_s))
         return timed[nearest] if abs(nearest - frame.timestamp_s) <= _NEAR_S else None
 
     return gravity_of
