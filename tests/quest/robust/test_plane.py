@@ -102,14 +102,6 @@ def test_rotating_the_second_camera_rotates_the_motions_of_a_plane(seed):
         assert turned_pose[4:] == pytest.approx(Q @ pose[4:], abs=1e-7)
 
 
-def test_the_same_matches_give_the_same_plane_and_are_not_changed():
-    m, n = views(points(2, on_plane=0.8), noise_rad=NOISE_RAD)
-    before = m.tobytes(), n.tobytes()
-    first, second = fit_plane(MODEL, m, n, NOISE_RAD), fit_plane(MODEL, m, n, NOISE_RAD)
-    assert np.array(first.poses).tobytes() == np.array(second.poses).tobytes()
-    assert (m.tobytes(), n.tobytes()) == before
-
-
 # --- off_line_rad ---
 
 

@@ -24,18 +24,6 @@ def test_the_number_of_samples_is_that_of_the_textbook():
     assert math.ceil(samples_needed(0.8, 2, 0.99, 1.0)) == 5
 
 
-@given(
-    share=st.floats(0.05, 0.999),
-    size=st.integers(1, 8),
-    confidence=st.floats(0.5, 0.99999),
-    chance=st.floats(0.1, 1),
-)
-def test_all_needed_samples_fail_with_the_remaining_probability(share, size, confidence, chance):
-    needed = samples_needed(share, size, confidence, chance)
-    all_fail = math.exp(needed * math.log1p(-chance * share**size))
-    assert all_fail == pytest.approx(1 - confidence)
-
-
 # --- draw_samples ---
 
 
