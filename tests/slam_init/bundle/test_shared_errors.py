@@ -17,7 +17,6 @@ from slam_init.bundle.graph import calibration_key, landmark_key, pose_key
 from slam_init.bundle.least_squares import with_lenses
 from slam_init.bundle.lens import at_projections, lens_derivatives, lens_prior
 from slam_init.bundle.shared_errors import error_model
-from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 
 LENS = replace(MAP, lens_uncertainty=1.0)
@@ -139,14 +138,6 @@ def test_each_error_of_the_lens_moves_the_unit_as_the_map_states(parameter):
     assert units[1] - units[0] == pytest.approx(-0.1 * stated[parameter], abs=0.1 * 0.15 * np.abs(stated).max())
 
 
-def test_what_is_a_landmarks_own_averages_out_of_the_unit():
-    rng = np.random.default_rng(9)
-    few, many = (fitted(CAMERA, cloud(rng, count), SIDEWAYS, rng, config=MAP)[1] for count in (40, 160))
-    assert many.unit_error.own < 0.7 * few.unit_error.own
-    assert many.unit_error.own <= np.median(many.depth_sigmas)
-    assert not many.unit_error.by_lens.any()
-
-
 def test_an_exact_lens_is_held_and_a_tight_prior_gives_the_same():
     rng = np.random.default_rng(5)
     seen = problem(CAMERA, cloud(rng), ROTATING, 0.3, rng)
@@ -217,13 +208,3 @@ def test_a_view_of_few_landmarks_has_a_covariance(seed, left):
     assert np.isfinite(solution.pose_covariances).all()
     assert (np.linalg.eigvalsh(solution.pose_covariances[1:]) > -1e-12).all()
     assert np.trace(solution.pose_covariances[-1]) > np.trace(solution.pose_covariances[1])
-
-
-def test_a_calibration_with_a_distortion_knows_more_than_one_without():
-    stated, bare = lens_prior(CAMERAS["radtan"], LENS), lens_prior(CAMERA, LENS)
-    assert (stated.k1, bare.k1) == (0.01, 0.05)
-    assert bare.focal == 0.02
-    guess = replace(CAMERA, focal_sigma=0.3)
-    assert isinstance(guess, Camera)
-    assert lens_prior(guess, LENS).focal == 0.06
-    assert not lens_prior(CAMERA, MAP).sigmas.any()

@@ -161,20 +161,6 @@ def test_a_camera_that_only_turns_is_told_from_one_that_translates():
     assert all(one is not None for one in estimates)
 
 
-@pytest.mark.slow
-def test_a_readout_that_is_told_is_not_estimated():
-    source, initializer = run(42, readout_ms=20.0, speed=0.1)
-    told = Initializer(replace(source.camera, readout_ms=20.0))
-    for one in source.observations():
-        if told.process_tracks(one):
-            break
-    assert initializer.map is not None
-    assert told.map is not None
-    assert told.status.attempt.window.readout_ms is None
-    assert not any("shutter" in note for note in told.result.notes)
-    assert told.map.camera.readout_ms == 20.0
-
-
 def test_a_camera_states_its_readout():
     camera = Camera("pinhole", 640, 480, 458.0, 458.0, 319.5, 239.5)
     assert camera.readout_s is None
