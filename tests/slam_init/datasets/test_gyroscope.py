@@ -52,12 +52,6 @@ def test_it_is_the_rotation_between_the_cameras_of_a_trajectory():
         assert rotation_angle(R @ (world_from_cam[1].T @ world_from_cam[0]).T) < min(1e-4, sigma_rad)
 
 
-def test_rotations_of_consecutive_intervals_compose():
-    measured = gyroscope(measured_rates(TIMES))
-    first, second, both = (measured.between(*times)[0] for times in [(0.2, 0.333), (0.333, 0.7), (0.2, 0.7)])
-    np.testing.assert_allclose(second @ first, both, atol=1e-5)
-
-
 @pytest.mark.parametrize("interval_s", [0.05, 0.2, 1.0])
 def test_the_stated_deviation_of_a_chain_covers_a_bias_of_one_sigma(interval_s):
     """The initializer adds the variances of steps although their bias is the same."""
@@ -183,12 +177,6 @@ def test_a_run_gives_the_rotation_since_the_last_frame_that_is_used(euroc, monke
     ignored, without = run(source, source.camera, Config(), start=1)
     assert not any("imu0" in note for note in ignored.notes)
     assert without.provenance.input_blake2b != summary.provenance.input_blake2b
-
-
-def test_other_methods_take_no_rotation_and_say_nothing_of_it(euroc):
-    source = open_source(euroc)
-    result, _ = run(source, source.camera, Config(method="orb-slam3"), imu=True)
-    assert not any("imu0" in note for note in result.notes)
 
 
 def test_an_attribute_of_the_user_that_is_no_gyroscope_is_refused():
