@@ -195,3 +195,13 @@ def test_the_history_is_bounded_and_keeps_the_requested_frames():
     history.put(observed(17, [1, 2, 3]))
     assert len(history[17]) == 3
     assert len(history) == 6
+
+
+def test_what_was_measured_of_a_frame_goes_with_it():
+    history = History(CAMERA, 5)
+    for frame in range(8):
+        history.put(observed(frame, [frame]))
+        history.turned(frame, np.eye(3), 0.001)
+    history.start_at(4)
+    assert all(history.attitude(frame) is None for frame in range(4))
+    assert history.attitude(7) is not None
