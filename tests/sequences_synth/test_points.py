@@ -13,8 +13,6 @@ from sequences_synth.trajectory import vector_from_rotation
 TILTED = {"tilted-15": 15, "tilted-30": 30, "tilted-45": 45}
 # Scenes whose camera moves in seconds and does not translate by default.
 TIMED = ("handheld", "handheld-wall", "pan")
-# Largest rotation by the tremor of the hand, degrees: 0.3 about each of three axes.
-TREMOR_DEG = 0.52
 
 
 def reprojected(sequence, index):
@@ -62,25 +60,6 @@ def test_in_a_rotation_scene_the_true_rotation_maps_the_tracks_only_with_the_tru
 
     assert largest_error(sequence.true_camera) < 1e-9
     assert largest_error(sequence.camera) > 1
-
-
-@pytest.mark.parametrize("scene", TILTED)
-def test_a_tilted_scene_is_a_level_flight_with_the_camera_tilted_forward_or_sideways_by_the_angle_in_the_name(scene):
-    cosines = []
-    for seed in range(12):
-        sequence = make_points(scene, seed)
-        normal = np.linalg.svd(sequence.points - sequence.points.mean(axis=0))[2][2]
-        track, tilt = sequence.poses[-1, :3, 3] - sequence.poses[0, :3, 3], [0.0, 0.0, 1.0] - normal[2] * normal
-        track, tilt = track / np.linalg.norm(track), tilt / np.linalg.norm(tilt)
-        angles = np.degrees(np.arccos(np.abs(sequence.poses[:, :3, 2] @ normal)))
-        np.testing.assert_allclose(angles, TILTED[scene], atol=TREMOR_DEG)
-        # The tremor displaces the ends of the path by a hundredth of its length.
-        assert abs(track @ normal) < 0.04
-        cosines.append(track @ tilt)
-    forward = np.isclose(cosines, 1, atol=0.01)
-    sideways = np.isclose(cosines, 0, atol=0.05)
-    assert (forward | sideways).all()
-    assert forward.any() and sideways.any()
 
 
 def field(sequence, index, step_px=16):

@@ -20,7 +20,6 @@ from slam_init.frontend.tracks import Tracker
 from slam_init.initializer import Initializer
 from slam_init.methods import make_initializer
 from slam_init.recording.recorder import Recorder
-from slam_init.types.gates import Stage, progress
 from slam_init.types.pose import Pose, Trajectory
 from slam_init.types.reasons import REASONS, Verdict
 
@@ -88,18 +87,6 @@ def test_the_status_begins_at_zero_and_ends_at_one():
             assert 0 <= status.progress < 1
             assert status.reason in REASONS
             assert status.advice
-
-
-def test_a_static_camera_gets_its_reason_and_little_progress():
-    initializer = Initializer(CAMERA)
-    for observed in seen_from([Pose.identity()] * 5, noise_px=0.1):
-        status = initializer.process_tracks(observed)
-    assert (status.state, status.reason) == ("waiting", "static_camera")
-    assert status.advice == Verdict.STATIC_CAMERA.advice
-    assert status.progress < 0.5
-    failed = status.attempt.failed_gates
-    assert (failed[0].name, failed[0].reason, failed[0].advice) == ("motion_px", "static_camera", status.advice)
-    assert status.attempt.progress == progress(Stage.MOTION, failed)
 
 
 def test_the_progress_is_that_of_the_best_reference_and_falls_with_it():

@@ -153,14 +153,6 @@ def test_frames_beyond_the_maximum_are_not_read(room):
     assert read == [0, 1, 2]
 
 
-@pytest.mark.parametrize("count", [0, 1])
-def test_fewer_than_two_frames_are_too_few(room, count):
-    source = GivenFrames(room.camera, tuple(room.frames(0, count)))
-    result, summary = run(source, room.camera, Config())
-    assert (result.reason, result.frames_read, result.attempts) == ("too_few_frames", count, ())
-    assert summary.reason == "too_few_frames"
-
-
 def test_blank_images_have_too_few_features():
     blank = np.full((480, 640), 90, np.uint8)
     frames = tuple(Frame(k, k / 30, "", blank) for k in range(5))

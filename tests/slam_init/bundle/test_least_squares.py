@@ -9,12 +9,11 @@ from make_bundle import disturbed, with_kernel
 from make_map import CAMERAS
 from make_scene import CAMERA, cloud, problem
 
-from quest.geometry.quaternion import rotation_angle, rotation_from_vector
+from quest.geometry.quaternion import rotation_angle
 from slam_init.bundle.covariances import covariances
-from slam_init.bundle.graph import PoseTerms, build_graph, landmark_key, pose_key, read_problem
+from slam_init.bundle.graph import build_graph, landmark_key, pose_key, read_problem
 from slam_init.bundle.least_squares import minimize, with_lenses
 from slam_init.bundle.problem import PosePrior
-from slam_init.types.pose import Pose
 
 PRIOR = PosePrior(1e-3, 1e-2)
 
@@ -95,31 +94,7 @@ def test_the_robust_optimum_is_that_of_gtsam(model):
         assert np.linalg.norm(one.t - other.t) < 3e-5
 
 
-def moved(R, t, points, step):
-    """Poses and points after a step of all unknowns, in the tangent of the kernel."""
-    count = 6 * len(R)
-    turns, shifts = np.split(step[:count].reshape(-1, 6), 2, axis=1)
-    return R @ rotation_from_vector(turns), t + np.einsum("kij,kj->ki", R, shifts), points + step[count:].reshape(-1, 3)
-
-
 def test_a_start_behind_a_camera_is_told():
     start = with_lenses(CAMERA, problem(CAMERA, cloud(np.random.default_rng(6))))
     with pytest.raises(RuntimeError, match="behind"):
         minimize(replace(start, points=-start.points), 0.5, iterations=5, tolerance=1e-5)
-
-
-def test_the_terms_of_the_poses_have_their_equations_in_the_order_of_the_views():
-    """The keys of gtsam are sorted by frame, the views of a problem need not be."""
-    exact = problem(CAMERA, cloud(np.random.default_rng(8)))
-    start = replace(exact, frames=(40, 3, 20, 10)).with_prior(PRIOR)
-    R, t = (np.array([getattr(pose, name) for pose in start.world_from_cam]) for name in "Rt")
-    terms, rng = PoseTerms(start), np.random.default_rng(9)
-    step = 1e-4 * rng.normal(size=6 * len(R))
-    at = moved(R, t, np.zeros((0, 3)), step)[:2]
-    information, gradient = terms.equations(*at)
-    unit = 1e-7 * rng.normal(size=len(step))
-    ahead, behind = (terms.error(*moved(*at, np.zeros((0, 3)), sign * unit)[:2]) for sign in (1, -1))
-    assert gradient @ unit == pytest.approx(0.5 * (ahead - behind), rel=1e-3)
-    assert np.linalg.eigvalsh(information).min() > -1e-6 * np.abs(information).max()
-    assert terms.error(R, t) == pytest.approx(0.0, abs=1e-12)
-    assert isinstance(start.world_from_cam[0], Pose)

@@ -52,16 +52,6 @@ def test_the_advice_is_that_of_the_last_kept_attempt_or_of_the_reason():
     assert log.advice(Verdict.STATIC_CAMERA) == Verdict.STATIC_CAMERA.advice  # no kept attempt was static
 
 
-def test_the_best_progress_is_that_of_the_references_that_are_still_candidates():
-    log = AttemptLog()
-    log.add(refusal(5, reference=0, progress=0.8))
-    log.add(refusal(6, reference=0, progress=0.3))
-    log.add(refusal(7, reference=1, progress=0.5))
-    for candidates, best in (([0, 1, 2], 0.8), ([1, 2], 0.5), ([0, 1], 0.5), ([], 0.0)):  # what is dropped is gone
-        log.forget_progress(keep=candidates)
-        assert log.best_progress == best
-
-
 # -- notes on the focal length --------------------------------------------------------------------
 
 

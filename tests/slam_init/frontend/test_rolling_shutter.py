@@ -171,12 +171,3 @@ def test_a_camera_states_its_readout():
     for one in found.values():
         assert one.readout_s == pytest.approx(0.02)
         assert one.with_readout(0.03).readout_direction == one.readout_direction
-
-
-def test_a_global_shutter_leaves_the_frames_as_they_are():
-    camera = replace(CAMERAS["pinhole"], readout_ms=0.0)
-    frames, _ = turning(camera, np.zeros(2))
-    history, shutter = corrected_frames(camera, frames)
-    assert all(history[one.frame] is one for one in frames)
-    assert not gather_tracks(camera, list(history), 0.3).sweep_px_s.any()
-    assert shutter.readout_s == 0

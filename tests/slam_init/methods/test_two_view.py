@@ -1,8 +1,6 @@
 """Laws of all two-view methods: which pairs they accept and refuse, and the outcome that they return."""
 
 import pickle
-import sys
-import types
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +12,6 @@ from slam_init.compare.measures import pose_errors
 from slam_init.config import Config
 from slam_init.errors import SlamInitError
 from slam_init.methods import METHODS, make_initializer, make_two_view
-from slam_init.methods.poselib import relative_pose_of_poselib
 from slam_init.methods.sfm_systems import Colmap, OpenSfm
 from slam_init.types.reasons import REASONS, Verdict
 
@@ -135,19 +132,6 @@ def test_the_window_judges_the_poses_of_poselib(scene, seed):
     errors = pose_errors(initializer.map, source.groundtruth)
     assert errors.rotation_deg < 5 and errors.direction_deg < 15
     assert initializer.status.risk <= Config().acceptance.max_risk
-
-
-def test_poselib_3_takes_one_dictionary_of_nested_options(monkeypatch):
-    calls = []
-    poselib_3 = types.SimpleNamespace(
-        __version__="3.0.0",
-        # Its signature: opt follows the cameras.
-        estimate_relative_pose=lambda x1, x2, camera1, camera2, opt: calls.append(opt) or ("pose", {}),
-    )
-    monkeypatch.setitem(sys.modules, "poselib", poselib_3)
-    points = np.zeros((5, 2))
-    assert relative_pose_of_poselib(points, points, {}, 1.5, {"seed": 3}) == ("pose", {})
-    assert calls == [{"max_error": 1.5, "ransac": {"seed": 3}}]
 
 
 def test_the_rules_of_colmap_have_the_defaults_of_the_installed_colmap():

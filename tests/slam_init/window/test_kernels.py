@@ -9,7 +9,6 @@ from make_window import cost_at, equations, make_window, moved
 from window_reference import reference_equations
 
 from slam_init.window.lens_offset import LensOffset
-from slam_init.window.track_equations import eliminate
 from slam_init.window.tracks import Readout
 
 #: Far from all residuals of noise, near enough that the robust weights differ from 1.
@@ -66,22 +65,6 @@ def test_an_observation_beyond_the_root_of_three_gates_costs_the_gate_and_has_no
     assert outlier.costs[i] == pytest.approx(without.costs[i] + GATE**2)
     np.testing.assert_array_equal(outlier.normal, without.normal)
     np.testing.assert_array_equal(outlier.gradient, without.gradient)
-
-
-def test_a_step_of_the_eliminated_equations_is_that_of_all_unknowns():
-    rng = np.random.default_rng(4)
-    count, size = 5, 7
-    J = rng.normal(size=(60, size + 3 * count))
-    # No observation depends on two tracks.
-    for row, track in enumerate(rng.integers(0, count, len(J))):
-        J[row, size:][np.arange(3 * count) // 3 != track] = 0.0
-    full, e = J.T @ J, rng.normal(size=len(J))
-    right = J.T @ e
-    own = [slice(size + 3 * i, size + 3 * i + 3) for i in range(count)]
-    halves = [np.linalg.solve(np.linalg.cholesky(full[i, i]), np.column_stack([full[i, :size], right[i]])) for i in own]
-    normal, gradient = np.tril(full[:size, :size]), right[:size].copy()
-    eliminate(normal, gradient, np.array(halves))
-    np.testing.assert_allclose(np.linalg.solve(normal, gradient), np.linalg.solve(full, right)[:size], rtol=1e-8)
 
 
 @pytest.mark.parametrize("unknowns", ["", "field readout", "principal"])

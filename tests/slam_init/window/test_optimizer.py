@@ -10,7 +10,6 @@ from quest.geometry.quaternion import rotation_from_vector
 from slam_init.window.arguments import Equations, Limits, Work
 from slam_init.window.equations import WindowEquations
 from slam_init.window.optimizer import solve_damped
-from slam_init.window.prior_equations import turn_between
 
 
 def window_and_start(views, *, measured=False):
@@ -60,29 +59,6 @@ def test_the_gradient_of_what_was_measured_is_the_slope_of_its_cost(measured, an
         assert gradient[6:9] @ axis == pytest.approx(
             slope, rel=0.1 if measured == "turned" else 1e-3, abs=0.1 + 60 * angle
         )
-
-
-@pytest.mark.parametrize("angle", [0.0, 1e-13, 1e-6, 0.3, 3.1])
-def test_the_turn_between_two_rotations_is_the_logarithm_of_their_quotient(angle):
-    rng = np.random.default_rng(3)
-    for _ in range(20):
-        one, axis = rotation_from_vector(rng.normal(size=3)), rng.normal(size=3)
-        vector = angle * axis / np.linalg.norm(axis)
-        R = np.stack([np.eye(3), rotation_from_vector(vector) @ one])
-        found = turn_between(R, np.stack([np.eye(3), one]), 1)
-        np.testing.assert_allclose(found, vector, atol=1e-12)
-
-
-@pytest.mark.parametrize("size", [1, 5, 40])
-def test_the_damped_equations_are_solved(size):
-    rng = np.random.default_rng(size)
-    root = rng.normal(size=(2 * size, size)) * 10.0 ** rng.integers(-3, 4, size)
-    normal, gradient, equations = root.T @ root, rng.normal(size=size), Equations.empty(0, size)
-    equations.normal[:], equations.gradient[:] = normal, gradient
-    work = Work.empty(size)
-    assert solve_damped(equations, 0.1, work)
-    damped = normal + 0.1 * np.diag(np.maximum(np.diag(normal), 1e-6))
-    np.testing.assert_allclose(damped @ work.step, -gradient, atol=1e-9)
 
 
 @pytest.mark.parametrize("pivot", [-1.0, np.nan])
