@@ -109,12 +109,11 @@ def _compare(arguments: argparse.Namespace) -> int:
     out = chosen_folder(arguments.out, "compare", COMPARE_FILES, inputs)
 
     from slam_init.compare.report import main_table
-    from slam_init.compare.run import check_packages, chosen_methods, compare
+    from slam_init.compare.run import chosen_methods, compare
     from slam_init.compare.sources import describe_sources
     from slam_init.compare.suites import SUITES
     from slam_init.compare.trials import Plan, Settings
 
-    check_packages()
     frozen = SUITES[arguments.suite] if arguments.suite else None
     sources = frozen.worlds if frozen else [with_topics(arguments, source) for source in arguments.sources]
     settings = Settings(

@@ -4,7 +4,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from comparisons import table_cells
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -98,9 +97,10 @@ def test_the_tables_and_the_page_tell_the_stated_risk_only_if_a_method_states_on
         page = report_html(table, summary, "", [])
         assert page.count("Reliability of the stated risk") == page.count('href="#reliability"') == count
     *_, last = main_table(summary).split("\n\n")
-    assert [cells[:6] for cells in table_cells(last)] == [
-        ["quest", "0 to 0.001", "1", "0.050", "0.001", "0"],
-        ["quest", "0.002 to 0.005", "2", "0.350", "0.007", "1"],
-        ["quest", "all", "3", "0.250", "0.007", "1"],
-    ]
+    for name, cells in (
+        ("0 to 0.001", ["1", "0.050", "0.001", "0"]),
+        ("0.002 to 0.005", ["2", "0.350", "0.007", "1"]),
+        ("all", ["3", "0.250", "0.007", "1"]),
+    ):
+        assert f"quest, risk {name} {' '.join(cells)}" in " ".join(last.split())
     assert "0.350" in page and "nan" not in page[page.index('id="reliability"') : page.index('id="scenes"')].lower()
