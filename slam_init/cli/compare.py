@@ -46,7 +46,8 @@ def add_compare(commands: Commands) -> None:
     compare.add_argument(
         "--suite",
         choices=("drawn", "rendered"),
-        help="in place of sources: frozen worlds, starts and seeds, so that figures can be cited (docs/results.md)",
+        help="in place of sources: frozen worlds, starts and seeds, so that figures can be cited "
+        "(docs/measurements/simulated.md)",
     )
     compare.add_argument("--methods", metavar="A,B", help="of slam-init run --method (default: all that are installed)")
     compare.add_argument(

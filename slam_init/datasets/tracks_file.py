@@ -1,4 +1,4 @@
-"""Tracks in a ``.npz`` file, for any front end: the schema is in ``docs/matches.md``.
+"""Tracks in a ``.npz`` file, for any front end: the schema is in ``docs/how-to/matches.md``.
 
 Required: ``frame`` (M,), ``track`` (M,), ``xy`` (M, 2) and ``size`` (2,). Optional: ``names`` (F,), ``timestamps_s``
 (F,), ``K`` (3, 3) with ``distortion`` and ``model``, and ``world_from_cam`` (F, 4, 4), the true poses.

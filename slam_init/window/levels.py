@@ -5,7 +5,7 @@ The unit is in the name or after the class, or the number has none. The classes:
 * definition: what is called wrong, or the same.
 * geometry: it follows from the geometry of views.
 * level: a statistical level; the comment says how often chance exceeds it.
-* measured: on data that the comment or ``docs/how/risk.md`` names.
+* measured: on data that the comment or ``docs/explanation/risk.md`` names.
 * assumption: no data tell it; the comment says why this value.
 * budget: it bounds time or memory.
 
