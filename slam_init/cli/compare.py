@@ -56,7 +56,7 @@ def add_compare(commands: Commands) -> None:
         action="append",
         default=[],
         help="a further method; may be repeated. NAME=command:'PROGRAM {images} {times} {camera} {out}' is an external "
-        "program (docs/tutorials/add-a-method.md)",
+        "program (docs/tutorials/compare.md)",
     )
     add_list_methods(compare)
     compare.add_argument(

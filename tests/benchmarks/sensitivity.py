@@ -1,6 +1,6 @@
 """Sensitivity: what halving and doubling does to the decisions, for each number that decides.
 
-The numbers are those of ``docs/reference/numbers.md`` that a map by tracks can depend on. Each is halved and doubled,
+The numbers are those of ``docs/make/numbers_page.py`` that a map by tracks can depend on. Each is halved and doubled,
 alone; a share of a half or more is moved half the way to one in place of being doubled. A forked process changes the
 number in all modules that hold it, and decides the worlds. Compiled code reads none of them as a global: they are
 arguments there. ::
