@@ -49,11 +49,14 @@ OF_CODE = {
     "slam_init/window/levels.py": "reference/numbers.md",
 }
 MEASURED = ("tests/benchmarks/measured", "tests/benchmarks/quest/measured")
-#: The code that decides on a pose or a map: a measurement may change with it.
+#: The code that decides on a pose of two views, and on a map: a measurement may change with it.
+CORE_OF_QUEST = ("quest/*.py",)
 CORE = (
-    "quest/*.py",
+    *CORE_OF_QUEST,
     *(f"slam_init/{folder}/*.py" for folder in ("window", "decision", "bundle", "mapping", "frontend")),
 )
+#: Measurements of two views.
+OF_QUEST = ("measurements/two-views.md", "tests/benchmarks/quest/", "tests/benchmarks/measured/real_pairs.md")
 
 _LINK = re.compile(r"(?P<image>!?)\[(?P<text>[^\]\[]*)\]\((?P<target>[^)\s]+)\)")
 _FENCE = re.compile(r"^(```.*?^```)$", re.DOTALL | re.MULTILINE)
@@ -96,7 +99,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     """Lead links that leave the folder to their page, or show the path; say where a measurement is old."""
     uri = page.file.src_uri
     if uri.startswith("measurements/"):
-        markdown = _COMMIT.sub(lambda head: f"{head[0]}{_age(head[1])}", markdown)
+        markdown = _COMMIT.sub(lambda head: f"{head[0]}{_age(head[1], uri)}", markdown)
     origin = _origins().get(uri, f"docs/{uri}")
 
     def led(match: re.Match[str]) -> str:
@@ -140,9 +143,10 @@ def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
     return output
 
 
-def _age(commit: str) -> str:
+def _age(commit: str, place: str) -> str:
     """What a measurement of a commit says of its age; nothing where the core has not changed since."""
-    last, _, date = _git("log", "-1", "--format=%h %as", "--", *CORE).partition(" ")
+    core = CORE_OF_QUEST if place.startswith(OF_QUEST) else CORE
+    last, _, date = _git("log", "-1", "--format=%h %as", "--", *core).partition(" ")
     if not last or not _git("rev-parse", "--verify", "--quiet", f"{commit}^{{commit}}"):
         return ""  # no repository, or a shallow copy
     if _git("merge-base", last, commit) == _git("rev-parse", last):
@@ -199,7 +203,7 @@ def _made() -> Iterator[tuple[str, str]]:
             # One heading of the first level, which is the title in the navigation.
             text = re.sub(r"^# ", "## ", text, flags=re.MULTILINE) if text.startswith("# ") else text
             commit = _NAMED_COMMIT.search(text)
-            age = _age(commit[1] if commit else _git("log", "-1", "--format=%h", "--", origin))
+            age = _age(commit[1] if commit else _git("log", "-1", "--format=%h", "--", origin), origin)
             text = f"# {name.capitalize()}\n\nThe file `{origin}` of the repository.{age}\n\n{text}"
         yield page, text
 
