@@ -99,7 +99,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     """Lead links that leave the folder to their page, or show the path; say where a measurement is old."""
     uri = page.file.src_uri
     if uri.startswith("measurements/"):
-        markdown = _COMMIT.sub(lambda head: f"{head[0]}{_age(head[1], uri)}", markdown)
+        markdown = _COMMIT.sub(lambda head: f"{head[0]}.{_age(head[1], uri)}", markdown)
     origin = _origins().get(uri, f"docs/{uri}")
 
     def led(match: re.Match[str]) -> str:
@@ -151,7 +151,7 @@ def _age(commit: str, place: str) -> str:
         return ""  # no repository, or a shallow copy
     if _git("merge-base", last, commit) == _git("rev-parse", last):
         return ""
-    return f" **Older than the core, which has changed since (last on {date}).**"
+    return f" **Older than the core**, which has changed since, last on {date}."
 
 
 @cache
