@@ -94,8 +94,8 @@ def _model_named(name: str, key: str) -> str:
     if found is None:
         known = ", ".join(one.replace("_", "-") for one in _NAMES)
         raise CalibrationError(
-            f"{key} is {name[:40]!r}: use one of {known}, or a name of theirs in docs/lenses.md; leave the line out if "
-            "it does not state a lens"
+            f"{key} is {name[:40]!r}: use one of {known}, or a name of theirs in docs/how-to/camera.md; leave the line "
+            "out if it does not state a lens"
         )
     return found
 
