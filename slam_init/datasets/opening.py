@@ -31,7 +31,7 @@ from slam_init.datasets.stamps import image_times
 from slam_init.datasets.synth import PREFIX, open_synth
 from slam_init.datasets.track_source import open_tracks_file
 from slam_init.datasets.video import open_video
-from slam_init.errors import SlamInitError, SourceError
+from slam_init.errors import SlamInitError, SourceError, check_type
 from slam_init.system.regular_file import kind_problem, user_path
 from slam_init.system.user_code import attribute_of, described_error
 from slam_init.types.frame import TimedSource
@@ -156,8 +156,7 @@ def detect_kind(text: str | os.PathLike[str]) -> str:
 
 
 def _text(source: str | os.PathLike[str]) -> str:
-    if not isinstance(source, str | os.PathLike):
-        raise SourceError(f"the source is of the type {type(source).__name__}: give a path, or synth:NAME")
+    check_type(source, (str, os.PathLike), "the source", "a path, or synth:NAME", SourceError)
     return os.fspath(source)
 
 
@@ -195,10 +194,8 @@ def _announced() -> list[Layout]:
         try:
             layout = entry.load()
         except (Exception, SystemExit) as error:
-            cause = described_error(error)
-            raise SourceError(
-                f"the reader {entry.value} cannot be loaded ({cause}): correct or uninstall it"
-            ) from error
+            problem = f"the reader {entry.value} cannot be loaded ({described_error(error)})"
+            raise SourceError(f"{problem}: correct or uninstall it") from error
         if not isinstance(layout, Layout):
             raise SourceError(f"the reader {entry.value} is no slam_init.datasets.posed_images.Layout: make it one")
         layouts.append(layout)

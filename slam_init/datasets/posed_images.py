@@ -176,9 +176,7 @@ def common_camera(cameras: Sequence[Camera | None], what: str) -> tuple[Camera |
         notes.append(f"{len(kept) - sum(kept)} of {len(kept)} images are of another camera, and are left out")
     largest_px = max(shifts[camera] for camera, keep in zip(cameras, kept, strict=True) if keep and camera is not None)
     if largest_px > 0:
-        notes.append(
-            f"the images state calibrations that differ by up to {largest_px:.1f} px: one for all of them is used"
-        )
+        notes.append(f"the images state calibrations that differ by up to {largest_px:.1f} px: one is used for all")
     return common, kept, tuple(notes)
 
 

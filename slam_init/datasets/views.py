@@ -195,10 +195,8 @@ class MaskedSource(DerivedSource):
             mask, path = (self._of_all, self.path) if self._of_all is not None else self._of(frame)
             size, expected = mask.shape[::-1], frame.image.shape[1::-1]
             if size != expected:
-                raise SourceError(
-                    f"{path}: the mask is {size[0]}x{size[1]}, but the frame {frame.name} is "
-                    f"{expected[0]}x{expected[1]}: give a mask of the size of the frames"
-                )
+                sizes = f"the mask is {size[0]}x{size[1]}, but the frame {frame.name} is {expected[0]}x{expected[1]}"
+                raise SourceError(f"{path}: {sizes}: give a mask of the size of the frames")
             yield replace(frame, mask=mask)
 
     def _of(self, frame: Frame) -> tuple[Image, Path]:

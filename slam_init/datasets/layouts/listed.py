@@ -63,10 +63,11 @@ _ICL_NUIM_RATE_HZ = 30.0
 
 
 def _read_list(
-    path: Path, folder: Path, fields_of_image: Callable[[Row], list[str]], what: str
+    path: Path, folder: Path, images: Path, fields_of_image: Callable[[Row], list[str]], what: str
 ) -> tuple[list[Path], list[tuple[str, float]]]:
     """The images of a list, and the time stamp of each with the place of its line.
 
+    * ``images``: Holds the images; an absolute name stays what it is.
     * ``fields_of_image``: Makes of a line the time stamp and the file name.
     """
     paths: list[Path] = []
@@ -76,7 +77,7 @@ def _read_list(
         stamps.append((row[0], stamp_of(row, fields, what)))
         if len(fields) < 2 or not fields[1]:
             raise SourceError(f"{row[0]}: expected {what}, found {row[1][:60]!r}")
-        paths.append(path.parent / fields[1])
+        paths.append(images / fields[1])
     if not paths:
         raise SourceError(f"{path}: lists no image")
     return paths, stamps
@@ -88,7 +89,7 @@ def open_tum(folder: Path, index: Path) -> ImageFileSource:
     if len(reflected) > 1:
         raise SourceError(f"{folder}: several *.gt.freiburg: keep the one that belongs to the images")
     split = _time_and_name if index.name == "rgb.txt" else _colour_of_pair
-    paths, stamps = _read_list(index, folder, split, "a timestamp and a file name")
+    paths, stamps = _read_list(index, folder, folder, split, "a timestamp and a file name")
     camera = stored_camera(folder, paths[0], "camera.yaml", "calibration.txt")
     truth: Trajectory | None = None
     if reflected:
@@ -131,9 +132,7 @@ def open_euroc(folder: Path, found: Path) -> ImageFileSource:
     cam0 = found.resolve()
     # The camera of a sequence has its ground truth beside it, so that the folder of the camera alone names its parent.
     root = cam0.parent if found == folder else folder
-    names, stamps = _read_list(cam0 / "data.csv", root, fields_of, "timestamp,filename")
-    # An absolute name stays what it is, and leads out of the folder.
-    paths = [cam0 / "data" / (path.relative_to(cam0) if path.is_relative_to(cam0) else path) for path in names]
+    paths, stamps = _read_list(cam0 / "data.csv", root, cam0 / "data", fields_of, "timestamp,filename")
     camera, body_from_cam = None, None
     sensor = cam0 / "sensor.yaml"
     if sensor.exists():

@@ -26,16 +26,14 @@ References
 
 from __future__ import annotations
 
-import json
 import math
-import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 
-from slam_init.calibration.files import camera_of
+from slam_init.calibration.files import as_text, camera_of
+from slam_init.calibration.syntax import parse_json
 from slam_init.calibration.values import Section, at_place
 from slam_init.datasets.colmap import model_files, read_model
 from slam_init.datasets.image_files import (
@@ -74,24 +72,6 @@ JsonObject = dict[str, object]
 _MAX_JSON_BYTES = 100_000_000
 
 
-def _read_json(path: str | os.PathLike[str], root: str | os.PathLike[str], what: str) -> JsonObject:
-    """Read a JSON file with an object at its top.
-
-    * ``root``: The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
-    """
-    check_inside(path, root)
-    data = read_regular(path, _MAX_JSON_BYTES, what, SourceError)
-    try:
-        content = json.loads(data.decode("utf-8-sig"))
-    except json.JSONDecodeError as error:
-        raise SourceError(f"{path}:{error.lineno}: broken JSON: {error.msg}") from None
-    except (UnicodeDecodeError, ValueError, RecursionError):  # ValueError: an integer of thousands of digits
-        raise SourceError(f"{path}: not a JSON file of {what}") from None
-    if not isinstance(content, dict):
-        raise SourceError(f"{path}: not {what}: expected a JSON object")
-    return cast(JsonObject, content)
-
-
 def find_colmap(folder: Path) -> Path | None:
     """Find the folder of a model: the folder itself, a usual place below it, or else the first folder in it."""
     usual = [folder, *(folder / place for place in _COLMAP_PLACES)]
@@ -120,9 +100,11 @@ def open_transforms(folder: Path, path: Path) -> ImageFileSource:
 
 def read_transforms(path: Path, folder: Path) -> Iterator[PosedImage]:
     """The images of a ``transforms.json``, whether the folder holds them or not."""
-    content = _read_json(path, folder, "a list of posed images")
-    frames = content.get("frames")
-    if not isinstance(frames, list) or not frames:
+    check_inside(path, folder)
+    with at_place(path):
+        content = parse_json(as_text(read_regular(path, _MAX_JSON_BYTES, "a list of posed images", SourceError)))
+    frames = content.get("frames") if isinstance(content, dict) else None
+    if not isinstance(content, dict) or not isinstance(frames, list) or not frames:
         raise SourceError(f"{path}: frames is missing or empty: expected a list of images")
     size: tuple[int, int] | None = None
     cameras: dict[str, Camera | None] = {}  # by their stated values: most files state one

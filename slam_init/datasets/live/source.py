@@ -67,14 +67,9 @@ class LiveSource:
     @property
     def notes(self) -> tuple[str, ...]:
         """What the user should know: dropped frames, times that are not those of the stream, and how it ended."""
-        notes = []
-        if self.dropped:
-            notes.append(
-                f"{self.dropped} of {self._received} frames were dropped, because they came faster than they were "
-                "processed"
-            )
+        dropped = f"{self.dropped} of {self._received} frames were dropped: they came faster than they were processed"
         ended = () if self._end_note is None else (self._end_note,)
-        return (*notes, *self._clock.notes, *ended)
+        return (*(dropped,) * bool(self.dropped), *self._clock.notes, *ended)
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Give the frames as they come, until the stream ends or :meth:`stop` is called."""
