@@ -38,9 +38,10 @@ from slam_init.output.provenance import InputHash, provenance_of
 from slam_init.output.records import SegmentRecord, SourceRecord
 from slam_init.output.results import publish_results
 from slam_init.output.summary import Summary, summary_of
-from slam_init.pictures.overview import StoryRecorder, overview_png
-from slam_init.recording.recorder import Recorder, Several
+from slam_init.pictures.overview import overview_png
+from slam_init.recording.recorder import Recorder
 from slam_init.recording.rerun_recorder import RerunRecorder
+from slam_init.recording.story import StoryRecorder
 from slam_init.scale.find import find_scale
 from slam_init.scale.metric_map import in_metres, scaled_keyframes
 from slam_init.scale.requests import KnownBoard, KnownMarkers, MeasuredMotion, ScaleRequest
@@ -188,12 +189,11 @@ def _recorded(job: Job, folder: OutputFolder, viewer: str | None, *, overview: b
     truth, config = job.source.groundtruth, job.config
     seen = reduction_of(job.source, job.camera).camera
     with RerunRecorder(folder.staging / RECORDING, seen, job.source.name, truth, config.seed, viewer) as recorder:
-        # An external program tells neither tracks nor attempts: there is no story to draw.
-        drawn = overview and not is_external(config.method)
-        story = StoryRecorder(recorder.images) if drawn else None
-        done = job.run(recorder if story is None else Several(recorder, story))
+        done = job.run(recorder)
         recorder.summary(done.summary)
-    return done, None if story is None else _drawn(done.result, done.summary, story, truth)
+    # An external program tells neither tracks nor attempts: there is no story to draw.
+    drawn = overview and not is_external(config.method)
+    return done, _drawn(done.result, done.summary, recorder.story, truth) if drawn else None
 
 
 def _stage_exports(folder: OutputFolder, done: Finished, export: Collection[str], source: Source) -> None:
@@ -207,7 +207,7 @@ def _stage_exports(folder: OutputFolder, done: Finished, export: Collection[str]
 def _drawn(result: Result, summary: Summary, story: StoryRecorder, truth: Trajectory | None) -> bytes | None:
     """Draw the overview; None with a warning where this fails, since the results of a run must not be lost by it."""
     try:
-        return overview_png(result, summary, story.story(), truth)
+        return overview_png(result, summary, story, truth)
     except Exception as error:
         warnings.warn(f"{OVERVIEW} was not drawn: {error}", RuntimeWarning, stacklevel=2)
         return None
