@@ -1,4 +1,4 @@
-"""Readers of camera calibrations in the common formats, which are detected by their content.
+"""Readers of camera calibrations in the common formats, which are detected by their content; and a writer of one.
 
 The formats are the tables of :mod:`slam_init.calibration.formats`; ``docs/how-to/camera.md`` lists them.
 """
@@ -121,3 +121,21 @@ def _text(data: bytes) -> str:
     if not text.strip():
         raise CalibrationError("the file is empty")
     return text
+
+
+def camera_yaml(camera: Camera) -> str:
+    """Write a calibration."""
+    lines = [
+        "# pixel centres at integer coordinates; distortion as in OpenCV",
+        "model: pinhole" if camera.model != "fisheye" else "model: fisheye",
+        f"width: {camera.width}",
+        f"height: {camera.height}",
+        *(f"{name}: {float(getattr(camera, name))!r}" for name in ("fx", "fy", "cx", "cy")),
+        f"distortion_model: {'none' if camera.model == 'pinhole' else camera.model}",
+        f"distortion: [{', '.join(repr(float(value)) for value in camera.distortion)}]",
+    ]
+    if camera.focal_sigma is not None:
+        lines.append(f"focal_sigma: {float(camera.focal_sigma)!r}  # relative standard deviation of fx and fy")
+    if camera.readout_ms is not None:
+        lines += [f"readout_ms: {float(camera.readout_ms)!r}", f"readout_direction: {camera.readout_direction}"]
+    return "\n".join(lines) + "\n"

@@ -40,7 +40,7 @@ def _calibrate(arguments: argparse.Namespace) -> int:
 
     import json
 
-    from slam_init.calibration.writing import camera_yaml
+    from slam_init.calibration.files import camera_yaml
     from slam_init.config import Config
     from slam_init.methods.self_calibration import calibrate
     from slam_init.output.plain_json import plain

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from dataclasses import asdict
 
 from slam_init.cli.parser import DONE, Commands
 from slam_init.cli.source_options import add_source, chosen_camera, opened_source
@@ -36,7 +35,7 @@ def _info(arguments: argparse.Namespace) -> int:
         from slam_init.datasets.describe import describe, describe_text
 
         source = opened_source(arguments, 0)
-        info = describe(source, chosen_camera(arguments, source, 0))
-        facts, text = asdict(info), describe_text(info)
+        facts = describe(source, chosen_camera(arguments, source, 0))
+        text = describe_text(facts)
     tell(json.dumps(facts, indent=2, allow_nan=False) + "\n" if arguments.json else text)
     return DONE

@@ -192,7 +192,8 @@ def _images_of_bytes(data: _Bytes) -> Iterator[ColmapImage]:
 # -- databases -------------------------------------------------------------------------------------
 
 
-_MAGIC = b"SQLite format 3\0"
+#: How a database of SQLite starts.
+SQLITE = b"SQLite format 3\0"
 _TABLES = frozenset({"cameras", "images", "keypoints", "matches", "two_view_geometries"})
 # COLMAP: pair_id = 2147483647 * smaller image_id + larger image_id.
 _MAX_IMAGES = 2_147_483_647
@@ -200,14 +201,9 @@ _MAX_IMAGES = 2_147_483_647
 _WATERMARK = 7
 
 
-def is_colmap_database(path: Path) -> bool:
-    """Tell whether a file is a database of SQLite, by its content or the suffix ``.db``."""
-    return path.suffix.lower() == ".db" or first_bytes(path, len(_MAGIC)) == _MAGIC
-
-
 def open_colmap_database(path: Path) -> TrackSource:
     """Open a database as a source of tracks."""
-    if first_bytes(path, len(_MAGIC)) != _MAGIC:
+    if first_bytes(path, len(SQLITE)) != SQLITE:
         raise SourceError(f"{path}: is no SQLite database: give a database of COLMAP")
     log = path.with_name(path.name + "-wal")
     if log.exists() and log.stat().st_size:

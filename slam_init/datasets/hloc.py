@@ -28,12 +28,8 @@ from slam_init.types.arrays import Floats, as_array
 if TYPE_CHECKING:
     import h5py
 
-_MAGIC = b"\x89HDF\r\n\x1a\n"
-
-
-def is_hdf5(path: Path) -> bool:
-    """Tell whether a file is in HDF5, by its content or its suffix."""
-    return path.suffix.lower() in (".h5", ".hdf5") or first_bytes(path, len(_MAGIC)) == _MAGIC
+#: How a file in HDF5 starts.
+HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 def open_hloc(path: Path) -> TrackSource:
@@ -66,7 +62,7 @@ def _opened(path: Path) -> Iterator[h5py.File]:
         import h5py
     except ImportError:
         raise SourceError(f'{path}: reading .h5 needs h5py: pip install ".[hloc]"') from None
-    if first_bytes(path, len(_MAGIC)) != _MAGIC:
+    if first_bytes(path, len(HDF5)) != HDF5:
         raise SourceError(f"{path}: is no HDF5 file of hloc")
     try:
         with h5py.File(path, "r") as file:

@@ -21,6 +21,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -139,10 +140,7 @@ def decoded(path: Path, skip: int = 0) -> Iterator[tuple[float, Image | None]]:
         try:
             for index, frame in enumerate(container.decode(stream)):
                 time_s = np.nan if frame.time is None else _nanoseconds(frame.time - start_s)
-                if index < skip:
-                    yield time_s, None
-                    continue
-                yield time_s, upright_pixels(frame, reformatter)
+                yield time_s, None if index < skip else upright_pixels(frame, reformatter)
         except av.error.FFmpegError:
             return
 
@@ -159,12 +157,10 @@ def packet_times_s(path: Path) -> list[float]:
     with _opened(path) as (container, stream):
         start_s, unit_s = _start_s(stream), float(stream.time_base or 0)
         try:
-            for packet in container.demux(stream):
+            for packet in islice(container.demux(stream), _MAX_FRAMES):
                 stamp = packet.dts if packet.pts is None else packet.pts  # AVI has no presentation times
                 if stamp is not None and packet.size:
                     times_s.append(_nanoseconds(stamp * unit_s - start_s))
-                if len(times_s) >= _MAX_FRAMES:
-                    break
         except av.error.FFmpegError:  # the times up to the damage
             pass
     return sorted(time_s for time_s in times_s if time_s >= 0)
@@ -172,8 +168,7 @@ def packet_times_s(path: Path) -> list[float]:
 
 def count_frames(path: Path) -> int:
     """Count the frames of a video by decoding it."""
-    frames = decoded(path, skip=_MAX_FRAMES)
-    return sum(1 for _, _ in zip(range(_MAX_FRAMES), frames, strict=False))
+    return sum(1 for _ in islice(decoded(path, skip=_MAX_FRAMES), _MAX_FRAMES))
 
 
 def is_gif(path: Path) -> bool:
@@ -249,14 +244,8 @@ class VideoSource:
         wanted = frame_range(self.length, start, max_frames, self.name)
         # A GIF has no fields; its few colours are dithered, which looks like a comb.
         may_have_fields, has_fields = not is_gif(self.path), False
-        stream = decoded(self.path, skip=wanted.start)
-        last_s: float | None = None
-        for index in range(wanted.stop):
-            time_s, image = next(stream, (0.0, None))
-            if image is None and index >= wanted.start:
-                if index == wanted.start:
-                    raise SourceError(f"{self.path}: the video ends before frame {index}")
-                return
+        index, last_s = -1, None
+        for index, (time_s, image) in enumerate(islice(decoded(self.path, wanted.start), wanted.stop)):
             last_s = _next_time(time_s, last_s, 1 / self.rate_hz)
             if image is None:
                 continue
@@ -266,6 +255,8 @@ class VideoSource:
                 image = first_field(image)
                 self._seen.add(NOTE)
             yield Frame(index, last_s, f"frame-{index:06d}", image)
+        if index < wanted.start:
+            raise SourceError(f"{self.path}: the video ends before frame {wanted.start}")
 
 
 def open_video(path: Path) -> VideoSource:

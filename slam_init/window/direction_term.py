@@ -150,6 +150,11 @@ def direction_term(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> Direc
     )
 
 
+def camera_of_best(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> CameraEstimate:
+    """The unknowns of the camera by the best motion, whose expansion is given."""
+    return camera_estimate(expanded, _optimism(hypotheses, hypotheses.motions[0]).factor(lens_held=False))
+
+
 def _wrong_by_sigmas(rotation_deg: float, direction_deg: float) -> float:
     """Probability that a rotation or a direction with these standard deviations is wrong."""
     aside = float(two_directions(WRONG_DIRECTION_DEG, np.array([direction_deg]))[0])

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import gc
 import subprocess
 import sys
-from contextlib import nullcontext
 
 import pytest
 from paths import ROOT
-
-from slam_init.cli.loading import load_libraries
 
 pytestmark = pytest.mark.process
 
@@ -25,24 +21,3 @@ def test_what_a_run_needs_is_loaded_at_once(pictures):
     )
     done = subprocess.run([sys.executable, "-c", report], capture_output=True, text=True, cwd=ROOT, check=True)
     assert done.stdout.split() == ["True", "True", "True", str(pictures), "false"]
-
-
-@pytest.mark.parametrize("collecting", [False, True])
-def test_the_collector_is_as_before_whatever_happens(monkeypatch, collecting):
-    before = gc.isenabled()
-    try:
-        gc.enable() if collecting else gc.disable()
-        for error in (None, ImportError, KeyboardInterrupt):
-
-            def load(pictures, error=error):
-                assert not gc.isenabled()
-                if error is not None:
-                    raise error
-
-            monkeypatch.setattr("slam_init.cli.loading._load", load)
-            with pytest.raises(KeyboardInterrupt) if error is KeyboardInterrupt else nullcontext():
-                load_libraries(pictures=False)
-            assert gc.isenabled() is collecting
-    finally:
-        gc.enable() if before else gc.disable()
-        gc.unfreeze()

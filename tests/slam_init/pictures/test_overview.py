@@ -13,13 +13,10 @@ from make_summary import summarize
 from report_run import report_run
 
 from slam_init.pictures.overview import (
-    VERDICT_COLORS,
-    ShownFrame,
     Story,
     StoryRecorder,
     canvas,
     draw_decision,
-    draw_frame,
     overview_png,
 )
 from slam_init.types.evidence import FreeFocal, Margin
@@ -116,21 +113,6 @@ def test_a_long_failure_shows_the_risk_alone():
         assert "risk" in labels
 
 
-def test_every_third_frame_leaves_no_hole_in_the_strip():
-    _, collections = artists_of(lambda axes: draw_decision(axes, attempts_of(6, 3, Verdict.LOW_PARALLAX)))
-    strip = next(one for one in collections if one.get_paths() and len(one.get_paths()) == 6)
-    spans = sorted((path.vertices[:, 0].min(), path.vertices[:, 0].max()) for path in strip.get_paths())
-    assert all(before[1] == pytest.approx(after[0]) for before, after in pairwise(spans))
-
-
-def test_a_link_by_descriptors_draws_no_path():
-    ids, places = np.arange(4), np.array([[100.0, 100.0], [200.0, 100.0], [300.0, 100.0], [400.0, 100.0]])
-    moved = places + np.array([[10.0, 0.0], [20.0, 0.0], [600.0, 0.0], [0.0, 900.0]])
-    before, after = (ShownFrame(k, np.zeros((60, 80), np.uint8), ids, at) for k, at in enumerate((places, moved)))
-    _, (tails,) = artists_of(lambda axes: draw_frame(axes, after, before, 1280))
-    assert len(tails.get_segments()) == 2
-
-
 def test_a_run_that_started_anew_has_a_row_for_each_map_and_the_story_of_the_first(story):
     map_ = make_map()
     segments = tuple(Segment(map_, 10 * k, 5, lost_at=9 + 10 * k) for k in range(3))
@@ -144,8 +126,3 @@ def test_a_run_that_started_anew_has_a_row_for_each_map_and_the_story_of_the_fir
     recorder.restarted()
     recorder.attempt(make_attempts(map_)[-1])
     assert recorder.story().pair is pair
-
-
-def test_every_verdict_has_a_colour_of_its_own():
-    assert set(VERDICT_COLORS) == set(Verdict)
-    assert len(set(VERDICT_COLORS.values())) == len(Verdict)

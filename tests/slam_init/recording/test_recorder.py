@@ -20,12 +20,6 @@ class Noting(Recorder):
         return super().__getattribute__(name)
 
 
-def test_a_recorder_takes_all_reports_and_writes_nothing(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    report_run(Recorder())
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_each_recorder_gets_each_report_in_the_same_order():
     alone, first, second = Noting(), Noting(), Noting()
     report_run(alone)

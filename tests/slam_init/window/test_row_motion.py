@@ -52,15 +52,6 @@ def test_turning_and_translation_undo_a_rolling_shutter():
     assert both < 0.1 * raw
 
 
-def test_pixels_that_are_corrected_for_a_readout_are_corrected_for_its_translation_too():
-    tracks, state, _ = window("handheld", 1, readout_ms=30.0, speed=0.4)
-    raw = with_translation(tracks, state)
-    added = raw.sweep_px_s - tracks.sweep_px_s
-    np.testing.assert_array_equal(raw.pixels, tracks.pixels)
-    corrected = with_translation(replace(tracks, readout_s=0.02), state)
-    np.testing.assert_allclose(corrected.pixels, tracks.pixels - 0.02 * added, atol=1e-9)
-
-
 @pytest.mark.parametrize("case", ["no translation", "photographs", "repeated time stamps"])
 def test_nothing_is_added_where_nothing_is_known(case):
     tracks, state, _ = window("handheld", 2, readout_ms=30.0, speed=0.0 if case == "no translation" else 0.2)
