@@ -49,12 +49,13 @@ from slam_init.errors import ConfigError, check_type
 from slam_init.frontend.keyframes import KeyframeManager, PairPreview
 from slam_init.frontend.matchers import Matcher
 from slam_init.frontend.rolling_shutter import corrected_pixels
-from slam_init.frontend.tracks import History, Tracker
+from slam_init.frontend.tracks import Tracker
 from slam_init.intake import Intake, Turn
 from slam_init.recording.recorder import Recorder
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
+from slam_init.types.history import History
 from slam_init.types.inertial import Gravity
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.pose import Pose

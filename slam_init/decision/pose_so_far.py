@@ -14,9 +14,9 @@ import numpy as np
 
 from quest.robust.rotation import refine_rotation
 from slam_init.frontend.keyframes import SAME_SCENE
-from slam_init.frontend.tracks import History, common_tracks
 from slam_init.types.arrays import Floats
 from slam_init.types.frame import Observations
+from slam_init.types.history import History, common_tracks
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose
 from slam_init.types.status import CameraPose, PoseKind

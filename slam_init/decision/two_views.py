@@ -13,12 +13,12 @@ from quest.gravity import estimate_upright_pose
 from slam_init.config import Config
 from slam_init.decision.refusal import refused_at, refused_by, with_gates
 from slam_init.frontend.keyframes import PairPreview, difference_gate
-from slam_init.frontend.tracks import History, common_tracks
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import TwoViewEvidence
 from slam_init.types.frame import Observations
 from slam_init.types.gates import GateName, Stage, at_least
+from slam_init.types.history import History, common_tracks
 from slam_init.types.inertial import Gravity
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt

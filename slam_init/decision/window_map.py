@@ -15,10 +15,10 @@ from slam_init.config import Config
 from slam_init.decision.judged_window import JudgedWindow
 from slam_init.decision.map_posterior import differences_deg
 from slam_init.frontend.rolling_shutter import RollingShutter
-from slam_init.frontend.tracks import History
 from slam_init.mapping.candidate import map_of_poses
 from slam_init.mapping.map_building import MapWithViews, map_with_views
 from slam_init.mapping.views import TrackTable, table_of
+from slam_init.types.history import History
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 from slam_init.types.reasons import Verdict

@@ -37,12 +37,12 @@ from slam_init.decision.window_map import WindowMaps
 from slam_init.frontend.keyframes import PairPreview
 from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.frontend.static_tracks import static_tracks, without
-from slam_init.frontend.tracks import History
 from slam_init.mapping.views import further_views
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import FreeFocal, MapEvidence
 from slam_init.types.frame import Observations
 from slam_init.types.gates import Gate, GateName, Stage, at_least
+from slam_init.types.history import History
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Attempt, ProvisionalMap

@@ -18,10 +18,10 @@ import numpy as np
 from quest.geometry.quaternion import rotation_angle
 from quest.robust.rotation import refine_rotation
 from slam_init.config import Config
-from slam_init.frontend.tracks import History, common_tracks
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
+from slam_init.types.history import History, common_tracks
 
 #: The spread of the tracks is counted in the cells of this grid over the image.
 _GRID = (8, 6)

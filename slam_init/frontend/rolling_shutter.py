@@ -18,10 +18,10 @@ import numpy as np
 
 from quest.geometry.quaternion import vector_from_rotation
 from quest.robust.rotation import refine_rotation
-from slam_init.frontend.tracks import History, common_tracks
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
+from slam_init.types.history import History, common_tracks
 from slam_init.types.lens_in_use import LensInUse
 
 #: A hand changes its turning several times in a second. With frames farther apart than this, the turning between two

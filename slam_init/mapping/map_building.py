@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slam_init.bundle.problem import BundleSolution
-from slam_init.frontend.tracks import History
 from slam_init.types.frame import Observations
+from slam_init.types.history import History
 from slam_init.types.inertial import Gravity
 from slam_init.types.initial_map import InitialMap, Keyframe
 

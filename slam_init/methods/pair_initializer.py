@@ -17,7 +17,6 @@ from slam_init.decision.refusal import refused_at, with_gates
 from slam_init.errors import SlamInitError
 from slam_init.frontend.frame_clock import FrameClock
 from slam_init.frontend.matched_tracks import make_tracker
-from slam_init.frontend.tracks import common_tracks
 from slam_init.mapping.map_building import map_with_views
 from slam_init.methods.two_view import TwoViewMethod, undistorted_pixels
 from slam_init.recording.recorder import Recorder
@@ -26,6 +25,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.evidence import MapEvidence
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.gates import GateName, at_least
+from slam_init.types.history import common_tracks
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.pose import Pose
 from slam_init.types.reasons import Verdict

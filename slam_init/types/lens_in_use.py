@@ -1,7 +1,7 @@
 """The lens that rays are seen through: the stated one, or an estimate that the motion has improved.
 
 Where the focal length is no calibration, each judged window improves it. The rays of a history are those of one such
-lens (:class:`slam_init.frontend.tracks.History`), and whoever needs the camera asks the history.
+lens (:class:`slam_init.types.history.History`), and whoever needs the camera asks the history.
 """
 
 from __future__ import annotations

@@ -12,10 +12,10 @@ from quest.geometry.quaternion import rotation_angle, rotation_from_vector
 from sequences_synth.points import PointOptions, PointSequence, make_points
 from slam_init.config import Config
 from slam_init.datasets.points import PointSource
-from slam_init.frontend.tracks import common_tracks
 from slam_init.initializer import Initializer
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
+from slam_init.types.history import common_tracks
 from slam_init.types.pose import Pose
 from slam_init.window.arguments import FIELD_TERMS, Fitted, Layout, Lens, Sums
 from slam_init.window.arguments import Equations as Arrays
