@@ -41,8 +41,7 @@ from quest.geometry.quaternion import rotation_from_vector
 from slam_init.calibration.choosing import GivenCamera
 from slam_init.config import Config
 from slam_init.decision.attempt_log import AttemptLog
-from slam_init.decision.maps_so_far import MapsSoFar
-from slam_init.decision.outcome import Outcome
+from slam_init.decision.maps_so_far import MapsSoFar, Outcome
 from slam_init.decision.pose_so_far import PoseSoFar
 from slam_init.decision.screening import screen
 from slam_init.errors import ConfigError, check_type

@@ -51,7 +51,7 @@ from slam_init.types.inertial import InertialRecord
 from slam_init.types.initial_map import Descriptors, InitialMap, Keyframe
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
 from slam_init.types.pose import Trajectory
-from slam_init.types.reasons import Verdict, in_words
+from slam_init.types.refusal import Verdict, in_words
 from slam_init.types.result import MAX_SEGMENTS, GroundTruthErrors, Result, Segment
 from slam_init.types.scale import ScaleOrigin
 from slam_init.types.status import Status

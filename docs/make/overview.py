@@ -40,7 +40,7 @@ from slam_init.pictures.overview import (
 )
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 from slam_init.types.result import Result
 
 if TYPE_CHECKING:

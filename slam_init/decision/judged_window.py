@@ -17,10 +17,9 @@ from slam_init.decision.pose_so_far import WindowMotion
 from slam_init.decision.two_views import MatchedPair
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.evidence import WindowEvidence
-from slam_init.types.gates import Gate, GateName, at_most
 from slam_init.types.lens_in_use import MAX_FOCAL_SIGMA, LensInUse
 from slam_init.types.pose import Pose
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Gate, GateName, Verdict, at_most
 from slam_init.types.result import Attempt
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.levels import (

@@ -7,13 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from slam_init.config import Config
-from slam_init.decision.refusal import refused_by, with_gates
 from slam_init.frontend.keyframes import PairPreview, difference_gate
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import PreviewEvidence
 from slam_init.types.frame import Observations
-from slam_init.types.gates import GateName, Stage, at_least
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import GateName, Stage, Verdict, at_least
 from slam_init.types.result import Attempt
 
 #: A tenth of the tracks may be outliers. If the rotation leaves more of the tracks displaced, the camera moved.
@@ -55,9 +53,9 @@ def screen(
     )
     attempt = Attempt((pair.reference, pair.current), Verdict.ACCEPTED, preview=preview_evidence(pair))
     for stage, gates in ((Stage.MATCHES, matches), (Stage.MOTION, motion)):
-        attempt = with_gates(attempt, gates)
+        attempt = attempt.with_gates(gates)
         if any(not gate.passes() for gate in gates):
-            return refused_by(attempt, stage, gates)
+            return attempt.refused_by(stage, gates)
     return None
 
 

@@ -21,7 +21,7 @@ from slam_init.mapping.views import TrackTable, table_of
 from slam_init.types.history import History
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.lens_in_use import CALIBRATED_SIGMA
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 from slam_init.types.result import ProvisionalMap
 from slam_init.window.levels import EVEN_ODDS, RISK_OF_A_VIEW
 from slam_init.window.motion import FittedMotion

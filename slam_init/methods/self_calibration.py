@@ -26,7 +26,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations, Source, length_of
 from slam_init.types.lens_in_use import MAX_FOCAL_SIGMA
 from slam_init.types.pose import Pose
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 from slam_init.types.result import Result
 from slam_init.window.locating import MIN_RESECTED
 

@@ -26,10 +26,9 @@ from slam_init.recording.recorder import Recorder
 from slam_init.recording.text import headline
 from slam_init.types.arrays import Bools, Floats, Image, Ints, evenly_spaced
 from slam_init.types.frame import Frame, Observations
-from slam_init.types.gates import Direction, Gate, GateName
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.pose import Trajectory
-from slam_init.types.reasons import Verdict, in_words
+from slam_init.types.refusal import Direction, Gate, GateName, Verdict, in_words
 from slam_init.types.result import Attempt, Result
 
 if TYPE_CHECKING:

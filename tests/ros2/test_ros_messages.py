@@ -11,7 +11,7 @@ from slam_init_ros.ros_messages import RosMessages
 
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 from slam_init.types.status import State, Status
 
 

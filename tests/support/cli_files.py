@@ -5,7 +5,7 @@ from dataclasses import replace
 from make_map import make_result
 
 from slam_init.output.summary import SCHEMA, AttemptRecord, CameraRecord, KeyframeRecord, SourceRecord, Summary
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 from slam_init.types.result import Attempt, GroundTruthErrors
 
 IMAGES = "my images é"

@@ -11,7 +11,7 @@ from make_window import WINDOW_CONFIG, point_source, pose_errors_deg, true_motio
 from slam_init.decision.lens import followed, priors_of
 from slam_init.initializer import Initializer
 from slam_init.types.lens_in_use import LensInUse
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 from slam_init.window.uncertainty import CameraEstimate, DistortionEstimate, FocalEstimate
 
 UNKNOWN = replace(CAMERA, focal_sigma=0.35, source="prior")

@@ -10,9 +10,8 @@ from make_scene import CAMERA, observe
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.decision.rotation_only import with_established_reason
 from slam_init.decision.screening import preview_evidence
-from slam_init.types.gates import GateName, at_most
 from slam_init.types.pose import Pose
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import GateName, Verdict, at_most
 from slam_init.types.result import Attempt
 
 

@@ -7,8 +7,7 @@ from make_scene import CAMERA, CONFIG, cloud, observe
 
 from slam_init.decision.screening import preview_evidence, screen
 from slam_init.frontend.keyframes import PairPreview
-from slam_init.types.gates import GateName, Stage
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import GateName, Stage, Verdict
 
 NEEDED = CONFIG.keyframes.min_matches
 (CURRENT,) = observe(CAMERA, make_poses(1), cloud(np.random.default_rng(0), 2 * NEEDED), frames=[7])

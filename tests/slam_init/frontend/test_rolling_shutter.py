@@ -14,7 +14,7 @@ from slam_init.initializer import Initializer
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.history import History
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 from slam_init.window.tracks import gather_tracks
 
 #: The camera turns about a fixed axis, in rad/s.

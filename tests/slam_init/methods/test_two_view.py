@@ -22,7 +22,7 @@ from slam_init.methods.rules import Pair
 from slam_init.methods.sfm_systems import Colmap, OpenSfm
 from slam_init.methods.two_view import TwoViewOutcome, check_matches, undistorted_pixels
 from slam_init.types.camera import Camera
-from slam_init.types.reasons import REASONS, Verdict
+from slam_init.types.refusal import REASONS, Verdict
 
 TWO_VIEW = [name for name, info in METHODS.items() if info.home]
 #: COLMAP requires 16 degrees of parallax.

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from slam_init.output.plain_json import plain, plain_fields
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 
 
 @dataclass(frozen=True)

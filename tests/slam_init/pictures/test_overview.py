@@ -23,7 +23,7 @@ from slam_init.pictures.overview import (
     overview_png,
 )
 from slam_init.types.evidence import FreeFocal, Margin
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 from slam_init.types.result import Segment
 
 

@@ -18,8 +18,7 @@ from slam_init.errors import OutputError, SourceError
 from slam_init.recording import rerun_recorder
 from slam_init.recording.layout import SERIES
 from slam_init.recording.rerun_recorder import RerunRecorder
-from slam_init.types.gates import GateName, at_least, at_most
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import GateName, Verdict, at_least, at_most
 from slam_init.types.scale import Scale, ScaleOrigin
 from slam_init.types.status import CameraPose, PoseKind
 

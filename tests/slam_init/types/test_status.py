@@ -10,7 +10,7 @@ from slam_init.errors import SlamInitError
 from slam_init.initializer import Initializer
 from slam_init.types.evidence import WindowEvidence
 from slam_init.types.frame import Frame
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 from slam_init.types.result import Attempt
 from slam_init.types.status import State, Status, frame_of
 
