@@ -49,7 +49,7 @@ from slam_init.types.frame import Frame, Observations, Source, length_of, notes_
 from slam_init.types.history import History
 from slam_init.types.inertial import InertialRecord
 from slam_init.types.initial_map import Descriptors, InitialMap, Keyframe
-from slam_init.types.lens_in_use import CALIBRATED_SIGMA
+from slam_init.types.lens import CALIBRATED_SIGMA
 from slam_init.types.pose import Trajectory
 from slam_init.types.refusal import Verdict, in_words
 from slam_init.types.result import MAX_SEGMENTS, GroundTruthErrors, Result, Segment

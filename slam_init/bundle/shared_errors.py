@@ -33,10 +33,11 @@ from slam_init.bundle.covariances import (
 from slam_init.bundle.graph import PoseTerms
 from slam_init.bundle.least_squares import arrays_of
 from slam_init.bundle.lens import lens_derivatives, residuals_of
-from slam_init.bundle.problem import BundleProblem, LensPrior
+from slam_init.bundle.problem import BundleProblem
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Bools, Floats, evenly_spaced
 from slam_init.types.camera import Camera, orthonormal_polynomials
+from slam_init.types.lens import LensPrior
 
 #: Standard deviations of a coefficient of the fields, in pixels. The root mean square of a coordinate over the image is
 #: 2.4 times as large. The least is that of good trackers and lenses, a tenth of a pixel over the image: it hardly shows

@@ -30,7 +30,7 @@ from slam_init.types.audit import Audit, AuditVerdict
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.history import History
-from slam_init.types.lens_in_use import LensInUse
+from slam_init.types.lens import LensInUse
 from slam_init.types.pose import Pose
 from slam_init.types.refusal import Verdict
 from slam_init.window.hypotheses import fit_hypotheses, motions_of_pair

@@ -14,7 +14,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.evidence import Margin
 from slam_init.types.frame import Observations
 from slam_init.types.initial_map import InitialMap
-from slam_init.types.lens_in_use import LensInUse
+from slam_init.types.lens import LensInUse
 from slam_init.types.result import MAX_SEGMENTS, Attempt, Result, Segment
 from slam_init.types.stopwatch import StageTimes
 

@@ -51,6 +51,7 @@ from slam_init.window.live import LiveHypotheses
 from slam_init.window.motion import OtherMotion
 from slam_init.window.risk import WindowRisk, risk_of, with_zooming_rotation
 from slam_init.window.tracks import MAX_VIEWS
+from slam_init.window.uncertainty import told_readout_s
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,8 +307,8 @@ class WindowRule:
 
     def _with_readout(self, pair: MatchedPair, risk: WindowRisk) -> MatchedPair:
         """Correct the rays of the history for the readout that the window found; return the pair with these rays."""
-        readout = risk.camera.readout
-        if readout is None or not self._shutter.adopt(self._history, readout.told_seconds):
+        is_known = risk.lens.readout_sigma_s == 0
+        if is_known or not self._shutter.adopt(self._history, told_readout_s(risk.lens)):
             return pair
         return self._views(pair.preview, self._history[pair.current.frame]).pair
 

@@ -22,7 +22,7 @@ from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.history import History, common_tracks
-from slam_init.types.lens_in_use import LensInUse
+from slam_init.types.lens import LensInUse
 
 #: A hand changes its turning several times in a second. With frames farther apart than this, the turning between two
 #: frames tells nothing about the turning in the time of a readout.

@@ -12,7 +12,7 @@ from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.inertial import Attitude, Gravity
-from slam_init.types.lens_in_use import LensInUse
+from slam_init.types.lens import LensInUse
 
 #: Rays that were made of unit length in 32 bits are off by some 1e-7. What is off by more was not normalized.
 _UNIT_TOLERANCE = 1e-6

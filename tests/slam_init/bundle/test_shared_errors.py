@@ -221,9 +221,9 @@ def test_a_view_of_few_landmarks_has_a_covariance(seed, left):
 
 def test_a_calibration_with_a_distortion_knows_more_than_one_without():
     stated, bare = lens_prior(CAMERAS["radtan"], LENS), lens_prior(CAMERA, LENS)
-    assert (stated.k1, bare.k1) == (0.01, 0.05)
-    assert bare.focal == 0.02
+    assert (stated.k1_sigma, bare.k1_sigma) == (0.01, 0.05)
+    assert bare.focal_sigma == 0.02
     guess = replace(CAMERA, focal_sigma=0.3)
     assert isinstance(guess, Camera)
-    assert lens_prior(guess, LENS).focal == 0.06
+    assert lens_prior(guess, LENS).focal_sigma == 0.06
     assert not lens_prior(CAMERA, MAP).sigmas.any()

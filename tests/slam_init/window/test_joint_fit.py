@@ -18,9 +18,9 @@ from make_window import (
 
 from sequences_synth.points import make_points
 from slam_init.bundle.focal import camera_with_focal_factor
+from slam_init.types.lens import Lens
 from slam_init.window.equations import WindowEquations
 from slam_init.window.joint_fit import costs_off_plane, fit_window, information_of_relief, start_noise_factor
-from slam_init.window.lens_offset import LensOffset
 from slam_init.window.optimizer import OFF_PLANE_COST
 from slam_init.window.state import Priors, start_at
 from slam_init.window.tracks import WindowTracks, gather_tracks
@@ -236,7 +236,7 @@ def test_the_noise_of_a_start_covers_its_error_within_a_factor_of_thirty():
 def test_a_start_at_a_focal_scale_has_the_points_of_the_camera_with_that_focal_length():
     true = camera_of(make_points("room", 2))
     window = make_window("room", 2, 4, stated=camera_with_focal_factor(true, 1.1))
-    state = start_at(window.tracks, window.R, window.t, lens=LensOffset(-np.log(1.1)))
+    state = start_at(window.tracks, window.R, window.t, lens=Lens(-np.log(1.1)))
     used = window.tracks.anchor >= 0
     assert state.lens.log_scale == -np.log(1.1)
     np.testing.assert_allclose(state.inverse_distances[used], window.true_state().inverse_distances[used], rtol=1e-6)

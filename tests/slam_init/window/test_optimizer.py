@@ -8,6 +8,7 @@ from make_window import PRIORS, make_window
 from optimizer_reference import reference_optimum
 
 from quest.geometry.quaternion import rotation_from_vector
+from slam_init.types.lens import Lens
 from slam_init.window.arguments import Equations, Limits, Work
 from slam_init.window.equations import WindowEquations
 from slam_init.window.optimizer import solve_damped
@@ -15,7 +16,7 @@ from slam_init.window.prior_equations import turn_between
 from slam_init.window.state import start_at
 
 #: Everything that can be unknown, or measured beside the tracks.
-ALL = replace(PRIORS, field_sigma_px=0.3, readout_sigma_s=0.01, principal_sigma_px=3.0, k1_mean=0.01)
+ALL = replace(PRIORS, field_sigma_px=0.3, readout_sigma_s=0.01, principal_sigma_px=3.0, mean=Lens(k1=0.01))
 
 
 def window_and_start(kind, views, *, measured=False):
