@@ -149,6 +149,11 @@ def direction_term(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> Direc
     )
 
 
+def lens_of_best(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> LensPrior:
+    """The lens by the best motion, whose expansion is given."""
+    return lens_estimate(expanded, _optimism(hypotheses, hypotheses.motions[0]).factor(lens_held=False))
+
+
 def _wrong_by_sigmas(rotation_deg: float, direction_deg: float) -> float:
     """Probability that a rotation or a direction with these standard deviations is wrong."""
     aside = float(two_directions(WRONG_DIRECTION_DEG, np.array([direction_deg]))[0])

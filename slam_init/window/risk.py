@@ -30,7 +30,7 @@ import numpy as np
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.evidence import Margin
 from slam_init.types.lens import LensPrior
-from slam_init.window.direction_term import DirectionTerm, direction_term
+from slam_init.window.direction_term import DirectionTerm, direction_term, lens_of_best
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.levels import EVEN_ODDS, FLOOR, ON_BODIES, UNDECIDED
 from slam_init.window.motion import OtherMotion
@@ -124,6 +124,14 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
         lasting_in_noise=by_rotation.lasting_in_noise,
         other=other,
     )
+
+
+def likely_lens(hypotheses: WindowHypotheses) -> LensPrior:
+    """The lens by the best motion, or by the camera that only rotates where that is likely."""
+    with single_threaded():
+        expanded = expand(hypotheses.motions[0])
+        _, rotation, lens = rotation_probability(hypotheses, expanded)
+        return lens_of_best(hypotheses, expanded) if lens is None or rotation <= EVEN_ODDS else lens
 
 
 def with_zooming_rotation(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk:
