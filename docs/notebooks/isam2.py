@@ -12,7 +12,8 @@ import gtsam
 import numpy as np
 
 from slam_init import Initializer, open_source
-from slam_init.bundle.graph import calibration_key, landmark_key, pose_key, projection
+from slam_init.bundle.graph import landmark_key, pose_key
+from slam_init.bundle.reprojection import calibration_key, projection
 from slam_init.mapping.resection import resect
 
 source = open_source("synth:room?width=240&height=180&slow_start=1")

@@ -9,7 +9,7 @@ farthest from it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +19,6 @@ from slam_init.bundle.reprojection import (
     calibration_key,
     gtsam_calibration,
     is_undistorted_first,
-    measured_pixels,
     projection,
 )
 from slam_init.errors import SourceError, plain_line
@@ -30,22 +29,6 @@ from slam_init.types.pose import Pose
 
 if TYPE_CHECKING:
     import gtsam
-
-__all__ = [
-    "GAUGE",
-    "MapOfGraph",
-    "PoseTerms",
-    "build_graph",
-    "calibration_key",
-    "gtsam_calibration",
-    "is_undistorted_first",
-    "landmark_key",
-    "map_of_graph",
-    "measured_pixels",
-    "pose_key",
-    "projection",
-    "read_problem",
-]
 
 #: Standard deviation that practically fixes a variable; much faster than constrained noise in gtsam.
 _GAUGE_SIGMA = 1e-6
@@ -313,13 +296,6 @@ def _camera_of(kind: str, numbers: tuple[float, ...]) -> Camera:
     if skew != 0:
         raise SourceError(f"the calibration of the graph has a skew of {skew:g}: undistort the images")
     return Camera(_LENSES[kind][0], round(2 * cx + 1), round(2 * cy + 1), fx, fy, cx, cy, tuple(distortion))
-
-
-def read_problem(values: gtsam.Values, problem: BundleProblem) -> BundleProblem:
-    """Replace the poses and points of a problem by those of gtsam values."""
-    poses = tuple(_pose(values.atPose3(pose_key(frame))) for frame in problem.frames)
-    points = np.array([values.atPoint3(landmark_key(track)) for track in problem.track_ids.tolist()])
-    return replace(problem, world_from_cam=poses, points=points.reshape(-1, 3))
 
 
 def _pose(pose3: gtsam.Pose3) -> Pose:

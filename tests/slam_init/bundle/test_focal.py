@@ -11,8 +11,8 @@ from make_scene import CAMERA, cloud, plane, problem
 from slam_init.bundle import adjustment, focal
 from slam_init.bundle.adjustment import adjust
 from slam_init.bundle.focal import camera_with_focal_factor
-from slam_init.bundle.graph import measured_pixels
 from slam_init.bundle.problem import BundleSolution
+from slam_init.bundle.reprojection import measured_pixels
 
 
 @pytest.mark.parametrize("model", ["radtan5", "fisheye"])
