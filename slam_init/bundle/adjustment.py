@@ -9,11 +9,8 @@ know that the lens is not exact (:mod:`slam_init.bundle.lens`), and that errors 
 A point with one view, a NaN and a point behind a camera are checked here. A failure is returned as a value with its
 cause.
 
-Focal length: held as stated, or with ``refine_focal`` an unknown. It is adjusted in rounds of three steps:
-
-1. Adjust everything else with a held camera, by the recipe above.
-2. Continue by Newton's method in the focal length (:mod:`slam_init.bundle.focal`).
-3. If the focal length has changed, start again with the new camera, under which other observations may be outliers.
+Focal length: held as stated, or with ``refine_focal`` an unknown. Then everything else is adjusted with a held camera,
+by the recipe above, and Newton's method in the focal length goes on from there (:mod:`slam_init.bundle.focal`).
 
 A lens for which gtsam has no calibration (:mod:`slam_init.bundle.virtual_cameras`) keeps the focal length that the
 window estimated.
@@ -45,9 +42,6 @@ from slam_init.types.lens import LensPrior
 
 #: If the estimated noise is this many times the expected one, the tracks are not those of one rigid scene.
 _WORST_NOISE = 10.0
-#: Rounds end when the relative change of the focal length is smaller. Such a change moves a pixel at the border of the
-#: image by 0.3 px, which does not make other observations outliers.
-_FOCAL_TOLERANCE, _FOCAL_ROUNDS = 1e-3, 5
 #: Levenberg-Marquardt steps in least squares. From poses that are known, four steps reach the optimum where the
 #: landmarks determine it. Where they do not, as on a plane with little parallax, more steps only move the poses away.
 _ITERATIONS, _FEW_ITERATIONS = 15, 6
@@ -95,7 +89,7 @@ def _adjusted(
         first = camera_with_focal_factor(camera, focal_factor) if config.refine_focal else camera
         fit = fit_with_held_camera(first, start, config, poses_known=poses_known)
         if refined and isinstance(fit, BundleFit):
-            fit = _fit_focal(camera, start, fit, config, rounds=0 if poses_known else _FOCAL_ROUNDS)
+            fit = _with_unit_depth(adjust_focal(camera, fit, config))
         if isinstance(fit, BundleFailure):
             return fit
         fit, found, errors = _with_known_depths(fit, config, camera if refined else None, lens)
@@ -315,15 +309,15 @@ def _least_squares(
 def _settled(camera: Camera, problem: BundleProblem, noise_px: float, iterations: int) -> BundleFit | BundleFailure:
     """The optimum in least squares, without the points that it moved behind a camera; its median depth is 1."""
     polished, errors = minimize(problem, noise_px, iterations=iterations, tolerance=1e-5)
-    final = _scale_to_median_depth(polished)
-    if final is None:
-        return BundleFailure("no landmark lies in front of the first camera")
-    in_front: Bools = np.asarray(np.isfinite(final.residuals(camera)).all(axis=1))
-    if not in_front.all():
-        final = final.keep(in_front)
-        if (failure := _cannot_be_solved(final)) is not None:
-            return failure
-    return BundleFit(camera, final, tuple(errors))
+    fit = _with_unit_depth(BundleFit(camera, polished, tuple(errors)))
+    if isinstance(fit, BundleFailure):
+        return fit
+    in_front: Bools = np.asarray(np.isfinite(fit.problem.residuals(camera)).all(axis=1))
+    if in_front.all():
+        return fit
+    final = fit.problem.keep(in_front)
+    failure = _cannot_be_solved(final)
+    return fit._replace(problem=final) if failure is None else failure
 
 
 def _rms_px(problem: BundleProblem, camera: Camera) -> float:
@@ -331,29 +325,12 @@ def _rms_px(problem: BundleProblem, camera: Camera) -> float:
     return float(np.sqrt(np.nanmean(squares))) if np.isfinite(squares).any() else np.inf
 
 
-def _fit_focal(
-    stated: Camera, start: BundleProblem, fit: BundleFit, config: MapConfig, rounds: int
-) -> BundleFit | BundleFailure:
-    """Adjust the focal length as well, starting from a fit with a first estimate; see the module docstring.
-
-    Where the poses were known, so was the focal length, and the outliers are those of about this camera: no rounds.
-    """
-    joint = adjust_focal(stated, fit, config)
-    for _ in range(rounds):
-        if abs(joint.camera.fx / fit.camera.fx - 1) < _FOCAL_TOLERANCE:
-            break
-        try:
-            again = fit_with_held_camera(joint.camera, start, config)
-        except RuntimeError:  # as in adjust
-            break
-        if isinstance(again, BundleFailure):
-            break  # the last fit is the result
-        fit = again._replace(errors=(*joint.errors, *again.errors))
-        joint = adjust_focal(stated, fit, config)
-    final = _scale_to_median_depth(joint.problem)
-    if final is None:
-        return BundleFailure("no landmark lies in front of the first camera")
-    return joint._replace(problem=final)
+def _with_unit_depth(fit: BundleFit) -> BundleFit | BundleFailure:
+    """The fit with a median depth of 1 in the first view."""
+    final = _scale_to_median_depth(fit.problem)
+    return (
+        BundleFailure("no landmark lies in front of the first camera") if final is None else fit._replace(problem=final)
+    )
 
 
 def _scale_to_median_depth(problem: BundleProblem) -> BundleProblem | None:
