@@ -372,17 +372,6 @@ class Camera(Described):
         return f"{self.model} camera, {self.width}x{self.height}{known}", facts
 
 
-def orthonormal_polynomials(camera: Camera, pixels: Floats) -> Floats:
-    """Products (..., 6) of Legendre polynomials at pixels (..., 2).
-
-    Each has a mean square of 1 over the image, so that none is preferred.
-    """
-    x, y = np.moveaxis(2 * pixels / (camera.width - 1, camera.height - 1) - 1, -1, 0)
-    linear_x, linear_y = np.sqrt(3) * x, np.sqrt(3) * y
-    quadratic_x, quadratic_y = (np.sqrt(5) / 2 * (3 * u * u - 1) for u in (x, y))
-    return np.stack([np.ones_like(x), linear_x, linear_y, quadratic_x, linear_x * linear_y, quadratic_y], axis=-1)
-
-
 def _check_word(word: object, known: Collection[str], what: str) -> None:
     if not isinstance(word, str) or word not in known:
         raise CalibrationError(f"unknown {what} {word!r:.60}: use one of {', '.join(known)}")

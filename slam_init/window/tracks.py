@@ -10,7 +10,8 @@ import numpy as np
 
 from slam_init.frontend.rolling_shutter import corrected_pixels, readout_places, turning_flow
 from slam_init.types.arrays import Bools, Floats, Ints
-from slam_init.types.camera import Camera, orthonormal_polynomials
+from slam_init.types.camera import Camera
+from slam_init.types.error_fields import orthonormal_polynomials
 from slam_init.types.frame import Observations
 from slam_init.types.inertial import Attitude, Gravity
 from slam_init.types.lens import Lens

@@ -27,11 +27,12 @@ from quest.noise import GATE_SIGMAS
 from quest.robust.spatial_blocks import regions_of
 from slam_init.system.linear_algebra import deviations
 from slam_init.types.arrays import Bools, Floats
+from slam_init.types.error_fields import FIELD_PRIOR
 from slam_init.types.lens import LensPrior
 from slam_init.window.joint_fit import JointFit
 from slam_init.window.levels import DOUBTFUL_SIGMAS, REGIONS, TURNING_FACTOR
 from slam_init.window.linearization import Linearization, information_by_chance, linearize_with_fields
-from slam_init.window.marginal import FIELD_PRIOR, FieldMarginal, marginalize_fields
+from slam_init.window.marginal import FieldMarginal, marginalize_fields
 from slam_init.window.motion import FittedMotion
 from slam_init.window.state import WindowState
 
