@@ -141,9 +141,7 @@ class PoseSoFar:
 
 def _aligned(m: Floats, n: Floats) -> tuple[Floats, float]:
     """The rotation ``n = R m`` of most tracks, and its standard deviation."""
-    R = np.eye(3)
-    for scale_rad in _SCALES_RAD:
-        R = refine_rotation(R, m, n, scale_rad, iterations=4)
+    R = refine_rotation(np.eye(3), m, n, *_SCALES_RAD, iterations=4)
     return R, _sigma_rad(R, m, n)
 
 

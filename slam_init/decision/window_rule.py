@@ -22,7 +22,7 @@ from slam_init.decision.judged_window import JudgedWindow
 from slam_init.decision.lens import priors_of
 from slam_init.decision.maps_so_far import Outcome
 from slam_init.decision.rotation_only import with_established_reason
-from slam_init.decision.screening import LEAST_PARALLAX_SHARE, preview_evidence
+from slam_init.decision.screening import LEAST_PARALLAX_SHARE
 from slam_init.decision.two_views import (
     MatchedPair,
     Proposer,
@@ -286,7 +286,7 @@ class WindowRule:
             pixels2=pair.pixels2,
             inliers=none,
             moving=none,
-            preview=preview_evidence(pair.preview),
+            preview=pair.preview.evidence,
         )
 
     def _proposed(self, pair: MatchedPair, pose: RelativePose | NoPose, attempt: Attempt) -> Attempt:

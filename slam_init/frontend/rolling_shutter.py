@@ -128,9 +128,7 @@ class RollingShutter:
             return None
         if self._steps:
             current = self.corrected(camera, current, self._steps[-1].turn_rad_s)
-        R = np.eye(3)
-        for scale_rad in _SCALES_RAD:
-            R = refine_rotation(R, previous.bearings[i], current.bearings[j], scale_rad, iterations=4)
+        R = refine_rotation(np.eye(3), previous.bearings[i], current.bearings[j], *_SCALES_RAD, iterations=4)
         return _Step(vector_from_rotation(R) / length_s, length_s, previous.frame, not self._steps)
 
     def adopt(self, history: History, readout_s: float) -> bool:
