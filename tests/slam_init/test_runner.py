@@ -16,7 +16,7 @@ from slam_init.errors import ConfigError, SourceError
 from slam_init.output.summary import Summary
 from slam_init.runner import run
 from slam_init.types.frame import Frame
-from slam_init.types.reasons import REASONS, Verdict
+from slam_init.types.refusal import REASONS, Verdict
 
 SMALL = {"width": 320, "height": 240}
 

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from make_window import point_source
+from slam_init.window.lens_offset import IN_USE
 
 from slam_init.frontend.rolling_shutter import RollingShutter
-from slam_init.frontend.tracks import History
-from slam_init.window.lens_offset import IN_USE
+from slam_init.types.history import History
 from slam_init.window.row_motion import with_translation
 from slam_init.window.state import WindowState
 from slam_init.window.tracks import gather_tracks
