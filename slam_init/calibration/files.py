@@ -1,6 +1,6 @@
 """Readers of camera calibrations in the common formats, which are detected by their content; and a writer of one.
 
-The formats are the tables of :mod:`slam_init.calibration.formats`; ``docs/lenses.md`` lists them.
+The formats are the tables of :mod:`slam_init.calibration.formats`; ``docs/how-to/camera.md`` lists them.
 """
 
 from __future__ import annotations

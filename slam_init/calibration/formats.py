@@ -27,7 +27,7 @@ _DISTORTION = ("distortion", "distcoeffs", "dist_coeffs", "dist", "d", "d1")
 # the displacement into the principal point and the poses.
 _MAX_SKEW_PX = 1.0
 
-_WRITE = "write a YAML with model, width, height, fx, fy, cx, cy, distortion (docs/lenses.md)"
+_WRITE = "write a YAML with model, width, height, fx, fy, cx, cy, distortion (docs/how-to/camera.md)"
 _OKVIS = (
     "a list of cameras, the form of OKVIS: write a YAML with resolution (image_dimension), intrinsics (focal_length, "
     "principal_point), distortion_model (distortion_type) and distortion_coefficients of one camera"

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from slam_init.calibration.values import Section
 from slam_init.errors import CalibrationError
 from slam_init.types.camera import Camera
-from slam_init.types.lens_in_use import UNKNOWN_PRINCIPAL_SIGMA
+from slam_init.types.lens import UNKNOWN_PRINCIPAL_SIGMA
 
 #: Largest distance of the principal point of intrinsics without a size from the centre: four standard deviations of a
 #: principal point that nobody calibrated. Where images were resized by s, it is off by (1 - s) / 2 s: they are
@@ -93,7 +93,7 @@ def _model_named(name: str, key: str) -> str:
     found = _MODELS.get(re.sub("[ -]", "_", name.strip().lower()))
     if found is None:
         known = ", ".join(one.replace("_", "-") for one in _NAMES)
-        give = f"use one of {known}, or a name of theirs in docs/lenses.md"
+        give = f"use one of {known}, or a name of theirs in docs/how-to/camera.md"
         raise CalibrationError(f"{key} is {name[:40]!r}: {give}; leave the line out if it does not state a lens")
     return found
 

@@ -20,6 +20,9 @@ from slam_init.errors import SourceError
 
 if TYPE_CHECKING:
     from sequences_synth import PointSequence
+    from slam_init.types.camera import Camera
+    from slam_init.types.pose import Trajectory
+
 
 POINTS = "points:"
 
@@ -28,6 +31,8 @@ POINTS = "points:"
 class PointSource(TrackSource):
     """The tracks of a simulated sequence, which also knows what is true of them."""
 
+    camera: Camera
+    groundtruth: Trajectory
     sequence: PointSequence
 
     @classmethod
@@ -37,7 +42,7 @@ class PointSource(TrackSource):
         frames, ids = np.nonzero(sequence.visible)
         table, size = TrackTable(frames, ids, sequence.pixels[frames, ids]), (camera.width, camera.height)
         names = tuple(f"frame-{index:06d}" for index in range(len(sequence)))
-        return cls(name, "points", names, times_s, size, table, camera, truth, sequence=sequence)
+        return cls(name, "points", names, times_s, size, table, camera=camera, groundtruth=truth, sequence=sequence)
 
 
 def open_points(text: str, seed: int) -> PointSource:

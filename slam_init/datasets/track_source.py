@@ -2,7 +2,7 @@
 
 A ``.npz`` file of any front end has ``frame`` (M,), ``track`` (M,), ``xy`` (M, 2) and ``size`` (2,). Optional are
 ``names`` (F,), ``timestamps_s`` (F,), ``K`` (3, 3) with ``distortion`` and ``model``, and ``world_from_cam`` (F, 4, 4),
-the true poses; ``docs/matches.md`` has this schema.
+the true poses; ``docs/how-to/matches.md`` has this schema.
 """
 
 from __future__ import annotations

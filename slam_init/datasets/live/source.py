@@ -26,7 +26,7 @@ from slam_init.types.frame import Frame
 from slam_init.types.pose import Trajectory
 
 #: Frames that wait: those of a quarter of a second at 30 Hz. Judging a frame takes up to six tenths of a second
-#: (docs/speed.md); what comes beyond the queue is dropped.
+#: (docs/measurements/speed.md); what comes beyond the queue is dropped.
 QUEUE_FRAMES = 8
 # How often a waiting thread looks whether it was stopped.
 _POLL_S = 0.05

@@ -48,12 +48,6 @@ def test_a_camera_that_calibrate_wrote_is_a_calibration(sigma, told, tmp_path, m
     assert ("expect a bent map" in capsys.readouterr().out) == told
 
 
-def test_out_is_no_name_of_a_file(world, capsys):
-    for out in ("x.yaml", "lens/x.json"):
-        assert main(["calibrate", IMAGES, "--out", out]) == 2
-        assert "names a file: give a folder" in capsys.readouterr().err and not (world / out).exists()
-
-
 @pytest.mark.parametrize(
     ("sigmas", "told"),
     [
