@@ -11,7 +11,7 @@ from urllib.parse import parse_qsl
 import numpy as np
 
 from slam_init.datasets.image_files import frame_range
-from slam_init.datasets.inertial import InertialSensor, WithSensor
+from slam_init.datasets.inertial import InertialSensor, of_sensor
 from slam_init.datasets.text import pose_from_matrix
 from slam_init.errors import SourceError
 from slam_init.types.arrays import Floats, Image
@@ -39,7 +39,7 @@ def stated_by(sequence: SynthSequence | PointSequence) -> tuple[str, Camera, Tra
 
 
 @dataclass(frozen=True, eq=False)
-class SynthSource(WithSensor):
+class SynthSource:
     """A :class:`slam_init.types.frame.Source` that renders a frame when it is requested."""
 
     sequence: SynthSequence
@@ -49,6 +49,7 @@ class SynthSource(WithSensor):
     groundtruth: Trajectory
     timestamps_s: Floats
     kind = "synth"
+    gyroscope, inertial = of_sensor("gyroscope"), of_sensor("record")
     #: The newest image by its index: a command reads the first frame before its run, to check it.
     _newest: dict[int, Image] = field(default_factory=dict, init=False, repr=False)
 

@@ -201,8 +201,7 @@ def check_count(table: str | os.PathLike[str], rows: Sequence[object], what: str
     * ``what``: The rows, for the message: ``poses``.
     """
     if len(rows) != len(paths):
-        where = f" in {paths[0].parent.name}" if paths else ""
-        raise SourceError(f"{table}: {len(rows)} {what} for {len(paths)} images{where}")
+        raise SourceError(f"{table}: {len(rows)} {what} for {len(paths)} images in {paths[0].parent.name}")
 
 
 def read_poses_of(paths: Sequence[Path], table: Path, root: str | os.PathLike[str], columns: str = "") -> list[Pose]:
