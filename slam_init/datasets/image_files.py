@@ -16,11 +16,10 @@ from typing import cast
 
 import numpy as np
 
-from slam_init.calibration.metadata import jpeg_head, photograph_facts
-from slam_init.calibration.size_problem import TURNS, size_remedy
+from slam_init.calibration.metadata import TURNS, jpeg_head, photograph_facts, size_remedy
 from slam_init.datasets.grey_levels import SAMPLES, GreyLevels, Pixels
 from slam_init.datasets.inertial import InertialSensor, of_sensor
-from slam_init.datasets.stamps import image_times
+from slam_init.datasets.text import image_times
 from slam_init.errors import SourceError, check_type
 from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.arrays import Floats, Floats32, Image, evenly_spaced

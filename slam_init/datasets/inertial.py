@@ -22,8 +22,7 @@ import numpy as np
 from slam_init.calibration.files import load_yaml
 from slam_init.calibration.values import Section, at_place
 from slam_init.datasets.gyroscope import NOISE_DENSITY, Gyroscope, without_bias
-from slam_init.datasets.stamps import stamp_of
-from slam_init.datasets.text import fields_of, numbers, pose_from_matrix, read_rows
+from slam_init.datasets.text import fields_of, numbers, pose_from_matrix, read_rows, stamp_of
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.system.regular_file import user_path
 from slam_init.types.arrays import Floats

@@ -8,7 +8,7 @@ from make_source import GivenFrames, picked, synth
 from slam_init.compare.measures import is_correct, pose_errors
 from slam_init.compare.sources import Criteria
 from slam_init.config import Config
-from slam_init.datasets.points import open_points
+from slam_init.datasets.synth import open_points
 from slam_init.evaluation.metrics import compare_with_groundtruth
 from slam_init.initializer import Initializer
 from slam_init.runner import run
