@@ -2,7 +2,7 @@
 
 The scenes have the names of the rendered ones, and depth, planes and motion of the same kind, drawn from a seed. Tracks
 have Gaussian noise. Some tracks are outliers, and on request some lie on bodies that move on their own. On request the
-tracks of a view also have a smooth error in common (:mod:`sequences_synth.tracking_error`), and the camera has a
+tracks of a view also have a smooth error in common (:class:`TrackingError`), and the camera has a
 rolling shutter (:mod:`sequences_synth.camera`) or a wrong calibration. Poses are ``world_from_cam`` of the middle row.
 The world frame is the pose at which the camera would start without the tremor of the hand; in the scenes ``handheld``
 and ``handheld-wall`` it is the pose about which the hand turns the camera. The length of the path is given relative to
@@ -23,7 +23,104 @@ from sequences_synth.camera import SynthCamera, stated_camera
 from sequences_synth.options import PointOptions, check_scene, stream
 from sequences_synth.point_scenes import LAYOUTS
 from sequences_synth.point_world import MOVING, OUTLIER, Shot, film, inside
-from sequences_synth.tracking_error import TrackingError
+
+# -- correlated tracking error ---------------------------------------------------------------------
+
+
+# The correlated error of a view is a smooth field of pixel errors that all its tracks share. It is a polynomial
+# of the image coordinates with constant, linear and quadratic terms, one for each pixel coordinate. The polynomials of
+# `_basis` are orthonormal over the image. So the mean square of the field over the image is the sum of its squared
+# coefficients.
+
+# Number of polynomials of degree 2 or less in two variables.
+_TERMS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class TrackingError:
+    """The smooth correlated error of each view.
+
+    Attributes
+    ----------
+    width, height : int
+        Image size in pixels.
+    coefficients_px : (V, 2, 6) float
+        Coefficients by view, pixel coordinate (x, y) and polynomial. The polynomials are orthonormal over the image, in
+        the order 1, x, y, x^2, x y, y^2 of their leading terms.
+    """
+
+    width: int
+    height: int
+    coefficients_px: Floats
+
+    @staticmethod
+    def draw(
+        rng: np.random.Generator, views: int, width: int, height: int, field_px: float, drift_px: float
+    ) -> TrackingError:
+        """Draw the sum of a field that is independent in each view and of a field that drifts from view to view.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            The number of draws depends on ``views`` only.
+        views : int
+            At least 2.
+        width, height : int
+            Image size in pixels.
+        field_px : float
+            Root mean square of one coordinate over the image, for the independent field of each view.
+        drift_px : float
+            The same for the drift in the last view. The drift is zero in the first view, and its coefficients perform a
+            random walk.
+
+        Returns
+        -------
+        TrackingError
+        """
+        field = rng.normal(size=(views, 2, _TERMS))
+        field *= field_px / _rms(field)
+        walk = np.zeros((views, 2, _TERMS))
+        walk[1:] = np.cumsum(rng.normal(size=(views - 1, 2, _TERMS)), axis=0)
+        walk *= drift_px / _rms(walk[-1])
+        return TrackingError(width, height, field + walk)
+
+    def at(self, index: int, pixels: Floats) -> Floats:
+        """Compute the correlated tracking error of one view.
+
+        Parameters
+        ----------
+        index : int
+            Position of the view, from 0.
+        pixels : (N, 2) float
+            True pixels.
+
+        Returns
+        -------
+        (N, 2) float
+            Measured minus true pixels.
+        """
+        centre = 0.5 * (np.array([self.width, self.height]) - 1)
+        return np.asarray(_basis((pixels - centre) / centre) @ self.coefficients_px[index].T)
+
+
+def _basis(where: Floats) -> Floats:
+    """(N, 6) products of Legendre polynomials; ``where`` (N, 2) runs from -1 to 1 over the image.
+
+    Any two of them have a mean product of 0 over the image, and each has a mean square of 1.
+    """
+    x, y = where.T
+    linear_x, linear_y = np.sqrt(3) * x, np.sqrt(3) * y
+    quadratic_x, quadratic_y = np.sqrt(5) / 2 * (3 * x**2 - 1), np.sqrt(5) / 2 * (3 * y**2 - 1)
+    return np.column_stack([np.ones(len(where)), linear_x, linear_y, quadratic_x, linear_x * linear_y, quadratic_y])
+
+
+def _rms(coefficients: Floats) -> Floats:
+    """Root mean square (..., 1, 1) of one coordinate over the image, of fields with the coefficients (..., 2, 6)."""
+    return np.asarray(np.sqrt(np.sum(coefficients**2, axis=(-2, -1), keepdims=True) / 2))
+
+
+# -- the sequence ----------------------------------------------------------------------------------
+
 
 #: Names of the scenes.
 POINT_SCENES: tuple[str, ...] = tuple(LAYOUTS)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slam_init.calibration.choosing import GivenCamera, camera_of_size, check_given
-from slam_init.calibration.prior import prior_camera
+from slam_init.calibration.files import prior_camera
 from slam_init.config import TrackingConfig
 from slam_init.errors import SlamInitError, check_type
 from slam_init.frontend.conventions import check_pixels, check_rays

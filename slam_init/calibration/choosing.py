@@ -12,9 +12,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from slam_init.calibration.files import load_camera
+from slam_init.calibration.files import camera_with_focal, load_camera, prior_camera
 from slam_init.calibration.models import check_centre
-from slam_init.calibration.prior import camera_with_focal, prior_camera
 from slam_init.errors import CalibrationError
 from slam_init.system.regular_file import check_inside
 from slam_init.types.arrays import as_array

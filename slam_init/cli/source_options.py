@@ -190,8 +190,7 @@ def chosen_camera(arguments: argparse.Namespace, source: Source, start: int) -> 
     camera = source.camera if arguments.camera is None else None
     if camera is None:
         from slam_init.calibration.choosing import camera_beside, camera_of_metadata, orientation_of
-        from slam_init.calibration.files import load_camera
-        from slam_init.calibration.prior import AUTO
+        from slam_init.calibration.files import AUTO, load_camera
 
         asked, size = arguments.camera or AUTO[0], (frame.image.shape[1], frame.image.shape[0])
         if arguments.camera is None:

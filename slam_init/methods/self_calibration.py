@@ -96,7 +96,7 @@ def calibrate(
 ) -> SelfCalibration:
     """Estimate focal length and distortion from a whole video.
 
-    * ``camera``: What is known before, with ``focal_sigma`` (:func:`slam_init.calibration.prior.prior_camera`).
+    * ``camera``: What is known before, with ``focal_sigma`` (:func:`slam_init.calibration.files.prior_camera`).
     """
     from tqdm import tqdm
 

@@ -23,7 +23,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slam_init.calibration.prior import prior_camera
+from slam_init.calibration.files import prior_camera
 from slam_init.compare.statistics import wilson
 from slam_init.datasets.synth import PointSource, open_points
 from slam_init.initializer import Initializer

@@ -9,7 +9,7 @@ from make_source import GivenFrames, synth
 from paths import DATA
 from written import contents
 
-from slam_init.calibration.prior import camera_with_focal
+from slam_init.calibration.files import camera_with_focal
 from slam_init.config import Config, load_config
 from slam_init.datasets import open_source
 from slam_init.errors import ConfigError, SourceError

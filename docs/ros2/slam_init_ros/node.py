@@ -22,8 +22,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 
-from slam_init.calibration.files import load_camera
-from slam_init.calibration.prior import AUTO, NUMBERS
+from slam_init.calibration.files import AUTO, NUMBERS, load_camera
 from slam_init.config import load_config
 from slam_init.datasets.ros.messages import camera_of_info, decode
 from slam_init.errors import ConfigError, SlamInitError

@@ -7,7 +7,7 @@ import pytest
 
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.bundle.lens_fit import Matches, fit_lens
-from slam_init.calibration.prior import prior_camera
+from slam_init.calibration.files import prior_camera
 from slam_init.types.camera import Camera
 
 TRUE = Camera("radtan", 640, 480, 400.0, 400.0, 322.0, 238.0, (-0.3, 0.1, 0.0, 0.0))

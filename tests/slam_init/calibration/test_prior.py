@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from slam_init.calibration.files import load_camera
-from slam_init.calibration.prior import prior_camera
+from slam_init.calibration.files import load_camera, prior_camera
 from slam_init.errors import CalibrationError
 
 SIZE = (640, 480)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from make_window import point_source
 
-from slam_init.calibration.prior import prior_camera
+from slam_init.calibration.files import prior_camera
 from slam_init.initializer import Initializer
 
 #: Scenes that tell the focal length, with their options: a camera that turns and moves, one that only turns, a

@@ -11,7 +11,7 @@ from make_scene import CAMERA, cloud, history_of, observe
 from make_window import WINDOW_CONFIG, errors_deg, finished, point_source, pose_errors_deg
 
 from slam_init.bundle.problem import BundleFailure
-from slam_init.calibration.prior import camera_with_focal
+from slam_init.calibration.files import camera_with_focal
 from slam_init.config import Config
 from slam_init.datasets.synth import PointSource
 from slam_init.decision import window_map, window_rule
