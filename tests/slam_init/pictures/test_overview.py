@@ -8,15 +8,13 @@ from itertools import pairwise
 import cv2
 import numpy as np
 import pytest
-from make_map import make_attempts, make_map, make_result, make_truth, make_window_evidence
+from make_map import make_attempts, make_map, make_result, make_truth
 from make_summary import summarize
 from report_run import report_run
 
 from slam_init.pictures.overview import (
     Story,
     StoryRecorder,
-    canvas,
-    draw_decision,
     overview_png,
 )
 from slam_init.types.evidence import FreeFocal, Margin
@@ -86,31 +84,6 @@ def test_a_run_without_a_frame_or_an_attempt_has_a_picture_and_names_are_no_math
     result = replace(make_result(None, Verdict.TOO_FEW_FRAMES), attempts=(), frames_read=0)
     png = draw(result, Story(), name="$x^{ \u202e\udcff 地図\n")
     assert picture(png).shape == (1000, 1600, 3)
-
-
-def artists_of(draw_into):
-    """What a panel holds: the labels of its lines, and its collections."""
-    with canvas(800, 400) as figure:
-        axes = figure.add_axes((0.1, 0.1, 0.8, 0.8))
-        draw_into(axes)
-        return [line.get_label() for line in axes.lines], list(axes.collections)
-
-
-def attempts_of(count, every, verdict):
-    window, attempt = make_window_evidence(0.4), make_attempts(make_map())[0]
-    return [replace(attempt, frames=(0, every * (k + 1)), window=window, verdict=verdict) for k in range(count)]
-
-
-def test_a_long_failure_shows_the_risk_alone():
-    for count, verdict, has_terms in (
-        (120, Verdict.LOW_PARALLAX, False),
-        (8, Verdict.LOW_PARALLAX, True),
-        (120, Verdict.ACCEPTED, True),
-    ):
-        attempts = attempts_of(count, 1, verdict)
-        labels, _ = artists_of(lambda axes, attempts=attempts: draw_decision(axes, attempts))
-        assert any("part of it" in label for label in labels) == has_terms
-        assert "risk" in labels
 
 
 def test_a_run_that_started_anew_has_a_row_for_each_map_and_the_story_of_the_first(story):
