@@ -15,7 +15,7 @@ from slam_init.calibration.choosing import GivenCamera, camera_of_metadata, came
 from slam_init.config import Config, config_toml
 from slam_init.datasets.gyroscope import Gyroscope, StepRotations, gyroscope_of
 from slam_init.datasets.inertial import InertialSensor, inertial_of
-from slam_init.datasets.live.address import without_password
+from slam_init.datasets.live import without_password
 from slam_init.datasets.track_source import KnowsTracks
 from slam_init.errors import ConfigError, OutputError, SlamInitError, SourceError, check_type
 from slam_init.evaluation.metrics import compare_with_groundtruth, scale_error
@@ -112,7 +112,7 @@ def run(
         Whether to start anew where a map is lost (:mod:`slam_init.mapping.follower`). The result lists all maps.
     imu : bool or InertialSensor
         Whether to use the gyroscope of the source, if it has one (:mod:`slam_init.datasets.gyroscope`); or the sensor
-        of a file (:func:`slam_init.datasets.inertial_file.read_inertial_file`), whose record is that of the scale too.
+        of a file (:func:`slam_init.datasets.inertial.read_inertial_file`), whose record is that of the scale too.
     export : collection of str
         Formats of other tools that the maps are written in as well, as of :func:`slam_init.export`. It needs ``out``.
 
@@ -143,7 +143,7 @@ def run(
     if scale is not None:
         check_type(scale, get_args(ScaleRequest), "the scale", "parse_scale(TEXT), as in parse_scale('height:1.65')")
     if not isinstance(imu, bool):
-        check_type(imu, InertialSensor, "imu", "True, or read_inertial_file(FILE) (slam_init.datasets.inertial_file)")
+        check_type(imu, InertialSensor, "imu", "True, or read_inertial_file(FILE) (slam_init.datasets.inertial)")
     method_info(config.method)  # an unknown method is an error before anything is written
     if is_external(config.method):
         if restart or scale is not None or export:

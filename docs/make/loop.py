@@ -61,7 +61,7 @@ def _pictures() -> list[Any]:
             # A rotation has no map; its best translation is drawn by chance.
             provisional = initializer.provisional if status.window.risk_rotation < 1 else None
             if provisional is not None and not status:
-                canvas.show_map(provisional.map, f"best map so far: risk {provisional.risk:.2g}", accepted=False)
+                canvas.show_map(provisional.map, f"best candidate: risk {provisional.risk:.2g}", accepted=False)
         if status and initializer.map is not None:
             canvas.show_map(initializer.map, f"map: {len(initializer.map.points)} landmarks", accepted=True)
         words = "map" if status else str(status.reason).replace("_", " ")

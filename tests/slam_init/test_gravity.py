@@ -11,7 +11,7 @@ from make_window import PRIORS, WINDOW_CONFIG, fitted_window, point_source
 
 from quest import NoPose, PoseEvidence
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.datasets.gravity import at_rest, read_gravity
+from slam_init.datasets.views import at_rest, read_gravity
 from slam_init.decision.two_views import MatchedPair, upright_or
 from slam_init.errors import SourceError
 from slam_init.initializer import Initializer

@@ -129,7 +129,7 @@ def camera_of(sequence: PointSequence) -> Camera:
 
 def point_source(scene: str, seed: int = 0, **options: float) -> PointSource:
     """A drawn world with noise and outliers, as a source of tracks."""
-    return PointSource(make_points(scene, seed, PointOptions(**options)))
+    return PointSource.of(make_points(scene, seed, PointOptions(**options)))
 
 
 def pair_and_further(observations: Sequence[Observations], views: int) -> list[Observations]:

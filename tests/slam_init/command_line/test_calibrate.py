@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from cli_files import IMAGES
 
+from slam_init.calibration.files import camera_yaml
 from slam_init.calibration.prior import prior_camera
-from slam_init.calibration.writing import camera_yaml
 from slam_init.cli import main
 
 

@@ -16,7 +16,6 @@ from slam_init.evaluation.metrics import (
     align_positions,
     ate_rmse,
     compare_with_groundtruth,
-    initialization_quality,
 )
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose, Trajectory
@@ -169,37 +168,3 @@ def test_keyframes_without_true_poses_are_not_compared():
     assert compare_with_groundtruth(keyframes_of(poses), None) is None
     assert compare_with_groundtruth(keyframes_of(poses, start=100.0), trajectory_of(poses)) is None
     assert compare_with_groundtruth(keyframes_of(poses), Trajectory(np.zeros(0), ())) is None
-
-
-def on_a_line(*positions):
-    return [Pose(np.eye(3), np.array([x, 0.0, 0.0])) for x in positions]
-
-
-def test_the_quality_of_an_initialization_is_its_wait_times_the_root_of_its_error_of_scale():
-    """By hand: on a line the scale of Umeyama is the covariance with the truth over the variance of the estimate."""
-    truth, estimated = trajectory_of(on_a_line(0, 1, 2)), keyframes_of(on_a_line(0, 1, 3))
-    r = 1.0 / (9 / 14)  # the first two positions have the scale 1, all three 9 / 14
-    e_scale = (abs(r - 1) + abs(1 / r - 1)) / 2
-    found = initialization_quality(estimated[:2], estimated[2:], truth, 0.4)
-    np.testing.assert_allclose(found, [e_scale, 0.4 * np.sqrt(e_scale + 0.01)])
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_the_quality_of_an_initialization_knows_no_unit_and_is_best_for_a_map_that_keeps_its_scale(seed):
-    rng = np.random.default_rng(seed)
-    poses = make_poses(8)
-    truth, drifted = trajectory_of(poses), noisy(poses, rng)
-    exact = keyframes_of([Pose(pose.R, 0.3 * pose.t) for pose in poses])
-    np.testing.assert_allclose(initialization_quality(exact[:3], exact[3:], truth, 2.0), [0, 0.2], atol=1e-6)
-    first = initialization_quality((views := keyframes_of(drifted))[:3], views[3:], truth, 2.0)
-    scaled = keyframes_of([Pose(pose.R, 7 * pose.t) for pose in drifted])
-    second = initialization_quality(scaled[:3], scaled[3:], truth, 2.0)
-    assert (first is None) == (second is None)
-    if first is not None:
-        np.testing.assert_allclose(first, second, rtol=1e-6)
-        assert first[1] >= 0.2
-
-
-def test_a_camera_at_rest_tells_no_quality():
-    truth = trajectory_of(on_a_line(1, 1, 1))
-    assert initialization_quality(keyframes_of(on_a_line(0, 1)), [], truth, 1.0) is None

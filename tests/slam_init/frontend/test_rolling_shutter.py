@@ -123,7 +123,7 @@ def test_nothing_is_corrected_where_the_turning_is_not_known(case):
 
 def run(seed, **options):
     options = {"views": 45, "fps": 30.0, "turning_deg_s": 60.0, "noise_px": 0.5, "outliers": 0.1} | options
-    source = PointSource(make_points("handheld", seed, PointOptions(**options)))
+    source = PointSource.of(make_points("handheld", seed, PointOptions(**options)))
     initializer = Initializer(source.camera)
     for one in source.observations():
         if initializer.process_tracks(one):

@@ -15,8 +15,6 @@ from slam_init.runner import run
 def test_other_names_are_errors_with_a_way_out():
     for name, message in (
         ("magic", "--list-methods names all"),
-        ("pyslam", "no longer part of slam-init: use magsac"),
-        ("superansac", "use magsac or poselib"),
         ("no_such_module:Method", "cannot be made"),
         ("slam_init.types.arrays:Nothing", "cannot be made"),
         ("slam_init.types.arrays:Pose", "cannot be made"),

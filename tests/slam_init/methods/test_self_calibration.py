@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.calibration.files import load_camera
+from slam_init.calibration.files import camera_yaml, load_camera
 from slam_init.calibration.prior import prior_camera
-from slam_init.calibration.writing import camera_yaml
 from slam_init.config import Config
 from slam_init.methods.self_calibration import StretchEstimate, by_all_frames, combine
 from slam_init.types.camera import Camera
