@@ -14,7 +14,9 @@ from slam_init.bundle.focal import camera_with_focal_factor
 from slam_init.config import Config
 from slam_init.mapping.reduction import TRACKED_SIDE, Reduction
 from slam_init.types.camera import Camera
+from slam_init.types.evidence import FreeFocal
 from slam_init.types.frame import Frame
+from slam_init.types.reasons import Verdict
 
 LARGE = Camera("radtan", 2731, 1802, 2100.0, 2110.0, 1365.0, 900.5, (0.02, -0.01, 0.001, 0.0))
 
@@ -95,3 +97,14 @@ def test_poses_and_points_stay_and_pixels_and_their_errors_grow():
     assert large.map.reprojection_rmse_px == pytest.approx(3 * small.reprojection_rmse_px)
     assert large.map.noise_px == pytest.approx(3 * small.noise_px)
     assert (large.map.camera.width, large.map.camera.height) == (3 * 640 + 2, 3 * 480 + 1)
+
+
+def test_a_wrong_focal_length_is_told_in_original_pixels():
+    wrong = FreeFocal(615.0, 308.0, 11.0, contradicts=True)
+    result = replace(
+        make_result(None, Verdict.LOW_PARALLAX), wrong_focal=wrong, notes=("a", wrong.note), advice=wrong.note
+    )
+    enlarged = Reduction.for_camera(LARGE).enlarged(result)
+    assert enlarged.wrong_focal == FreeFocal(1230.0, 616.0, 22.0, contradicts=True)
+    assert enlarged.notes == ("a", enlarged.wrong_focal.note)
+    assert enlarged.advice == enlarged.wrong_focal.note
