@@ -1,5 +1,7 @@
 """The tutorials run as they stand, links lead somewhere, and the documents stay within their bounds."""
 
+import ast
+import importlib
 import inspect
 import pkgutil
 import re
@@ -10,7 +12,7 @@ import pytest
 from makers import maker
 from paths import ROOT
 
-from slam_init.cli.main import main
+from slam_init.cli.main import main, make_parser
 
 pytestmark = pytest.mark.docs
 
@@ -136,11 +138,27 @@ def test_every_number_of_the_decision_is_on_its_page_and_has_a_class():
     assert len(decide) > 50 and all(len(number.reason) > 20 for number in found if number.kind)
 
 
-def test_the_python_of_all_pages_is_python():
+def test_the_python_of_all_pages_is_python_and_imports_what_is_there():
     for page in DOCS.rglob("*.md"):
         for language, line, text in blocks(page):
             if language == "python":
-                compile("\n" * line + text, str(page), "exec")
+                for node in ast.walk(ast.parse("\n" * line + text, str(page))):
+                    if isinstance(node, ast.ImportFrom) and str(node.module).startswith(("slam_init", "quest")):
+                        module = importlib.import_module(str(node.module))
+                        assert all(hasattr(module, name.name) for name in node.names), f"{node.module} on {page}"
+
+
+def test_the_commands_of_all_pages_are_commands():
+    parser = make_parser()
+    for page, text in pages():
+        for block in re.findall(r"^```(?:sh|console)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL):
+            for line in block.replace("\\\n", " ").splitlines():
+                words = shlex.split(line.removeprefix("$ "), comments=True)
+                if words[:1] == ["slam-init"] and "&&" not in words:
+                    try:
+                        parser.parse_args(words[1:])
+                    except SystemExit as end:
+                        assert end.code in (0, None), f"{line} on {page}"
 
 
 def shown_in_the_reference():

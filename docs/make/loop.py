@@ -112,7 +112,7 @@ class _Canvas:
         self._risks: tuple[list[int], list[float]] = ([], [])
         (self._line,) = self._risk.plot([], [], "o-", color="black", ms=3, lw=1.2)
         self._title = self._figure.text(0.01, 0.945, "", fontsize=14, weight="bold")
-        self._advice = self._figure.text(0.57, 0.945, "", fontsize=10, color="#444")
+        self._advice = self._figure.text(0.57, 0.945, "", fontsize=9, color="#444")
         self._blank_map("no map yet")
 
     def _blank_map(self, title: str) -> None:

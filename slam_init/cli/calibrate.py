@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from slam_init.cli.parser import DONE, NOT_INITIALIZED, OUT_HELP, Commands, add_command, number
 from slam_init.cli.source_options import add_source, chosen_camera, opened_source
-from slam_init.output.names import CALIBRATION_FILES
 from slam_init.system.process_io import tell
 
 if TYPE_CHECKING:
@@ -35,7 +34,7 @@ def _calibrate(arguments: argparse.Namespace) -> int:
     """``slam-init calibrate``."""
     from slam_init.output.folder import OutputFolder, chosen_folder
 
-    out = chosen_folder(arguments.out, "calibrate", CALIBRATION_FILES, [arguments.source])
+    out = chosen_folder(arguments.out, "calibrate", [arguments.source])
 
     import json
 

@@ -103,11 +103,10 @@ def _compare(arguments: argparse.Namespace) -> int:
     """``slam-init compare``."""
     _check_suite(arguments)
     from slam_init.output.folder import chosen_folder
-    from slam_init.output.names import COMPARE_FILES
 
     view = calibrated_view_of(arguments, arguments.use_every)
     inputs = [*arguments.sources, *(file for file in (view.mask, view.camera) if file is not None)]
-    out = chosen_folder(arguments.out, "compare", COMPARE_FILES, inputs)
+    out = chosen_folder(arguments.out, "compare", inputs)
 
     from slam_init.compare.report import main_table
     from slam_init.compare.run import chosen_methods, compare

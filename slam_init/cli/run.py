@@ -147,7 +147,6 @@ def add_run(commands: Commands) -> None:
 def _run(arguments: argparse.Namespace) -> int:
     """``slam-init run``."""
     from slam_init.output.folder import chosen_folder
-    from slam_init.output.names import RUN_FILES
     from slam_init.scale.requests import parse_scale
 
     arguments.export = arguments.export.split(",") if arguments.export is not None else ()
@@ -157,7 +156,7 @@ def _run(arguments: argparse.Namespace) -> int:
         arguments.config = user_path(arguments.config)
     read = (arguments.images, arguments.camera, arguments.mask, arguments.imu, arguments.config, arguments.gravity)
     inputs = [arguments.source, *(file for file in read if file not in (None, True, BY_IMU))]
-    out = chosen_folder(arguments.out, "run", RUN_FILES, inputs)
+    out = chosen_folder(arguments.out, "run", inputs)
 
     from slam_init.datasets.live import is_live
     from slam_init.output.report import report_text

@@ -8,16 +8,18 @@ from itertools import pairwise
 import cv2
 import numpy as np
 import pytest
-from make_map import make_attempts, make_map, make_result, make_truth
+from make_map import make_attempts, make_map, make_result, make_truth, make_window_evidence
 from make_summary import summarize
 from report_run import report_run
 
-from slam_init.pictures.overview import (
-    Story,
-    StoryRecorder,
-    overview_png,
-)
+from slam_init.pictures.canvas import canvas
+from slam_init.pictures.decision import VERDICT_COLORS, draw_decision
+from slam_init.pictures.frames import draw_frame
+from slam_init.pictures.map_drawing import ABOVE, BEHIND, SIDE, widest_view
+from slam_init.pictures.overview import overview_png
+from slam_init.recording.story import ShownFrame, StoryRecorder
 from slam_init.types.evidence import FreeFocal, Margin
+from slam_init.types.gates import GateName, at_most
 from slam_init.types.reasons import Verdict
 from slam_init.types.result import Segment
 
@@ -26,7 +28,7 @@ from slam_init.types.result import Segment
 def story():
     recorder = StoryRecorder()
     report_run(recorder)
-    return recorder.story()
+    return recorder
 
 
 def draw(result, story, truth=None, name="arc"):
@@ -60,7 +62,7 @@ def test_each_end_of_a_run_has_a_picture_of_its_own(story):
     ends = (make_result(make_map()), undecided(), make_result(None, Verdict.PURE_ROTATION))
     pictures = [picture(draw(result, story)).astype(int) for result in ends]
     assert all(np.any(one != other) for one, other in pairwise(pictures))
-    dark = [np.mean(one[320:700, 770:].max(axis=2) < 60) for one in pictures]  # maps have a dark ground
+    dark = [np.mean(one[200:900, 680:].max(axis=2) < 60) for one in pictures]  # maps have a dark ground
     assert dark[0] > 0.5 and dark[1] > 0.5 > dark[2]
 
 
@@ -82,20 +84,82 @@ def test_a_wrong_focal_length_is_written_into_the_picture_of_each_end(story, tol
 
 def test_a_run_without_a_frame_or_an_attempt_has_a_picture_and_names_are_no_mathematics():
     result = replace(make_result(None, Verdict.TOO_FEW_FRAMES), attempts=(), frames_read=0)
-    png = draw(result, Story(), name="$x^{ \u202e\udcff 地図\n")
+    png = draw(result, StoryRecorder(), name="$x^{ \u202e\udcff 地図\n")
     assert picture(png).shape == (1000, 1600, 3)
 
 
-def test_a_run_that_started_anew_has_a_row_for_each_map_and_the_story_of_the_first(story):
+def artists_of(draw_into):
+    """What a panel holds: the labels of its lines, and its collections."""
+    with canvas(800, 400) as figure:
+        axes = figure.add_axes((0.1, 0.1, 0.8, 0.8))
+        draw_into(axes)
+        return [line.get_label() for line in axes.lines], list(axes.collections)
+
+
+#: Rows and columns of the four maps of a run.
+Y1, Y2, X1, X2 = slice(250, 500), slice(650, 900), slice(700, 1050), slice(1180, 1550)
+
+
+def attempts_of(count, every, verdict):
+    window, attempt = make_window_evidence(0.4), make_attempts(make_map())[0]
+    return [replace(attempt, frames=(0, every * (k + 1)), window=window, verdict=verdict) for k in range(count)]
+
+
+def test_a_long_failure_shows_the_risk_alone():
+    for count, verdict, has_terms in (
+        (120, Verdict.LOW_PARALLAX, False),
+        (8, Verdict.LOW_PARALLAX, True),
+        (120, Verdict.ACCEPTED, True),
+    ):
+        attempts = attempts_of(count, 1, verdict)
+        labels, _ = artists_of(lambda axes, attempts=attempts: draw_decision(axes, attempts))
+        assert any("part of it" in label for label in labels) == has_terms
+        assert "risk" in labels
+
+
+def test_every_third_frame_leaves_no_hole_in_the_strip():
+    _, collections = artists_of(lambda axes: draw_decision(axes, attempts_of(6, 3, Verdict.LOW_PARALLAX)))
+    strip = next(one for one in collections if one.get_paths() and len(one.get_paths()) == 6)
+    spans = sorted((path.vertices[:, 0].min(), path.vertices[:, 0].max()) for path in strip.get_paths())
+    assert all(before[1] == pytest.approx(after[0]) for before, after in pairwise(spans))
+
+
+def test_a_link_by_descriptors_draws_no_path():
+    ids, places = np.arange(4), np.array([[100.0, 100.0], [200.0, 100.0], [300.0, 100.0], [400.0, 100.0]])
+    moved = places + np.array([[10.0, 0.0], [20.0, 0.0], [600.0, 0.0], [0.0, 900.0]])
+    before, after = (ShownFrame(k, np.zeros((60, 80), np.uint8), ids, at) for k, at in enumerate((places, moved)))
+    _, (tails,) = artists_of(lambda axes: draw_frame(axes, after, before, 1280))
+    assert len(tails.get_segments()) == 2
+
+
+def test_a_run_that_started_anew_shows_each_map(story):
     map_ = make_map()
     segments = tuple(Segment(map_, 10 * k, 5, lost_at=9 + 10 * k) for k in range(3))
-    shown = picture(draw(replace(make_result(map_), segments=segments), story))
-    dark = np.mean(shown[300:700, 770:1000].max(axis=2) < 60, axis=1) > 0.5
-    assert np.count_nonzero(np.diff(dark.astype(int)) == 1) + int(dark[0]) == 3
+    shown = picture(draw(replace(make_result(map_), segments=segments), story)).max(axis=2) < 60
+    corners = [np.mean(shown[rows, columns]) > 0.5 for rows in (Y1, Y2) for columns in (X1, X2)]
+    assert corners == [True, True, True, False]
 
-    recorder = StoryRecorder()
-    report_run(recorder)
-    pair = recorder.story().pair
-    recorder.restarted()
-    recorder.attempt(make_attempts(map_)[-1])
-    assert recorder.story().pair is pair
+
+def test_a_map_is_seen_in_the_view_in_which_it_fills_most():
+    map_ = make_map(points=400)
+    for flat, view in ((0, SIDE), (1, ABOVE), (2, BEHIND)):
+        stretch = np.full(3, 100.0)
+        stretch[flat] = 0.1
+        assert widest_view(replace(map_, points=map_.points * stretch)) == view
+
+
+def test_the_head_states_the_focal_length_every_note_and_the_gate_that_refused(story, told):
+    result = make_result(None, Verdict.LOW_PARALLAX)
+    notes = ("the first note", "the second note")
+    gate = at_most(GateName.RISK, 0.42, 0.005, Verdict.LOW_PARALLAX)
+    attempts = (*result.attempts[:-1], replace(result.attempts[0], gates=(gate,)))
+    draw(replace(result, notes=notes, camera=make_map().camera, attempts=attempts), story)
+    text = "\n".join(told)
+    assert all(f"note: {note}" in text for note in notes)
+    assert "focal length stated 5" in text and "direction of the baseline" in text
+    assert "0.42" in told and "at most 0.005" in told
+
+
+def test_every_verdict_has_a_colour_of_its_own():
+    assert set(VERDICT_COLORS) == set(Verdict)
+    assert len(set(VERDICT_COLORS.values())) == len(Verdict)
