@@ -233,12 +233,6 @@ def broken_later(world):
         (folder / f"{i}.png").write_bytes((world / IMAGES / f"{i}.png").read_bytes()[: 60 if i == 2 else None])
 
 
-def test_an_error_on_the_way_leaves_no_folder(world, capfd):
-    broken_later(world)
-    assert_refused(main(["run", "broken later", *WITH, "--out", "out"]), capfd, "2.png")
-    assert not (world / "out").exists()
-
-
 def test_an_error_on_the_way_leaves_the_results_of_an_earlier_run(world, capfd):
     broken_later(world)
     assert main(["run", IMAGES, *WITH, "--out", "out", "--quiet"]) == 3

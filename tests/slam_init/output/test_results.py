@@ -23,29 +23,17 @@ from slam_init.errors import SourceError
 from slam_init.mapping.map_building import initial_map
 from slam_init.output.results import load_graph, write_results
 
-FILES_WITH_MAP = {
-    "summary.json",
-    "trajectory.txt",
-    "map.ply",
-    "colmap/cameras.txt",
-    "colmap/images.txt",
-    "colmap/points3D.txt",
-    "graph.txt",
-    "values.txt",
-    "handover.npz",
-    "transforms.json",
-}
-
 
 def write(out, result, **keywords):
     write_results(out, result, summarize(result), **keywords)
     return set(contents(out))
 
 
-def test_a_folder_holds_the_documented_files_and_no_temporary_files(tmp_path):
+def test_the_configuration_and_the_continuation_lie_beside_the_files_and_nothing_temporary_does(tmp_path):
     map_ = make_map()
+    without = write(tmp_path / "a", make_result(map_))
     written = write(tmp_path / "deep" / "run", make_result(map_), config_toml="seed = 0\n", continued=map_.keyframes)
-    assert written == FILES_WITH_MAP | {"config.toml", "continued.txt"}
+    assert written == without | {"config.toml", "continued.txt"} and len(without) == 10
 
 
 def test_a_name_that_is_not_unicode_is_written_with_its_bytes(tmp_path):
