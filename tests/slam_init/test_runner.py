@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from make_scene import CAMERA
 from make_source import GivenFrames, synth
 from paths import DATA
 from written import contents
@@ -15,7 +14,6 @@ from slam_init.datasets import open_source
 from slam_init.errors import ConfigError, SourceError
 from slam_init.output.summary import Summary
 from slam_init.runner import run
-from slam_init.types.frame import Frame
 from slam_init.types.reasons import REASONS
 
 SMALL = {"width": 320, "height": 240}
@@ -138,13 +136,6 @@ def test_frames_beyond_the_maximum_are_not_read(room):
     assert read == [0, 1, 2]
 
 
-def test_blank_images_have_too_few_features():
-    blank = np.full((480, 640), 90, np.uint8)
-    frames = tuple(Frame(k, k / 30, "", blank) for k in range(5))
-    result, _ = run(GivenFrames(CAMERA, frames), CAMERA, Config())
-    assert result.reason == "too_few_features"
-
-
 # -- errors ---------------------------------------------------------------------------------------
 
 
@@ -196,10 +187,3 @@ def test_a_stated_focal_length_that_the_motion_corrects_is_told_beside_the_estim
     assert result.map is not None and result.map.camera.source == "estimated"
     (note,) = [note for note in result.notes if "stated focal length" in note]
     assert f"{stated.fx:.0f} +- {0.05 * stated.fx:.0f} px" in note and f"{result.map.camera.fx:.0f} px" in note
-
-
-def test_a_run_lets_the_map_grow_by_the_frames_that_are_asked_for(room, room_run):
-    at_once, (later, _) = room_run.result, run(room, room.camera, Config(refine_frames=10))
-    assert later.frames_to_init == at_once.frames_to_init
-    assert later.frames_read == at_once.frames_read + 10
-    assert later.map.depth_sigma < 0.7 * at_once.map.depth_sigma

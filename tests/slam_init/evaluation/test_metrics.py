@@ -63,12 +63,6 @@ def test_the_error_of_collinear_positions_is_unique_although_their_rotation_is_n
     assert ate_rmse(a, b) == pytest.approx(expected)
 
 
-def test_coinciding_positions_do_not_divide_by_zero():
-    moving = np.arange(9.0).reshape(3, 3)
-    assert align_positions(np.ones((3, 3)), moving).scale == 1
-    assert align_positions(moving, np.ones((3, 3))).scale == pytest.approx(0)
-
-
 @pytest.mark.parametrize("shapes", [((2, 3), (3, 3)), ((0, 3), (0, 3)), ((3, 2), (3, 2))])
 def test_positions_of_different_shapes_are_an_error(shapes):
     with pytest.raises(ValueError, match="positions of shapes"):
