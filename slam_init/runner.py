@@ -22,7 +22,6 @@ from slam_init.evaluation.metrics import compare_with_groundtruth, scale_error
 from slam_init.exports import check_formats, stage
 from slam_init.frontend.frame_memory import FrameMemory
 from slam_init.frontend.orb import describe_landmarks
-from slam_init.frontend.tracks import History
 from slam_init.initializer import FittedPoses, Initializer
 from slam_init.mapping.follower import Continuation, FrameTracker, follow
 from slam_init.mapping.reduction import Reduction
@@ -48,11 +47,12 @@ from slam_init.scale.requests import KnownBoard, KnownMarkers, MeasuredMotion, S
 from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations, Source, length_of, notes_of
+from slam_init.types.history import History
 from slam_init.types.inertial import InertialRecord
 from slam_init.types.initial_map import Descriptors, InitialMap, Keyframe
-from slam_init.types.lens_in_use import CALIBRATED_SIGMA
+from slam_init.types.lens import CALIBRATED_SIGMA
 from slam_init.types.pose import Trajectory
-from slam_init.types.reasons import Verdict, in_words
+from slam_init.types.refusal import Verdict, in_words
 from slam_init.types.result import MAX_SEGMENTS, GroundTruthErrors, Result, Segment
 from slam_init.types.scale import ScaleOrigin
 from slam_init.types.status import Status

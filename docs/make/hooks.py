@@ -44,7 +44,7 @@ DOCUMENTS = {
 OF_CODE = {
     "slam_init/cli/parser.py": "reference/command-line.md",
     "slam_init/config.py": "reference/options.md",
-    "slam_init/types/reasons.py": "reference/reasons.md",
+    "slam_init/types/refusal.py": "reference/reasons.md",
     "slam_init/output/summary.py": "reference/summary.md",
     "slam_init/window/levels.py": "reference/numbers.md",
 }

@@ -32,8 +32,6 @@ MORE = {
         "_WORST_NOISE": "assumption",
         "_LARGEST_LEVERAGE": "measured",
         "CAUCHY": "level, in standard deviations",
-        "_SCALES_PX": "assumption",
-        "_PRIOR": "assumption",
     },
     "quest": {
         "_ERROR_RATE": "level",

@@ -27,7 +27,7 @@ from slam_init.recording.story import StoryRecorder
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.initial_map import InitialMap
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 from slam_init.types.result import Result
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from slam_init.calibration.values import Section
 from slam_init.errors import CalibrationError
 from slam_init.types.camera import Camera
-from slam_init.types.lens_in_use import UNKNOWN_PRINCIPAL_SIGMA
+from slam_init.types.lens import UNKNOWN_PRINCIPAL_SIGMA
 
 #: Largest distance of the principal point of intrinsics without a size from the centre: four standard deviations of a
 #: principal point that nobody calibrated. Where images were resized by s, it is off by (1 - s) / 2 s: they are

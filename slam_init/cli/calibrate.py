@@ -66,8 +66,8 @@ def _calibrate(arguments: argparse.Namespace) -> int:
 
 def _text(found: SelfCalibration, out: str) -> str:
     """What the user reads."""
-    from slam_init.types.lens_in_use import MAX_FOCAL_SIGMA
-    from slam_init.types.reasons import Verdict
+    from slam_init.types.lens import MAX_FOCAL_SIGMA
+    from slam_init.types.refusal import Verdict
 
     stretches = f"{len(found.stretches)} of {found.tried} stretches"
     if found.camera is None:

@@ -21,7 +21,7 @@ from slam_init.initializer import Initializer
 from slam_init.methods import make_initializer
 from slam_init.recording.recorder import Recorder
 from slam_init.types.pose import Pose, Trajectory
-from slam_init.types.reasons import REASONS, Verdict
+from slam_init.types.refusal import REASONS, Verdict
 
 #: Straight towards a plane: all views agree with its twin.
 STRAIGHT = [Pose(np.eye(3), k * np.array([0.02, 0.0, 0.06])) for k in range(5)]

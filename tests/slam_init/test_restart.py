@@ -18,7 +18,7 @@ from slam_init.methods import make_initializer
 from slam_init.output.results import load_graph
 from slam_init.recording.recorder import Recorder
 from slam_init.runner import run
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 
 
 def scene(seed, first_frame, count=10, first_id=0):

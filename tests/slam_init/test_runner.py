@@ -14,7 +14,7 @@ from slam_init.datasets import open_source
 from slam_init.errors import ConfigError, SourceError
 from slam_init.output.summary import Summary
 from slam_init.runner import run
-from slam_init.types.reasons import REASONS
+from slam_init.types.refusal import REASONS
 
 SMALL = {"width": 320, "height": 240}
 

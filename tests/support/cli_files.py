@@ -3,7 +3,7 @@
 from make_map import make_map, make_result
 from make_summary import summarize
 
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 
 IMAGES = "my images é"
 WITH = ["--camera", "good.yaml"]

@@ -9,7 +9,7 @@ from make_scene import cloud, problem
 
 from slam_init.bundle.adjustment import adjust
 from slam_init.bundle.focal import camera_with_focal_factor
-from slam_init.bundle.graph import calibration_key, gtsam_calibration, measured_pixels
+from slam_init.bundle.reprojection import calibration_key, gtsam_calibration, measured_pixels
 
 
 @pytest.mark.parametrize("model", CAMERAS)

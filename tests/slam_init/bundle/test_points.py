@@ -5,11 +5,11 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
-from make_bundle import with_kernel
+from make_bundle import read_problem, with_kernel
 from make_map import CAMERAS
 from make_scene import CAMERA, cloud, problem
 
-from slam_init.bundle.graph import build_graph, pose_key, read_problem
+from slam_init.bundle.graph import build_graph, pose_key
 from slam_init.bundle.least_squares import fit_points, with_lenses
 
 

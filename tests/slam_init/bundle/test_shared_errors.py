@@ -12,9 +12,10 @@ from make_scene import CAMERA, cloud, problem, with_drawn_lens
 
 from slam_init.bundle.adjustment import adjust
 from slam_init.bundle.covariances import covariances
-from slam_init.bundle.graph import calibration_key, landmark_key, pose_key
+from slam_init.bundle.graph import landmark_key, pose_key
 from slam_init.bundle.least_squares import with_lenses
 from slam_init.bundle.lens import at_projections, lens_prior
+from slam_init.bundle.reprojection import calibration_key
 from slam_init.bundle.shared_errors import error_model
 from slam_init.types.pose import Pose
 

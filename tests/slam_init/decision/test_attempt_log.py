@@ -8,7 +8,7 @@ from make_scene import CONFIG
 
 from slam_init.decision.attempt_log import AttemptLog, focal_notes
 from slam_init.types.evidence import FreeFocal
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 from slam_init.types.result import Attempt, told_reason
 from slam_init.types.status import Status
 

@@ -12,8 +12,7 @@ from slam_init.datasets import open_source
 from slam_init.decision.depths import KNOWN_SHARE, MAX_LOCATED_SIGMA, depth_gates, located_sigma
 from slam_init.initializer import Initializer
 from slam_init.mapping.resection import resect
-from slam_init.types.gates import GateName
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import GateName, Verdict
 
 NOISE_RAD = 1e-3
 DEPTH_GATES = (GateName.KNOWN_DEPTHS, GateName.LOCATED_SIGMA, GateName.PARALLAX_DEG)

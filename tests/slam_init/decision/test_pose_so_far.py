@@ -10,7 +10,7 @@ from make_window import point_source
 from quest.geometry.quaternion import rotation_angle
 from slam_init import Initializer
 from slam_init.decision.pose_so_far import PoseSoFar
-from slam_init.frontend.tracks import History
+from slam_init.types.history import History
 from slam_init.types.status import PoseKind
 
 

@@ -10,9 +10,8 @@ from make_scene import CAMERA, CONFIG, cloud, observe
 
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.decision.two_views import pose_at_fitting_threshold, refuse_rotation
-from slam_init.types.gates import GateName, Stage
 from slam_init.types.pose import Pose
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import GateName, Stage, Verdict
 from slam_init.types.result import Attempt
 
 POSES = make_poses(4)

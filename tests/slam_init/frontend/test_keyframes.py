@@ -23,7 +23,7 @@ def preview(poses, noise_px=0.0, seed=0):
 
 
 def pair(reference, current, matches=100, parallax_px=10.0, spread=1.0):
-    return PairPreview(reference, current, matches, 1.0, 20.0, 1.0, parallax_px, 1.0, spread)
+    return PairPreview(matches, 20.0, 1.0, parallax_px, 1.0, spread, reference, current, 1.0)
 
 
 @given(turn=st.tuples(*[st.floats(-0.15, 0.15)] * 3))

@@ -9,8 +9,9 @@ from make_scene import texture, window
 from scipy.ndimage import distance_transform_cdt
 
 from slam_init.config import TrackingConfig
-from slam_init.frontend.tracks import Tracker, common_tracks
+from slam_init.frontend.tracks import Tracker
 from slam_init.types.camera import Camera
+from slam_init.types.history import common_tracks
 
 SIZE = (320, 240)
 CAMERA = Camera("pinhole", *SIZE, 260.0, 260.0, 159.5, 119.5)

@@ -7,9 +7,10 @@ from make_scene import texture
 
 from slam_init.config import TrackingConfig
 from slam_init.frontend.patches import Patches, smoothed
-from slam_init.frontend.tracks import Tracker, common_tracks
+from slam_init.frontend.tracks import Tracker
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
+from slam_init.types.history import common_tracks
 
 SIZE = (320, 240)
 CENTRE = np.array([160.0, 120.0])

@@ -10,11 +10,11 @@ from quest.geometry.quaternion import rotation_from_vector
 from sequences_synth.points import PointOptions, make_points
 from slam_init.datasets.points import PointSource
 from slam_init.frontend.rolling_shutter import RollingShutter, readout_places, turning_flow
-from slam_init.frontend.tracks import History
 from slam_init.initializer import Initializer
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
-from slam_init.types.reasons import Verdict
+from slam_init.types.history import History
+from slam_init.types.refusal import Verdict
 from slam_init.window.tracks import gather_tracks
 
 #: The camera turns about a fixed axis, in rad/s.

@@ -9,9 +9,10 @@ from make_scene import texture, window
 
 from slam_init.config import TrackingConfig
 from slam_init.frontend import following
-from slam_init.frontend.tracks import History, Tracker, common_tracks
+from slam_init.frontend.tracks import Tracker
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
+from slam_init.types.history import History, common_tracks
 
 SIZE = (320, 240)
 CAMERA = Camera("pinhole", *SIZE, 260.0, 260.0, 159.5, 119.5)

@@ -16,7 +16,7 @@ from slam_init.mapping.reduction import TRACKED_SIDE, Reduction
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import FreeFocal
 from slam_init.types.frame import Frame
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 
 LARGE = Camera("radtan", 2731, 1802, 2100.0, 2110.0, 1365.0, 900.5, (0.02, -0.01, 0.001, 0.0))
 

@@ -10,8 +10,8 @@ from make_scene import CAMERA, CONFIG, cloud, observe, plane
 from slam_init.methods import METHODS, make_initializer
 from slam_init.methods.pair_initializer import PairInitializer
 from slam_init.methods.two_view import PairRule, TwoViewOutcome
-from slam_init.types.gates import GateName
 from slam_init.types.pose import Pose
+from slam_init.types.refusal import GateName
 
 
 def tracks_of(points, noise_px=0.3, count=8):

@@ -12,7 +12,7 @@ from slam_init.config import Config
 from slam_init.methods.self_calibration import StretchEstimate, by_all_frames, combine
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
-from slam_init.types.lens_in_use import MAX_FOCAL_SIGMA
+from slam_init.types.lens import MAX_FOCAL_SIGMA
 from slam_init.types.pose import Pose
 
 PRIOR = prior_camera((640, 480))

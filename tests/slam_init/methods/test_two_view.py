@@ -13,7 +13,7 @@ from slam_init.config import Config
 from slam_init.errors import SlamInitError
 from slam_init.methods import METHODS, make_initializer, make_two_view
 from slam_init.methods.sfm_systems import Colmap, OpenSfm
-from slam_init.types.reasons import REASONS, Verdict
+from slam_init.types.refusal import REASONS, Verdict
 
 TWO_VIEW = [name for name, info in METHODS.items() if info.home]
 #: COLMAP requires 16 degrees of parallax.

@@ -11,7 +11,7 @@ from make_summary import summarize
 from slam_init.output.records import ContinuationRecord
 from slam_init.output.report import report_text
 from slam_init.types.evidence import Margin, WindowEvidence
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 from slam_init.types.result import Attempt, GroundTruthErrors
 from slam_init.types.scale import Scale, ScaleOrigin
 

@@ -11,7 +11,7 @@ from make_summary import summarize
 from slam_init.errors import SourceError
 from slam_init.output.result_folder import earlier_result, is_result_folder, read_result, result_text
 from slam_init.output.results import write_results
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 
 
 def written(folder, result):

@@ -18,7 +18,7 @@ from written import contents
 
 from slam_init.bundle.adjustment import adjust
 from slam_init.bundle.focal import camera_with_focal_factor
-from slam_init.bundle.graph import calibration_key
+from slam_init.bundle.reprojection import calibration_key
 from slam_init.errors import SourceError
 from slam_init.mapping.map_building import initial_map
 from slam_init.output.results import load_graph, write_results

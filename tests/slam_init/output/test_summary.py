@@ -9,8 +9,7 @@ from make_map import make_map, make_result
 from make_summary import summarize
 
 from slam_init.output.summary import SCHEMA, Summary, summary_text
-from slam_init.types.gates import GateName, at_least
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import GateName, Verdict, at_least
 from slam_init.types.result import GroundTruthErrors
 
 

@@ -7,7 +7,7 @@ from make_summary import summarize
 
 from slam_init.recording.text import advice_markdown, attempt_markdown, evidence_markdown
 from slam_init.types.evidence import FreeFocal, MapEvidence
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 
 
 def test_the_text_of_an_attempt_has_all_evidence_that_is_known():

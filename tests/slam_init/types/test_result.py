@@ -2,7 +2,7 @@
 
 from make_map import make_attempts, make_map, make_result
 
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 
 
 def lines_of(described) -> list[str]:

@@ -9,7 +9,7 @@ from make_scene import CAMERA
 from slam_init.errors import SlamInitError
 from slam_init.initializer import Initializer
 from slam_init.types.evidence import WindowEvidence
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 from slam_init.types.result import Attempt
 from slam_init.types.status import Status, frame_of
 

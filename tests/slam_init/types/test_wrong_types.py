@@ -64,7 +64,6 @@ A_MAP, A_FOLDER = "the map is of the type", "is of the type .*: give text, or a 
         (lambda it: run_room(config=it or "x"), "the configuration is of the type"),
         (lambda it: run_room(scale=it or "x"), "the scale is of the type"),
         (lambda it: run_room(imu=it or "x"), "imu is of the type"),
-        (lambda it: run_room(notes=it or "x"), "notes is .*: give a tuple of texts"),
         (lambda it: run_room(export=it or "scene"), r"give a list, as in \['scene'\]"),
     ],
 )

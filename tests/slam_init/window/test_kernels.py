@@ -8,7 +8,7 @@ from make_map import CAMERAS
 from make_window import cost_at, equations, make_window, moved
 from window_reference import reference_equations
 
-from slam_init.window.lens_offset import LensOffset
+from slam_init.types.lens import Lens
 from slam_init.window.tracks import Readout
 
 #: Far from all residuals of noise, near enough that the robust weights differ from 1.
@@ -40,7 +40,7 @@ def world(kind, seed=1, views=3, camera=None, drift_px=0.0):
     # Of the tracks of a plane, a fifth leaves it.
     on_plane = state.on_plane & (np.arange(len(state.on_plane)) % 5 > 0)
     field = 0.2 * rng.normal(size=state.field.shape)
-    return tracks, replace(state, t=t, lens=LensOffset(2e-3, 0.02, 0.003), field=field, on_plane=on_plane)
+    return tracks, replace(state, t=t, lens=Lens(2e-3, 0.02, 0.003), field=field, on_plane=on_plane)
 
 
 def test_points_behind_a_plane_cost_the_gate_in_each_view():

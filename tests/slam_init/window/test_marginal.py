@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from make_window import PRIORS, make_window, point_source
 
+from slam_init.types.error_fields import FIELD_SCALES_PX
 from slam_init.window.joint_fit import fit_window
 from slam_init.window.linearization import linearize_with_fields
-from slam_init.window.marginal import FIELD_SCALES_PX, marginalize_fields
+from slam_init.window.marginal import marginalize_fields
 from slam_init.window.state import start_at
 from slam_init.window.tracks import gather_tracks
 

@@ -8,8 +8,8 @@ from make_window import PRIORS, Window, make_window
 
 from quest.geometry.quaternion import rotation_angle
 from slam_init.types.camera import Camera
+from slam_init.types.lens import SAME_LENS
 from slam_init.window.joint_fit import fit_window
-from slam_init.window.lens_offset import IN_USE
 from slam_init.window.linearization import information_by_chance, linearize_with_fields
 from slam_init.window.marginal import marginalize_fields
 from slam_init.window.state import Priors
@@ -174,7 +174,7 @@ def test_a_map_whose_lens_is_held_is_as_far_from_the_fit_as_stated(scene):
     plane = window.plane if scene != "room" else None
     free = fit_window(window.tracks, window.start(0, plane, error=1e-3), priors, tolerance=1e-8)
     held_priors = replace(priors, focal_sigma=1e-7, k1_sigma=1e-7, principal_sigma_px=1e-5)
-    start = replace(free.state, lens=IN_USE)
+    start = replace(free.state, lens=SAME_LENS)
     held = fit_window(window.tracks, start, held_priors, tolerance=1e-8)
     found = moved_by_lens(expanded(free), held=True)
 

@@ -1,13 +1,17 @@
-"""The lens that rays are seen through: the stated one, or an estimate that the motion has improved.
+"""Lenses that are not known exactly: how one differs from a camera, what is known of it, and the one in use.
 
 Where the focal length is no calibration, each judged window improves it. The rays of a history are those of one such
-lens (:class:`slam_init.frontend.tracks.History`), and whoever needs the camera asks the history.
+lens (:class:`slam_init.types.history.History`), and whoever needs the camera asks the history.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
+import numpy as np
+
+from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 
 #: Relative standard deviation of the focal length of a calibration: they are better than two per cent.
@@ -40,6 +44,61 @@ PULL_FREEDOM = 4.0
 def k1_sigma(stated: Camera) -> float:
     """Standard deviation of the first coefficient of the radial distortion about that of a stated camera."""
     return _STATED_K1_SIGMA if stated.is_distorted else _UNSTATED_K1_SIGMA
+
+
+class Lens(NamedTuple):
+    """How a lens differs from a camera: in a joint fit from the camera in use."""
+
+    #: Logarithm of the focal length over that of the camera.
+    log_scale: float = 0.0
+    #: Added to the first coefficient of the radial distortion.
+    k1: float = 0.0
+    #: Readout of the image, in seconds.
+    readout_s: float = 0.0
+    #: Added to the principal point.
+    principal_px: tuple[float, float] = (0.0, 0.0)
+
+    def centred(self) -> Lens:
+        """The same lens with the stated principal point, of which one window tells little."""
+        return self._replace(principal_px=(0.0, 0.0))
+
+    def from_moved(self, log_scale: float, k1: float) -> Lens:
+        """The same lens, as it differs from a camera that has moved by so much."""
+        return self._replace(log_scale=self.log_scale - log_scale, k1=self.k1 - k1)
+
+
+#: The lens of the camera itself, without a readout.
+SAME_LENS = Lens()
+
+
+@dataclass(frozen=True)
+class LensPrior:
+    """What is known of a lens: before a fit, or by it.
+
+    The standard deviations are about ``mean``; 0 for what is known exactly.
+    """
+
+    #: Relative, of the focal length.
+    focal_sigma: float = CALIBRATED_SIGMA
+    #: Of the first coefficient of the radial distortion.
+    k1_sigma: float = _UNSTATED_K1_SIGMA
+    #: Of the readout of a rolling shutter, in seconds; 0 where the rays are corrected already, or the fit holds it.
+    readout_sigma_s: float = 0.0
+    #: Of each coordinate of the principal point.
+    principal_sigma_px: float = 0.0
+    #: What is expected. It is not that of the camera where this is an estimate, and the prior that of an earlier one.
+    mean: Lens = SAME_LENS
+    #: Focal length, principal point (2) and k1: whether the camera of a map has the value that the tracks tell, and not
+    #: the expected one. Only then their information lowers the deviation.
+    fitted: tuple[bool, bool, bool, bool] = (False, False, False, False)
+
+    @property
+    def sigmas(self) -> Floats:
+        """The standard deviations of focal length, principal point (2) and k1.
+
+        Shapes: returns (4,).
+        """
+        return np.array([self.focal_sigma, self.principal_sigma_px, self.principal_sigma_px, self.k1_sigma])
 
 
 @dataclass(frozen=True)
