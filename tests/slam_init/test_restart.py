@@ -126,14 +126,6 @@ def test_a_run_without_restart_removes_the_segments_of_the_last_one(cut):
     assert summary.segments == ()
 
 
-def test_the_frames_after_the_first_map_are_bounded(cut):
-    source, result, _, _ = cut
-    followed, _ = run(source, source.camera, Config(), continue_frames=3, restart=True)
-    (segment,) = followed.segments
-    assert segment.lost_at is None
-    assert [keyframe.frame - result.frames_to_init for keyframe in segment.located] == [0, 1, 2]
-
-
 def test_a_map_whose_landmarks_are_all_out_of_view_is_lost_at_once(room_fed):
     blank = [replace(frame, image=np.full_like(frame.image, 90)) for frame in room_fed.following]
     good, bad = room_fed.following[:2], blank[2:]

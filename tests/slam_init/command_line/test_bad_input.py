@@ -20,15 +20,12 @@ BAD = {
     "unknown command": (["frobnicate"], "frobnicate"),
     "unknown option": (["run", "--frob"], "--frob"),
     "abbreviated option": (["run", "--see", "3"], "--see"),
-    "seed no number": (["run", "--seed", "x"], "--seed"),
     "seed negative": (["run", "--seed", "-1"], "--seed"),
     "seed of 5,000 digits": (["run", "--seed", f"1{5000 * '0'}"], "--seed"),
     "start negative": (["run", "--start", "-1"], "--start"),
     "start beyond the end": (["run", IMAGES, *WITH, "--start", "3"], "start is 3"),
     "max-frames zero": (["run", "--max-frames", "0"], "--max-frames"),
-    "refine negative": (["run", "--refine", "-5"], "--refine"),
     "refine without a window": (["run", "--refine", "5", "--method", "orb-slam3"], "use --continue"),
-    "continue negative": (["run", "--continue", "-5"], "--continue"),
     "scale of no kind": (["run", "--scale", "stick:1"], "marker:tag36h11"),
     "scale without a length": (["run", "--scale", "height:tall"], "metres"),
     "scale by an unknown marker": (["run", "--scale", "marker:qr:0.1"], "tag36h11"),
@@ -74,9 +71,7 @@ BAD = {
     "camera is a folder": (["run", IMAGES, "--camera", "full"], "full"),
     "other size": (["run", IMAGES, "--camera", "other_size.yaml"], "128x48"),
     "focal zero": (["run", IMAGES, "--camera", "zero.yaml"], "zero.yaml: .*fx"),
-    "broken yaml": (["run", IMAGES, "--camera", "broken.yaml"], "broken.yaml"),
     "unsafe yaml": (["run", IMAGES, "--camera", "unsafe.yaml"], "unsafe.yaml"),
-    "empty yaml": (["run", IMAGES, "--camera", "empty.yaml"], "empty"),
     "video as camera": (["run", IMAGES, "--camera", "garbage.mp4"], "garbage.mp4"),
     "empty camera": (["run", IMAGES, "--camera", ""], "camera is empty"),
     # options that would have no effect
@@ -93,7 +88,6 @@ BAD = {
     "readout sideways": (["run", IMAGES, *WITH, "--readout", "5,sideways"], "readout direction"),
     # other commands
     "synth unknown scene": (["synth", "nowhere", "--out", "out"], "rotate-then-move"),
-    "synth without out": (["synth", "room"], "--out"),
     "synth no frames": (["synth", "room", "--out", "out", "--frames", "0"], "--frames"),
     "synth too many frames": (["synth", "room", "--out", "out", "--frames", "99999999"], "frames"),
     "info of nowhere": (["info", "nowhere"], "nowhere"),
@@ -231,12 +225,6 @@ def broken_later(world):
     folder.mkdir()
     for i in range(3):
         (folder / f"{i}.png").write_bytes((world / IMAGES / f"{i}.png").read_bytes()[: 60 if i == 2 else None])
-
-
-def test_an_error_on_the_way_leaves_no_folder(world, capfd):
-    broken_later(world)
-    assert_refused(main(["run", "broken later", *WITH, "--out", "out"]), capfd, "2.png")
-    assert not (world / "out").exists()
 
 
 def test_an_error_on_the_way_leaves_the_results_of_an_earlier_run(world, capfd):

@@ -29,6 +29,13 @@ def write(out, result, **keywords):
     return set(contents(out))
 
 
+def test_the_configuration_and_the_continuation_lie_beside_the_files_and_nothing_temporary_does(tmp_path):
+    map_ = make_map()
+    without = write(tmp_path / "a", make_result(map_))
+    written = write(tmp_path / "deep" / "run", make_result(map_), config_toml="seed = 0\n", continued=map_.keyframes)
+    assert written == without | {"config.toml", "continued.txt"} and len(without) == 10
+
+
 def test_a_name_that_is_not_unicode_is_written_with_its_bytes(tmp_path):
     map_ = make_map()
     first = replace(map_.keyframes[0], name="\udcff.png")
@@ -56,6 +63,11 @@ def test_gtsam_reads_the_graph_and_continues_to_optimize_it(tmp_path, model):
     assert graph.error(values) == map_.graph.error(map_.values)
     optimized = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
     assert graph.error(optimized) < graph.error(values)
+
+
+def test_a_missing_graph_is_an_error(tmp_path):
+    with pytest.raises(SourceError, match="no graph in"):
+        load_graph(tmp_path)
 
 
 @pytest.mark.parametrize("model", CAMERAS)
