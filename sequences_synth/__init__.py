@@ -20,26 +20,20 @@ A frame may have a rolling shutter: a pixel in row y is exposed at ``t_frame + r
 pose and the time stamp of a frame are those of its middle row (:mod:`sequences_synth.shutter`).
 """
 
-from sequences_synth.camera import LENSES, SynthCamera
 from sequences_synth.options import PointOptions, SynthOptions
-from sequences_synth.points import POINT_SCENES, SCENES_WITHOUT_TRANSLATION, PointSequence, make_points
+from sequences_synth.points import POINT_SCENES, PointSequence, make_points
 from sequences_synth.scenes import SCENES, STANDARD_SCENES
 from sequences_synth.sequence import SynthSequence, make_sequence
-from sequences_synth.tracking_error import TrackingError
 from sequences_synth.writer import write_tum
 
 __all__ = [
-    "LENSES",
     "POINT_SCENES",
     "SCENES",
-    "SCENES_WITHOUT_TRANSLATION",
     "STANDARD_SCENES",
     "PointOptions",
     "PointSequence",
-    "SynthCamera",
     "SynthOptions",
     "SynthSequence",
-    "TrackingError",
     "make_points",
     "make_sequence",
     "write_tum",

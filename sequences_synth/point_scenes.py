@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sequences_synth.arrays import Floats
-from sequences_synth.trajectory import BEND_RAD_S, Handling, HandTurning, arc, rotation_from_vector
+from sequences_synth.trajectory import BEND_RAD_S, Handling, arc, draw_turning, rotation_from_vector
 
 # Progress (...) -> vector (..., 3).
 PathFunction = Callable[[Floats], Floats]
@@ -195,24 +195,24 @@ def _of_time(path: PathFunction, handling: Handling) -> PathFunction:
 
 def _handheld(rng: np.random.Generator, handling: Handling) -> Layout:
     """Points at 1 to 4 m around a camera that is turned by hand."""
-    turning = HandTurning.draw(rng, handling)
+    turning = draw_turning(rng, handling)
     along = _unit(rng.normal(size=3) * [1.0, 0.6, 0.5])
     across = _unit(np.cross(along, rng.normal(size=3)))
     position = _of_time(arc(handling.speed, float(rng.uniform(*BEND_RAD_S)), along, across), handling)
-    rotation = _of_time(turning.rotation_vector, handling)
+    rotation = _of_time(turning, handling)
     return Layout(_cloud(rng), position, rotation, tremor=False, in_depths=True)
 
 
 def _handheld_wall(rng: np.random.Generator, handling: Handling) -> Layout:
     """One wall at 1 to 4 m; the camera oscillates about an axis that points to the wall, and moves along the wall."""
-    turning = HandTurning.draw(rng, handling, _WALL_TILT_DEG)
+    turning = draw_turning(rng, handling, _WALL_TILT_DEG)
     leaning = np.radians(rng.uniform(3.0, _WALL_DEG)) * _unit(np.array([*rng.normal(size=2), 0.0]))
     right, down, normal = rotation_from_vector(leaning).T
     heading = rng.uniform(0, 2 * np.pi)
     along = np.cos(heading) * right + np.sin(heading) * down
     across = np.cos(heading) * down - np.sin(heading) * right
     position = _of_time(arc(handling.speed, float(rng.uniform(*BEND_RAD_S)), along, across), handling)
-    rotation = _of_time(turning.rotation_vector, handling)
+    rotation = _of_time(turning, handling)
     wall = _plane(normal, rng.uniform(_NEAR_M, _FAR_M))
     return Layout(wall, position, rotation, tremor=False, in_depths=True)
 

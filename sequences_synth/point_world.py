@@ -137,13 +137,6 @@ class Shot:
     #: Time from one tick to the next.
     interval_s: float
 
-    def pixel_poses(self, tick: int, pixels: Floats) -> Floats:
-        """Compute the poses that the camera had when it exposed pixels.
-
-        Shapes: ``pixels`` (N, 2), returns (N, 4, 4).
-        """
-        return self.path.at(tick + self.shutter.delay_s(pixels) / self.interval_s)
-
     def see(self, tick: int) -> tuple[Floats, Bools]:
         """Project the points without noise.
 

@@ -27,9 +27,6 @@ from sequences_synth.tracking_error import TrackingError
 
 #: Names of the scenes.
 POINT_SCENES: tuple[str, ...] = tuple(LAYOUTS)
-#: Scenes in which the camera never translates. In the scenes ``handheld`` and ``handheld-wall`` the camera does not
-#: translate either if the option ``speed`` is 0.
-SCENES_WITHOUT_TRANSLATION: tuple[str, ...] = ("rotation", "static", "pan")
 
 # A horizontal field of view of 70 degrees at 640x480: an ordinary wide lens.
 _WIDTH, _HEIGHT, _FOCAL_PX = 640, 480, 458.0
@@ -40,12 +37,9 @@ class PointSequence:
     """A sequence of tracks with exact truth."""
 
     name: str
-    seed: int
     options: PointOptions
     #: The stated camera, which has the errors of the options and no distortion.
     camera: SynthCamera
-    #: The camera by which the points were projected.
-    true_camera: SynthCamera
     #: (V, 4, 4) World_from_cam of the middle row.
     poses: Floats
     #: (V,) Time of the middle row.
@@ -62,8 +56,6 @@ class PointSequence:
     visible: Bools
     #: The correlated error that ``pixels`` contain, except those of outliers.
     tracking_error: TrackingError
-    #: (M,) Number of the body of a moving track, -1 for other tracks.
-    body_of_track: Ints
     #: The true camera, path, shutter and bodies.
     shot: Shot
 
@@ -121,10 +113,8 @@ def make_points(name: str, seed: int = 0, options: PointOptions | None = None) -
     pixels, visible = _measure(shot, kinds, error, options, rng)
     return PointSequence(
         name=name,
-        seed=seed,
         options=options,
         camera=stated_camera(pinhole, options.focal_error, options.principal_error, camera_rng),
-        true_camera=shot.camera,
         poses=np.stack([shot.path.at_frame(view) for view in range(options.views)]),
         timestamps_s=np.asarray(1 / options.fps * np.arange(options.views), float),
         points=shot.points,
@@ -133,7 +123,6 @@ def make_points(name: str, seed: int = 0, options: PointOptions | None = None) -
         pixels=pixels,
         visible=visible,
         tracking_error=error,
-        body_of_track=shot.bodies.body_of_track,
         shot=shot,
     )
 

@@ -10,7 +10,7 @@ Scenes indoors are ``room``, ``static``, ``rotation`` and ``rotate-then-move`` i
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import TypeAlias
 
@@ -24,10 +24,10 @@ from sequences_synth.trajectory import (
     BEND_RAD_S,
     PROGRESS_RANGE,
     Handling,
-    HandTurning,
-    Jitter,
     Path,
     arc,
+    draw_tremor,
+    draw_turning,
     orientation,
     progress,
     rotation_from_vector,
@@ -54,10 +54,10 @@ def _carried(
 
     * ``distance_m``: Distance to the scene; below 2 m the tremor of the position shrinks in proportion.
     """
-    jitter = Jitter.draw(setup.rng, _HAND_DEG, _HAND_M * min(1.0, distance_m / 2))
+    tremor = draw_tremor(setup.rng, _HAND_DEG, _HAND_M * min(1.0, distance_m / 2))
     slow_start = setup.options.slow_start
     return Path(
-        lambda p: start + p * along + p * p * bend, lambda p: turn_from + p * turn_by, slow_start, jitter=jitter
+        lambda p: start + p * along + p * p * bend, lambda p: turn_from + p * turn_by, slow_start, tremor=tremor
     )
 
 
@@ -89,8 +89,8 @@ def rotation(setup: Setup) -> tuple[list[Quad], Path]:
     pan = setup.random_sign() * rng.uniform(25, 45)
     turn_from = np.radians([-0.5 * pan, rng.uniform(-8, 0), rng.uniform(-2, 2)])
     turn_by = np.radians([pan, rng.uniform(-8, 8), rng.uniform(-4, 4)])
-    jitter = Jitter.draw(rng, _HAND_DEG, 0.0)
-    path = Path(lambda _: start, lambda p: turn_from + p * turn_by, setup.options.slow_start, jitter=jitter)
+    tremor = draw_tremor(rng, _HAND_DEG, 0.0)
+    path = Path(lambda _: start, lambda p: turn_from + p * turn_by, setup.options.slow_start, tremor=tremor)
     return furnished_room(setup, start), path
 
 
@@ -182,7 +182,7 @@ def _plane(setup: Setup, path: Path, origin: Floats, u: Floats, v: Floats, look:
     """One quad on the plane ``origin + a u + b v`` (u, v orthonormal), large enough to fill every view."""
     poses = [path.steady(p, p) for p in np.linspace(*PROGRESS_RANGE, 25)]
     low, high = _extent(setup, poses, origin, u, v, np.cross(u, v))
-    # The steady path has no jitter. A margin of 5 % is many times the displacement by the jitter.
+    # The steady path has no tremor. A margin of 5 % is many times the displacement by the tremor.
     margin = 0.05 * (high - low)
     return _part_of_plane(setup.painter(path.centre(0.0), nearest_m), origin, u, v, low - margin, high + margin, look)
 
@@ -261,8 +261,8 @@ def flight(setup: Setup, turn_deg: float = 0.0, tilt_deg: float | None = None) -
 
     roll = np.radians(rng.uniform(-2, 2))
     turn_from, turn_by = np.array([yaw, pitch, roll]), np.array([turn, 0, 0])
-    jitter = Jitter.draw(rng, _GIMBAL_DEG, _GIMBAL_M)
-    path = Path(centre, lambda p: turn_from + p * turn_by, setup.options.slow_start, jitter=jitter)
+    tremor = draw_tremor(rng, _GIMBAL_DEG, _GIMBAL_M)
+    path = Path(centre, lambda p: turn_from + p * turn_by, setup.options.slow_start, tremor=tremor)
     u, v = np.array([np.cos(yaw), np.sin(yaw), 0]), np.array([np.sin(yaw), -np.cos(yaw), 0])
     return [_plane(setup, path, np.zeros(3), u, v, "ground", 0.9 * height)], path
 
@@ -313,7 +313,7 @@ def _held(
 def _turning(setup: Setup, largest_tilt_deg: float = np.inf) -> Callable[[Floats], Floats]:
     """A turning by hand, of which the angular speed does not depend on the number of frames."""
     handling = Handling(_HANDLING_S, setup.options.turning_deg_s, setup.options.speed)
-    return HandTurning.draw(setup.rng, handling, largest_tilt_deg).rotation_vector
+    return draw_turning(setup.rng, handling, largest_tilt_deg)
 
 
 def _arc(setup: Setup, along: Floats, across: Floats, depth_m: float) -> Callable[[Floats], Floats]:
@@ -377,27 +377,19 @@ def handheld_wall(setup: Setup) -> Built:
 # -- all -------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class World:
-    """A scene and the path of the camera through it."""
-
-    #: All surfaces.
-    quads: tuple[Quad, ...]
-    #: Frame number, not necessarily whole -> pose (4, 4), metres.
-    world_from_cam: Callable[[float], Floats]
-    #: (float, float) The exposure changes slowly as a sine: its phase at frame 0 and its advance per frame, radians.
-    exposure_phase: tuple[float, float]
-
-
-def build_world(name: str, entropy: tuple[int, ...], K: Floats, options: SynthOptions) -> World:
+def build_world(
+    name: str, entropy: tuple[int, ...], K: Floats, options: SynthOptions
+) -> tuple[list[Quad], Callable[[float], Floats], tuple[float, float]]:
     """Build a scene.
 
     Shapes: ``K`` (3, 3).
+
+    * Returns: Its surfaces; frame number, not necessarily whole -> pose (4, 4) of the camera; and of the slow sine of
+      the exposure the phase at frame 0 and the advance per frame, radians.
     """
     rng = np.random.default_rng(entropy)
     quads, world_from_cam = _BUILDERS[name](Setup(rng, entropy, K, options))
-    phase = (float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(0.03, 0.09)))
-    return World(tuple(quads), world_from_cam, phase)
+    return quads, world_from_cam, (float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(0.03, 0.09)))
 
 
 _BUILDERS: dict[str, Callable[[Setup], Built]] = {

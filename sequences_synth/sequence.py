@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -13,8 +14,9 @@ from sequences_synth.camera import SynthCamera, all_sights, lens_camera, stated_
 from sequences_synth.inertial import InertialSamples, measure
 from sequences_synth.noise import blur_along, expose
 from sequences_synth.options import SynthOptions, check_scene, stream
+from sequences_synth.quads import Quad
 from sequences_synth.render import View, render, render_lines
-from sequences_synth.scenes import SCENES, World, build_world
+from sequences_synth.scenes import SCENES, build_world
 from sequences_synth.shutter import Shutter
 
 # Focal length over image width: 525 px at 640, as of a usual hand-held RGB-D camera. The horizontal field of view is
@@ -38,14 +40,12 @@ class Sensor:
     fps: float
     #: Exposure as a fraction of the frame interval: the image is blurred along its flow.
     motion_blur: float
-    world: World
-
-    def pose(self, frame: float) -> Floats:
-        """Compute the true pose at a frame.
-
-        Shapes: returns (4, 4).
-        """
-        return self.world.world_from_cam(frame)
+    #: All surfaces of the world.
+    quads: Sequence[Quad]
+    #: Frame number, not necessarily whole -> true pose world_from_cam (4, 4).
+    pose: Callable[[float], Floats]
+    #: (float, float) The exposure changes slowly as a sine: its phase at frame 0 and its advance per frame, radians.
+    exposure_phase: tuple[float, float]
 
     def view(self, frame: int) -> View:
         """Render a sharp frame.
@@ -56,9 +56,9 @@ class Sensor:
         # One homography for each surface is enough with a global shutter and without a lens.
         if camera.is_pinhole and self.shutter.readout_s == 0.0:
             cam_from_world = np.asarray(np.linalg.inv(self.pose(frame)), float)
-            return render(self.world.quads, camera.K, cam_from_world, camera.width, camera.height)
+            return render(self.quads, camera.K, cam_from_world, camera.width, camera.height)
         frames_of = partial(self._frames_of, frame)
-        return render_lines(self.world.quads, camera, frames_of, self.pose)
+        return render_lines(self.quads, camera, frames_of, self.pose)
 
     def expose(self, frame: int) -> View:
         """Render a frame with its motion blur; depth and ids are those of the middle of the exposure."""
@@ -66,13 +66,6 @@ class Sensor:
         if self.motion_blur == 0:
             return view
         return replace(view, image=blur_along(view.image, self._half_flow(frame, view)))
-
-    def pixel_poses(self, frame: int, pixels: Floats) -> Floats:
-        """Compute the poses world_from_cam that the camera had when it exposed pixels, metres.
-
-        Shapes: ``pixels`` (N, 2), returns (N, 4, 4).
-        """
-        return np.stack([self.pose(float(f)) for f in frame + self.fps * self.shutter.delay_s(pixels)])
 
     def depth(self, view: View) -> Floats32:
         """Compute the depths of a view.
@@ -133,8 +126,6 @@ class SynthSequence:
     options : SynthOptions
     camera : SynthCamera
         The stated camera, which has the errors of the options and no distortion besides that of the lens.
-    true_camera : SynthCamera
-        The camera by which the images are rendered.
     poses : (N, 4, 4) float
         world_from_cam at the middle row and the middle of each exposure, metres. After a cut the world is another one.
     timestamps_s : (N,) float
@@ -147,7 +138,6 @@ class SynthSequence:
     seed: int
     options: SynthOptions
     camera: SynthCamera
-    true_camera: SynthCamera
     poses: Floats
     timestamps_s: Floats
     sensors: tuple[Sensor, ...]
@@ -178,7 +168,7 @@ class SynthSequence:
         sensor, frame = self._sensor(index)
         view = sensor.expose(frame)
         # The generator is seeded for this frame, so that the frame does not depend on those rendered before.
-        phase, rate = self.sensors[0].world.exposure_phase
+        phase, rate = self.sensors[0].exposure_phase
         gain = 1.0 + self.options.exposure_change * math.sin(phase + rate * index)
         image = expose(view.image, gain, self.options.noise, np.random.default_rng([self.seed, index, 1]))
         return image, sensor.depth(view)
@@ -240,7 +230,7 @@ def make_sequence(name: str, seed: int = 0, options: SynthOptions | None = None)
     for number, frames in enumerate(lengths):
         entropy = (seed, *number * b"after the cut ", *name.encode())
         world = build_world(name, entropy, pinhole.K, options)
-        sensors.append(Sensor(true_camera, shutter, options.fps, options.motion_blur, world))
+        sensors.append(Sensor(true_camera, shutter, options.fps, options.motion_blur, *world))
         poses += [sensors[-1].pose(frame) for frame in range(frames)]
     rng = stream(seed, b"principal point ", name)
     return SynthSequence(
@@ -248,7 +238,6 @@ def make_sequence(name: str, seed: int = 0, options: SynthOptions | None = None)
         seed=seed,
         options=options,
         camera=stated_camera(ideal, options.focal_error, options.principal_error, rng),
-        true_camera=true_camera,
         poses=np.stack(poses),
         timestamps_s=np.arange(options.frames) / options.fps,
         sensors=tuple(sensors),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import cast
 
@@ -40,76 +40,43 @@ class Look:
     clouds: float
     #: Standard deviation of the texel-to-texel noise in grey levels.
     grain: float
-    #: Relative frequency of ``rectangle``, ``ellipse``, ``polygon``, ``line``, ``glyph``.
-    marks: dict[str, float] = field(hash=False)
+    #: Relative frequency of each of :data:`_MARKS`.
+    marks: tuple[int, ...]
     #: Colour of a mark between the ground colour (0) and the accent (1): high for prints, low for stains.
-    blend: float = 0.8
+    blend: float
     #: Size in texels of patches of different colour under the marks, like fields seen from above; 0 for none.
     patch_texels: int = 0
 
 
-_PRINTS: tuple[Color, ...] = (
-    (45, 45, 50), (60, 60, 170), (150, 80, 40), (70, 130, 60), (40, 150, 205), (215, 225, 230), (130, 120,
-    110), (95, 70, 130), (190, 175, 150), (30, 70, 110),
-)  # fmt: skip
+_MARKS = ("rectangle", "ellipse", "polygon", "line", "glyph")
 
-_FIELDS: tuple[Color, ...] = (
+# Ground colours.
+_PLASTER = ((170, 190, 200), (185, 180, 165), (165, 185, 170), (150, 165, 190))
+_PAPER = ((225, 230, 232), (120, 80, 50), (60, 75, 150), (70, 110, 80), (50, 140, 190))
+_TABLE = ((95, 120, 150), (110, 115, 120), (80, 105, 140), (125, 140, 150))
+_PLANKS = ((70, 110, 155), (85, 120, 150), (60, 90, 130), (110, 140, 170))
+_WHITE = ((205, 210, 212), (190, 200, 205))
+_GRASS = ((70, 115, 105), (85, 120, 130), (75, 105, 90))
+# Colours of marks.
+_PRINTS = (
+    (45, 45, 50), (60, 60, 170), (150, 80, 40), (70, 130, 60), (40, 150, 205), (215, 225, 230), (130, 120, 110),
+    (95, 70, 130), (190, 175, 150), (30, 70, 110),
+)  # fmt: skip
+_GRAINS = ((30, 50, 80), (130, 175, 215), (45, 70, 105), (200, 210, 215), (50, 50, 60))
+_STAINS = ((120, 125, 130), (230, 235, 238), (90, 100, 120), (150, 165, 180))
+_FIELDS = (
     (40, 75, 50), (60, 105, 75), (120, 150, 165), (165, 175, 180), (80, 95, 150), (95, 100, 105), (90, 140, 160),
     (35, 60, 45), (205, 210, 215),
 )  # fmt: skip
 
 #: Looks by name.
-LOOKS: dict[str, Look] = {
-    "wall": Look(
-        base=((170, 190, 200), (185, 180, 165), (165, 185, 170), (150, 165, 190)),
-        accents=_PRINTS,
-        clouds=16,
-        grain=5,
-        marks={"rectangle": 4, "ellipse": 2, "polygon": 3, "line": 1, "glyph": 4},
-        blend=0.6,
-    ),
-    "print": Look(
-        base=((225, 230, 232), (120, 80, 50), (60, 75, 150), (70, 110, 80), (50, 140, 190)),
-        accents=_PRINTS,
-        clouds=10,
-        grain=4,
-        marks={"rectangle": 4, "ellipse": 3, "polygon": 3, "line": 1, "glyph": 8},
-        blend=0.9,
-    ),
-    "desk": Look(
-        base=((95, 120, 150), (110, 115, 120), (80, 105, 140), (125, 140, 150)),
-        accents=_PRINTS,
-        clouds=14,
-        grain=5,
-        marks={"rectangle": 6, "ellipse": 2, "polygon": 2, "line": 1, "glyph": 7},
-        blend=0.85,
-        patch_texels=260,
-    ),
-    "wood": Look(
-        base=((70, 110, 155), (85, 120, 150), (60, 90, 130), (110, 140, 170)),
-        accents=((30, 50, 80), (130, 175, 215), (45, 70, 105), (200, 210, 215), (50, 50, 60)),
-        clouds=20,
-        grain=6,
-        marks={"rectangle": 3, "ellipse": 4, "polygon": 4, "line": 2, "glyph": 1},
-        blend=0.55,
-    ),
-    "ceiling": Look(
-        base=((205, 210, 212), (190, 200, 205)),
-        accents=((120, 125, 130), (230, 235, 238), (90, 100, 120), (150, 165, 180)),
-        clouds=12,
-        grain=4,
-        marks={"rectangle": 4, "ellipse": 2, "polygon": 3, "line": 2},
-        blend=0.6,
-    ),
-    "ground": Look(
-        base=((70, 115, 105), (85, 120, 130), (75, 105, 90)),
-        accents=_FIELDS,
-        clouds=22,
-        grain=7,
-        marks={"rectangle": 3, "ellipse": 6, "polygon": 4, "line": 1},
-        blend=0.75,
-        patch_texels=170,
-    ),
+LOOKS = {
+    "wall": Look(_PLASTER, _PRINTS, clouds=16, grain=5, marks=(4, 2, 3, 1, 4), blend=0.6),
+    "print": Look(_PAPER, _PRINTS, clouds=10, grain=4, marks=(4, 3, 3, 1, 8), blend=0.9),
+    "desk": Look(_TABLE, _PRINTS, clouds=14, grain=5, marks=(6, 2, 2, 1, 7), blend=0.85, patch_texels=260),
+    "wood": Look(_PLANKS, _GRAINS, clouds=20, grain=6, marks=(3, 4, 4, 2, 1), blend=0.55),
+    "ceiling": Look(_WHITE, _STAINS, clouds=12, grain=4, marks=(4, 2, 3, 2, 0), blend=0.6),
+    "ground": Look(_GRASS, _FIELDS, clouds=22, grain=7, marks=(3, 6, 4, 1, 0), blend=0.75, patch_texels=170),
 }
 
 
@@ -223,7 +190,7 @@ def _draw_marks(rng: np.random.Generator, canvas: Image, base: NDArray[np.float6
     radii = np.sort((low + rng.random(count) * (high - low)) ** (-1 / 1.6))[::-1]
     centres = rng.random((count, 2)) * (width, height)
     angles = rng.uniform(0, np.pi, count)
-    kinds = rng.choice(list(look.marks), count, p=np.array(list(look.marks.values())) / sum(look.marks.values()))
+    kinds = rng.choice(_MARKS, count, p=np.array(look.marks) / sum(look.marks))
     accents = np.asarray(look.accents)[rng.integers(len(look.accents), size=count)]
     colors = np.clip(base + look.blend * (accents - base) + rng.normal(0, 12, (count, 3)), 0, 255)
     marks = (kinds.tolist(), centres.tolist(), radii.tolist(), angles.tolist(), colors.tolist())

@@ -11,7 +11,8 @@ square over the duration of the sequence.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -56,37 +57,26 @@ def orientation(yaw_rad: float, pitch_rad: float, roll_rad: float = 0.0) -> Floa
     return np.asarray(yaw @ pitch @ level @ roll)
 
 
-@dataclass(frozen=True, eq=False)
-class Jitter:
-    """The tremor of a hand: a sum of three slow sines per axis."""
+def draw_tremor(
+    rng: np.random.Generator, angle_deg: float, offset_m: float
+) -> Callable[[float], tuple[Floats, Floats]]:
+    """Draw the tremor of a hand: a sum of three sines per axis, of 0.6 to 3 Hz at 30 frames per second.
 
-    #: angles_rad, offsets_m: (3, 3) Amplitudes of rotation and translation, axis by sine.
-    angles_rad: Floats
-    offsets_m: Floats
-    #: (3, 3) Phase advance per frame.
-    rates_rad: Floats
-    #: (3, 3) Phase at frame 0.
-    phases_rad: Floats
+    Slower sines have larger amplitudes.
 
-    @staticmethod
-    def draw(rng: np.random.Generator, angle_deg: float, offset_m: float) -> Jitter:
-        """Draw a tremor of 0.6 to 3 Hz at 30 frames per second; slower sines have larger amplitudes."""
-        hertz = np.array([0.6, 1.5, 3.0]) * rng.uniform(0.8, 1.25, (3, 3))
-        sizes = np.array([1.0, 0.5, 0.2]) * rng.uniform(0.6, 1.0, (3, 3))
-        return Jitter(
-            angles_rad=np.radians(angle_deg) * sizes,
-            offsets_m=offset_m * sizes,
-            rates_rad=2 * np.pi * hertz / 30.0,
-            phases_rad=rng.uniform(0, 2 * np.pi, (3, 3)),
-        )
+    * Returns: Frame -> rotation vector (3,) in radians and offset (3,) in metres.
+    """
+    # Axis by sine.
+    hertz = np.array([0.6, 1.5, 3.0]) * rng.uniform(0.8, 1.25, (3, 3))
+    sizes = np.array([1.0, 0.5, 0.2]) * rng.uniform(0.6, 1.0, (3, 3))
+    angles_rad, offsets_m, rates_rad = np.radians(angle_deg) * sizes, offset_m * sizes, 2 * np.pi * hertz / 30.0
+    phases_rad = rng.uniform(0, 2 * np.pi, (3, 3))
 
-    def at(self, frame: float) -> tuple[Floats, Floats]:
-        """Compute the tremor at a frame.
+    def at(frame: float) -> tuple[Floats, Floats]:
+        waves = np.sin(phases_rad + rates_rad * frame)
+        return np.sum(angles_rad * waves, axis=1), np.sum(offsets_m * np.roll(waves, 1, axis=0), axis=1)
 
-        Shapes: returns ``rotation`` (3,), returns ``offset`` (3,).
-        """
-        waves = np.sin(self.phases_rad + self.rates_rad * frame)
-        return np.sum(self.angles_rad * waves, axis=1), np.sum(self.offsets_m * np.roll(waves, 1, axis=0), axis=1)
+    return at
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,11 +91,11 @@ class Path:
     slow_start: float
     #: Frame at which the translation starts.
     move_from: float = 0.0
-    #: Tremor on top of the steady path.
-    jitter: Jitter | None = None
+    #: Tremor on top of the steady path, see :func:`draw_tremor`.
+    tremor: Callable[[float], tuple[Floats, Floats]] | None = None
 
     def steady(self, moved: float, turned: float) -> Floats:
-        """Compute a pose of the steady path, without jitter.
+        """Compute a pose of the steady path, without tremor.
 
         Shapes: returns (4, 4).
         """
@@ -121,8 +111,8 @@ class Path:
         """
         moved = progress(frame - self.move_from, self.slow_start)
         pose = self.steady(moved, progress(frame, self.slow_start))
-        if self.jitter is not None:
-            turn, offset = self.jitter.at(frame)
+        if self.tremor is not None:
+            turn, offset = self.tremor(frame)
             pose[:3, :3] = pose[:3, :3] @ rotation_from_vector(turn)
             pose[:3, 3] += offset
         return pose
@@ -195,66 +185,55 @@ class Handling:
     speed: float
 
 
-@dataclass(frozen=True, eq=False)
-class HandTurning:
-    """Hand-held turning: a rotation vector whose axes each have two sines."""
+def draw_turning(
+    rng: np.random.Generator, handling: Handling, largest_tilt_deg: float = np.inf
+) -> Callable[[Floats], Floats]:
+    """Draw a hand-held turning with the requested angular speed: a rotation vector whose axes each have two sines.
 
-    #: sizes_rad, rates_rad_s, phases_rad: (3, 2) Amplitude, angular frequency and phase, axis by sine.
-    sizes_rad: Floats
-    rates_rad_s: Floats
-    phases_rad: Floats
+    * ``largest_tilt_deg``: The optical axis stays within about this angle of that without turning. The hand then
+      trembles faster.
+    * Returns: Time (...) in seconds -> rotation vector (..., 3).
+    """
+    # Axis by sine.
+    rates = 2 * np.pi * _HERTZ * rng.uniform(0.8, 1.25, (3, 2))
+    sizes = _SIZES * rng.uniform(0.7, 1.0, (3, 2))
+    phases = rng.uniform(0, 2 * np.pi, (3, 2))
+    if handling.turning_deg_s == 0.0:
+        return partial(_turned, 0 * sizes, rates, phases)
+    # Faster sines have the same speed at a smaller amplitude: the rates grow until both bounds hold.
+    while True:
+        turning = partial(_turned, _at_speed(sizes, rates, phases, handling), rates, phases)
+        vectors = turning(handling.duration_s * np.linspace(0, 1, 200))
+        tilt_deg = float(np.degrees(np.linalg.norm(vectors[:, :2], axis=1).max()))
+        if tilt_deg <= largest_tilt_deg and float(np.linalg.norm(vectors, axis=1).max()) <= _LARGEST_RAD:
+            return turning
+        rates = 1.2 * rates
 
-    @staticmethod
-    def draw(rng: np.random.Generator, handling: Handling, largest_tilt_deg: float = np.inf) -> HandTurning:
-        """Draw a turning with the requested angular speed.
 
-        * ``largest_tilt_deg``: The optical axis stays within about this angle of that without turning. The hand then
-          trembles faster.
-        """
-        rates = 2 * np.pi * _HERTZ * rng.uniform(0.8, 1.25, (3, 2))
-        sizes = _SIZES * rng.uniform(0.7, 1.0, (3, 2))
-        phases = rng.uniform(0, 2 * np.pi, (3, 2))
-        turning = HandTurning(sizes, rates, phases)
-        if handling.turning_deg_s == 0.0:
-            return replace(turning, sizes_rad=0 * sizes)
-        # Faster sines have the same speed at a smaller amplitude: the rates grow until both bounds hold.
-        while True:
-            turning = turning._at_speed(handling)
-            vectors = turning.rotation_vector(handling.duration_s * np.linspace(0, 1, 200))
-            tilt_deg = float(np.degrees(np.linalg.norm(vectors[:, :2], axis=1).max()))
-            total_rad = float(np.linalg.norm(vectors, axis=1).max())
-            if tilt_deg <= largest_tilt_deg and total_rad <= _LARGEST_RAD:
-                return turning
-            turning = replace(turning, rates_rad_s=1.2 * turning.rates_rad_s, sizes_rad=sizes)
+def _turned(sizes_rad: Floats, rates_rad_s: Floats, phases_rad: Floats, time_s: Floats) -> Floats:
+    angles = phases_rad + rates_rad_s * np.asarray(time_s)[..., None, None]
+    return np.asarray(np.sum(sizes_rad * np.sin(angles), axis=-1))
 
-    def rotation_vector(self, time_s: Floats) -> Floats:
-        """Compute the rotation vector of the camera.
 
-        Shapes: returns (..., 3).
-        """
-        angles = self.phases_rad + self.rates_rad_s * np.asarray(time_s)[..., None, None]
-        return np.asarray(np.sum(self.sizes_rad * np.sin(angles), axis=-1))
+def _speed_deg_s(sizes_rad: Floats, rates_rad_s: Floats, phases_rad: Floats, duration_s: float) -> float:
+    """The angular speed of a turning."""
+    rate_hz = _RATE_HZ * float(np.max(rates_rad_s)) / (2 * np.pi * _HERTZ[-1])
+    times_s = np.linspace(0, duration_s, 2 + int(np.ceil(rate_hz * duration_s)))
+    R = rotations_from_vectors(_turned(sizes_rad, rates_rad_s, phases_rad, times_s))
+    # The chord of a small rotation: |A - B| = 2 sqrt(2) sin(angle / 2).
+    chords = np.linalg.norm(np.diff(R, axis=0), axis=(1, 2))
+    steps_rad = 2 * np.arcsin(np.minimum(chords / np.sqrt(8), 1.0))
+    return float(np.degrees(np.sqrt(np.mean(steps_rad**2)) * len(steps_rad) / duration_s))
 
-    def speed_deg_s(self, duration_s: float) -> float:
-        """Compute the angular speed."""
-        rate_hz = _RATE_HZ * float(np.max(self.rates_rad_s)) / (2 * np.pi * _HERTZ[-1])
-        R = rotations_from_vectors(
-            self.rotation_vector(np.linspace(0, duration_s, 2 + int(np.ceil(rate_hz * duration_s))))
-        )
-        # The chord of a small rotation: |A - B| = 2 sqrt(2) sin(angle / 2).
-        chords = np.linalg.norm(np.diff(R, axis=0), axis=(1, 2))
-        steps_rad = 2 * np.arcsin(np.minimum(chords / np.sqrt(8), 1.0))
-        return float(np.degrees(np.sqrt(np.mean(steps_rad**2)) * len(steps_rad) / duration_s))
 
-    def _at_speed(self, handling: Handling) -> HandTurning:
-        """The same turning, with the amplitudes scaled to the requested speed."""
-        turning = self
-        for _ in range(_SCALINGS):
-            factor = handling.turning_deg_s / turning.speed_deg_s(handling.duration_s)
-            turning = replace(turning, sizes_rad=turning.sizes_rad * factor)
-            if np.abs(turning.rotation_vector(np.zeros(1))).max() > 10 * _LARGEST_RAD:
-                break
-        return turning
+def _at_speed(sizes_rad: Floats, rates_rad_s: Floats, phases_rad: Floats, handling: Handling) -> Floats:
+    """The amplitudes at which a turning has the requested speed."""
+    for _ in range(_SCALINGS):
+        factor = handling.turning_deg_s / _speed_deg_s(sizes_rad, rates_rad_s, phases_rad, handling.duration_s)
+        sizes_rad = sizes_rad * factor
+        if np.abs(_turned(sizes_rad, rates_rad_s, phases_rad, np.zeros(1))).max() > 10 * _LARGEST_RAD:
+            break
+    return sizes_rad
 
 
 def arc(speed: float, bend_rad_s: float, along: Floats, across: Floats) -> Callable[[Floats], Floats]:

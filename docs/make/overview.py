@@ -93,7 +93,7 @@ def _wall() -> tuple[Camera, Iterator[Frame]]:
         for k in range(_WALL_FRAMES):
             pose = start.copy()
             pose[:3, 3] += k * depth * start[:3, :3] @ _STEP
-            view = render(sequence.sensors[0].world.quads, camera.K, np.linalg.inv(pose), seen.width, seen.height)
+            view = render(sequence.sensors[0].quads, camera.K, np.linalg.inv(pose), seen.width, seen.height)
             noisy = view.image + rng.normal(0, _NOISE, view.image.shape)
             yield Frame(k, k / 30, f"{k:04d}.png", np.clip(noisy, 0, 255).astype(np.uint8))
 

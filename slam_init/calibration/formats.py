@@ -36,10 +36,7 @@ _OPENSFM = (
     "the form of OpenSfM, whose numbers are relative to the longer side: multiply focal_x, focal_y, c_x and c_y by it, "
     f"add (width - 1) / 2 to c_x and (height - 1) / 2 to c_y, and {_WRITE}"
 )
-_KALIBR_RESULTS = (
-    "the results of Kalibr as text, which state no image size: give the *camchain.yaml that Kalibr writes beside them, "
-    f"or {_WRITE}"
-)
+_KALIBR_RESULTS = "the results of Kalibr as text, which state no image size: give the *camchain.yaml beside them"
 _ZED = f"the settings of a ZED, which have a camera for each resolution and side: with the numbers of one, {_WRITE}"
 
 
@@ -300,9 +297,8 @@ def _dso(text: str) -> Content:
         values.pop()
     model = [*named, {4: "pinhole", 5: "fov", 8: "radtan"}[len(values)]][0].lower()
     width, height = Section({"resolution": sides}).size(None)
-    if (
-        values[2] < 1 and values[3] < 1
-    ):  # relative to the size: their pixel centres lie at .5, those of others at integers
+    # Relative to the size; their pixel centres lie at .5, those of others at integers.
+    if values[2] < 1 and values[3] < 1:
         values[:4] = width * values[0], height * values[1], width * values[2] - 0.5, height * values[3] - 0.5
     return {"model": model, "width": width, "height": height, "calibration": values}
 

@@ -201,17 +201,17 @@ def photograph_facts(path: Path, root: Path | None = None) -> PhotographFacts:
 
 
 def _statements(tags: Mapping[int, Any], size: tuple[int, int]) -> Iterator[_Statement]:
-    taken = _number(tags.get(_WIDTH)), _number(tags.get(_HEIGHT))
-    scale = 1.0
-    if taken[0] is not None and taken[1] is not None:
-        if abs(_aspect(taken[0], taken[1]) / _aspect(*size) - 1) > _ASPECT_TOLERANCE:
+    width, height, scale = _number(tags.get(_WIDTH)), _number(tags.get(_HEIGHT)), 1.0
+    if width is not None and height is not None:
+        longer, shorter = max(width, height), min(width, height)
+        if abs(longer / shorter * min(size) / max(size) - 1) > _ASPECT_TOLERANCE:
             return  # the image was cut, nobody knows where
-        scale = max(size) / max(taken[0], taken[1])
+        scale = max(size) / longer
     if (film_mm := _number(tags.get(_FOCAL_35MM))) is not None:
         yield _film_statement(film_mm, size)
     focal_mm, plane = _number(tags.get(_FOCAL_MM)), _number(tags.get(_PLANE_X))
     unit_mm = _UNIT_MM.get(int(_number(tags.get(_PLANE_UNIT)) or 2))
-    if focal_mm is not None and plane is not None and unit_mm is not None and taken[0] is not None:
+    if focal_mm is not None and plane is not None and unit_mm is not None and width is not None:
         zoom = max(1.0, _number(tags.get(_ZOOM)) or 1.0)
         yield focal_mm * zoom * plane / unit_mm * scale, 0.01
 
@@ -253,18 +253,11 @@ def _video_statement(film_mm: float, size: tuple[int, int]) -> _Statement:
 # -- values of strangers ---------------------------------------------------------------------------
 
 
-def _aspect(a: float, b: float) -> float:
-    """Longer side over shorter side."""
-    return max(a, b) / min(a, b)
-
-
 def _number(value: Any) -> float | None:
     """A positive finite number, or None. Tags may hold texts, tuples, or fractions with the denominator 0."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError, ZeroDivisionError, OverflowError):
-        return None
-    return number if math.isfinite(number) and number > 0 else None
+    with suppress(TypeError, ValueError, ZeroDivisionError, OverflowError):
+        return float(value) if 0 < float(value) < math.inf else None
+    return None
 
 
 def _text(value: Any) -> str:

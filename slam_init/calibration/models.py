@@ -142,7 +142,7 @@ def check_centre(camera: Camera) -> None:
     if off > _MAX_CENTRE_OFFSET:
         likely = f"{round(2 * camera.cx + 1)}x{round(2 * camera.cy + 1)}"
         problem = f"the principal point ({camera.cx:g}, {camera.cy:g}) is that of images of about {likely}"
-        give = "scale fx, fy, cx, cy (resized), subtract the corner from cx, cy (cropped), or state the size"
+        give = "scale it (resized), subtract the corner (cropped), or state the size (from_K or in the file)"
         raise CalibrationError(f"{problem}, and these are {width}x{height}: {give}")
 
 

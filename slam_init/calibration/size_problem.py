@@ -25,10 +25,8 @@ def size_remedy(size: tuple[int, ...], expected: tuple[int, int], orientation: i
     width, height = expected
     if size == (height, width):
         if orientation in _QUARTER_TURNS:
-            return (
-                f"by its EXIF orientation, which is not applied, the image is to be {TURNS[orientation]}: store the "
-                "images so (mogrify -auto-orient), or give the calibration of the images as they are stored"
-            )
+            turn = f"by its EXIF orientation, which is not applied, the image is to be {TURNS[orientation]}"
+            return f"{turn}: store it so (mogrify -auto-orient), or give the calibration of the images as stored"
         return "one of both is turned by 90 degrees: turn the images, or calibrate them as they are"
     for doubled, places, crop in (
         ((2 * width, height), "side by side", "iw/2:ih:0:0"),

@@ -10,6 +10,7 @@ import io
 import json
 import re
 from collections.abc import Hashable, Iterator
+from functools import partial
 from xml.etree import ElementTree
 
 from slam_init.errors import CalibrationError, SourceError
@@ -45,10 +46,7 @@ def parse_yaml(text: str) -> object:
                     raise yaml.constructor.ConstructorError(None, None, f"{key.value} is given twice", key.start_mark)
             return super().construct_mapping(node, deep)
 
-    def construct_matrix(loader: yaml.SafeLoader, node: yaml.MappingNode) -> object:
-        return loader.construct_mapping(node, deep=True)
-
-    Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", construct_matrix)
+    Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", partial(Loader.construct_mapping, deep=True))
     # OpenCV writes its own dialect: "%YAML:1.0" is not a valid directive. rostopic ends with the mark of a document.
     body = re.sub(r"^%YAML.*", "", text, flags=re.MULTILINE).rstrip().removesuffix("\n---")
     body = _NO_SPACE.sub(r"\1 ", body)
@@ -65,13 +63,10 @@ def parse_yaml(text: str) -> object:
 
 def _check_structure(tokens: Iterator[object]) -> None:
     """Refuse aliases and deep nesting, with which a small file would take very long to load."""
-    import yaml
-
     depth = 0
-    for token in tokens:
-        name = type(token).__name__
+    for name in (type(token).__name__ for token in tokens):
         depth += name.endswith("StartToken") - name.endswith("EndToken")
-        if isinstance(token, yaml.AliasToken):
+        if name == "AliasToken":
             raise CalibrationError("broken YAML: aliases are not allowed in a calibration")
         if depth > _MAX_DEPTH:
             raise CalibrationError(f"broken YAML: nested deeper than {_MAX_DEPTH} levels")

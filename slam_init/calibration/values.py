@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TypeAlias
 
 from slam_init.errors import CalibrationError
@@ -98,10 +98,7 @@ class Section:
 
 
 def _number(key: str, value: object) -> float:
-    try:
-        number = float(value) if isinstance(value, int | float | str) and not isinstance(value, bool) else math.nan
-    except (ValueError, OverflowError):
-        number = math.nan
-    if not math.isfinite(number):
-        raise CalibrationError(f"{key} is {str(value)[:40]!r}: give a number")
-    return number
+    with suppress(ValueError, OverflowError):
+        if isinstance(value, int | float | str) and not isinstance(value, bool) and math.isfinite(float(value)):
+            return float(value)
+    raise CalibrationError(f"{key} is {str(value)[:40]!r}: give a number")

@@ -24,7 +24,6 @@ import numpy as np
 from slam_init.calibration.formats import parse_colmap
 from slam_init.calibration.models import COLMAP_PARAMETERS, NUMBERED
 from slam_init.calibration.values import at_place
-from slam_init.datasets.bounded import first_bytes
 from slam_init.datasets.match_chains import PairMatches, chain_matches
 from slam_init.datasets.posed_images import common_camera
 from slam_init.datasets.text import Row, numbers, pose_from_quaternion, read_lines, read_rows
@@ -200,8 +199,6 @@ _WATERMARK = 7
 
 def open_colmap_database(path: Path) -> TrackSource:
     """Open a database as a source of tracks."""
-    if first_bytes(path, len(SQLITE)) != SQLITE:
-        raise SourceError(f"{path}: is no SQLite database: give a database of COLMAP")
     log = path.with_name(path.name + "-wal")
     if log.exists() and log.stat().st_size:
         raise SourceError(f"{path}: is being written ({log.name} holds changes): close the program that has it open")
@@ -209,12 +206,13 @@ def open_colmap_database(path: Path) -> TrackSource:
         # Immutable: SQLite would make files beside a database with a write-ahead log even where it only reads.
         address = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
         with closing(sqlite3.connect(address, uri=True)) as database:
+            # A view of the same name could compute for ever.
             tables = {name for (name,) in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
             if not tables >= _TABLES:
                 raise SourceError(f"{path}: is no database of COLMAP: its tables are others")
             return _read(path, database)
     except sqlite3.Error as error:
-        raise SourceError(f"{path}: the database is broken, or of another version of COLMAP ({error})") from None
+        raise SourceError(f"{path}: is broken, or of another version of COLMAP ({error})") from None
     except (TypeError, ValueError, OverflowError):
         raise SourceError(f"{path}: the database holds a value of an unexpected type") from None
 

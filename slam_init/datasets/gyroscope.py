@@ -91,9 +91,8 @@ class Gyroscope:
         angles = 0.5 * (rates[1:] + rates[:-1]) * np.diff(knots)[:, None]
         imu1_from_imu0 = reduce(lambda before, step: step @ before, rotation_from_vector(-angles), np.eye(3))
         duration_s = t1_s - t0_s
-        constant_rad_s = math.hypot(
-            self.bias_sigma_rad_s, _SCALE_ERROR * float(np.linalg.norm(angles.sum(axis=0))) / duration_s
-        )
+        scale_rad_s = _SCALE_ERROR * float(np.linalg.norm(angles.sum(axis=0))) / duration_s
+        constant_rad_s = math.hypot(self.bias_sigma_rad_s, scale_rad_s)
         sigma_rad = math.hypot(
             self.noise_density * math.sqrt(duration_s),
             constant_rad_s * math.sqrt(duration_s * max(duration_s, _CHAIN_S)),
@@ -106,28 +105,21 @@ class Gyroscope:
 
 
 def without_bias(raw: Gyroscope) -> Gyroscope:
-    """Subtract the bias of a raw record, which is measured where the record shows that the sensor was at rest."""
-    bias = _bias_at_rest(raw.timestamps_s, raw.rates_rad_s)
-    if bias is None:
-        return raw
-    return replace(raw, rates_rad_s=raw.rates_rad_s - bias, bias_sigma_rad_s=_RESTED_BIAS_RAD_S)
+    """Subtract the bias of a raw record: its mean rate in the seconds at rest.
 
-
-def _bias_at_rest(times_s: Floats, rates: Floats) -> Floats | None:
-    """The mean rate of the seconds at rest; None where there are none, or where they may be uniform turns."""
-    count = math.ceil(_REST_S / float(np.median(np.diff(times_s))))
-    if count < 2 or len(rates) < 2 * count:
-        return None
+    A record without such seconds, or where they may be uniform turns, stays as it is.
+    """
+    rates, count = raw.rates_rad_s, math.ceil(_REST_S / float(np.median(np.diff(raw.timestamps_s))))
     windows = len(rates) // count
+    if count < 2 or windows < 2:
+        return raw
     seconds = rates[: windows * count].reshape(windows, count, 3)
     # A second with missing samples is longer and counts as any other: at rest nothing changes.
     means, scatter = seconds.mean(axis=1), seconds.std(axis=1).max(axis=1)
     calm = (scatter < _REST_SCATTER_RAD_S) & (np.linalg.norm(means, axis=1) < _RAW_BIAS_RAD_S)
-    if calm.sum() < _LEAST_RESTS or calm.mean() > _MOST_REST:
-        return None
-    if np.ptp(means[calm], axis=0).max() > _SAME_REST_RAD_S:
-        return None
-    return np.asarray(means[calm].mean(axis=0))
+    if calm.sum() < _LEAST_RESTS or calm.mean() > _MOST_REST or np.ptp(means[calm], axis=0).max() > _SAME_REST_RAD_S:
+        return raw
+    return replace(raw, rates_rad_s=rates - means[calm].mean(axis=0), bias_sigma_rad_s=_RESTED_BIAS_RAD_S)
 
 
 def gyroscope_of(source: Source) -> Gyroscope | None:

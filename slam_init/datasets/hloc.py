@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.datasets.bounded import first_bytes
 from slam_init.datasets.match_chains import PairMatches, chain_matches
 from slam_init.datasets.track_source import TrackSource, by_name, track_source
 from slam_init.errors import SourceError
@@ -60,8 +59,6 @@ def _opened(path: Path) -> Iterator[h5py.File]:
         import h5py
     except ImportError:
         raise SourceError(f'{path}: reading .h5 needs h5py: pip install ".[hloc]"') from None
-    if first_bytes(path, len(HDF5)) != HDF5:
-        raise SourceError(f"{path}: is no HDF5 file of hloc")
     try:
         with h5py.File(path, "r") as file:
             yield file
@@ -69,18 +66,16 @@ def _opened(path: Path) -> Iterator[h5py.File]:
         raise SourceError(f"{path}: the file is broken ({str(error)[:120]})") from None
 
 
-def _entries(path: Path, group: h5py.Group) -> Iterator[tuple[str, h5py.Dataset]]:
-    """The arrays in a group and in the groups in it, without links to other files."""
-    import h5py
+def _arrays(group: h5py.Group, end: str) -> dict[str, object]:
+    """What lies at paths with this end, by what is before it. Links, which may lead to other files, are left out."""
+    found: dict[str, object] = {}
 
-    for key in group:
-        if not isinstance(group.get(key, getlink=True), h5py.HardLink):
-            raise SourceError(f"{path}: {key[:200]}: is a link: copy the file without links")
-        entry = group[key]
-        if isinstance(entry, h5py.Group):
-            yield from _entries(path, entry)
-        else:
-            yield entry.name.strip("/"), entry
+    def visit(name: str, entry: object) -> None:
+        if name.endswith(end):
+            found[name.removesuffix(end)] = entry
+
+    group.visititems(visit)
+    return found
 
 
 def _numbers(path: Path, name: str, entry: object, shape: tuple[int | None, ...]) -> Floats:
@@ -94,37 +89,31 @@ def _numbers(path: Path, name: str, entry: object, shape: tuple[int | None, ...]
 
 def _read_features(path: Path, features: h5py.File) -> tuple[list[str], list[Floats], tuple[int, int]]:
     """Names of the images in their order, their keypoints, and the size of all images."""
-    points: dict[str, Floats] = {}
-    sizes: dict[str, tuple[float, ...]] = {}
-    for name, entry in _entries(path, features):
-        if name.endswith("/keypoints"):
-            image = name.removesuffix("/keypoints")
-            points[image] = _numbers(path, name, entry, (None, None))[:, :2]
-            size = entry.parent.get("image_size")
-            sizes[image] = tuple(_numbers(path, f"{image}/image_size", size, (2,)).tolist())
+    points, sizes = _arrays(features, "/keypoints"), _arrays(features, "/image_size")
     if not points:
         raise SourceError(f"{path}: holds no keypoints: name the matches, with the features beside them")
-    names = list(points)
-    names = [names[i] for i in by_name(path, names)]
-    width, height = first = sizes[names[0]]
-    other = next((name for name in names if sizes[name] != first), None)
-    if other is not None:
+    listed = list(points)
+    names = [listed[i] for i in by_name(path, listed)]
+    keypoints = [_numbers(path, f"{name}/keypoints", points[name], (None, None))[:, :2] for name in names]
+    stated = [_numbers(path, f"{name}/image_size", sizes.get(name), (2,)).tolist() for name in names]
+    if other := next((name for name, size in zip(names, stated, strict=True) if size != stated[0]), None):
         raise SourceError(f"{path}: {other} and {names[0]} have different sizes: all images must be of one camera")
-    return names, [points[name] for name in names], (int(width), int(height))
+    width, height = stated[0]
+    return names, keypoints, (int(width), int(height))
 
 
 def _read_matches(path: Path, matches: h5py.File, names: list[str]) -> Iterator[PairMatches]:
     index = {name.replace("/", "-"): i for i, name in enumerate(names)}
     if len(index) < len(names):
         raise SourceError(f"{path}: two images differ in / and - only, which hloc does not tell apart")
-    entries = [(name, entry) for name, entry in _entries(path, matches) if name.endswith("/matches0")]
-    if not entries:
+    partners = _arrays(matches, "/matches0")
+    if not partners:
         raise SourceError(f"{path}: holds no matches0: name the file of the matches, not that of the features")
-    for name, entry in entries:
-        pair = _pair(name.removesuffix("/matches0"), index)
+    for name, entry in partners.items():
+        pair = _pair(name, index)
         if pair is None:
             raise SourceError(f"{path}: {name[:200]}: names an image that the features do not have")
-        partner = _numbers(path, name, entry, (None,)).astype(np.int64)
+        partner = _numbers(path, f"{name}/matches0", entry, (None,)).astype(np.int64)
         first = np.flatnonzero(partner > -1)
         yield PairMatches(*pair, np.column_stack([first, partner[first]]))
 

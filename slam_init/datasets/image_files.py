@@ -312,15 +312,8 @@ def open_folder(folder: Path) -> ImageFileSource:
     timestamps_s, notes = _times(paths, folder)
     if turn := TURNS.get(photograph_facts(paths[0], folder).orientation):
         notes += (f"by their EXIF orientation, which is not applied, the images are to be {turn}: {_AS_STORED}",)
-    return ImageFileSource(
-        folder.resolve().name,
-        "images",
-        tuple(paths),
-        timestamps_s,
-        stored_camera(folder, paths[0]),
-        stated_notes=notes,
-        root=folder,
-    )
+    name, camera = folder.resolve().name, stored_camera(folder, paths[0])
+    return ImageFileSource(name, "images", tuple(paths), timestamps_s, camera, stated_notes=notes, root=folder)
 
 
 def _times(paths: list[Path], root: Path) -> tuple[Floats, tuple[str, ...]]:

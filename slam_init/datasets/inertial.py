@@ -67,18 +67,13 @@ class InertialSensor(NamedTuple):
         * ``stated``: Noise densities, by their names in :func:`read_densities`.
         * ``clock_sigma_s``: None where one clock has taken images and samples.
         """
-        density = stated.get("gyroscope_noise_density", NOISE_DENSITY)
-        raw = Gyroscope(
-            timestamps_s, samples[:, :3], cam_from_imu.R, density, clock_sigma_s=clock_sigma_s or 0.0, name=name
-        )
-        gyroscope = without_bias(raw)
+        rates, density = samples[:, :3], stated.get("gyroscope_density", NOISE_DENSITY)
+        raw = Gyroscope(timestamps_s, rates, cam_from_imu.R, density, clock_sigma_s=clock_sigma_s or 0.0, name=name)
         if samples.shape[1] < 6:
-            return InertialSensor(gyroscope, None)
-        more = {name.replace("_noise", ""): value for name, value in stated.items()}
-        if clock_sigma_s is not None:
-            more["clock_sigma_s"] = clock_sigma_s
-        record = InertialRecord(timestamps_s, samples[:, :3], samples[:, 3:], cam_from_imu, name=name, **more)
-        return InertialSensor(gyroscope, record)
+            return InertialSensor(without_bias(raw), None)
+        clock = {} if clock_sigma_s is None else {"clock_sigma_s": clock_sigma_s}
+        record = InertialRecord(timestamps_s, rates, samples[:, 3:], cam_from_imu, name=name, **stated, **clock)
+        return InertialSensor(without_bias(raw), record)
 
 
 class WithSensor(ABC):
@@ -151,15 +146,14 @@ def pose_of_yaml(place: str, value: object) -> Pose:
 
 
 def read_densities(place: Path, stated: Section) -> dict[str, float]:
-    """Read the noise densities that a YAML file states, by their names in EuRoC and Kalibr."""
+    """Read the noise densities that a YAML file states, by the names of an :class:`InertialRecord`."""
     found = {}
     with at_place(place):
-        for name, (least, most, example) in _DENSITIES.items():
-            if name not in stated.values:
-                continue
-            found[name] = stated.number(name)
-            if not least <= found[name] <= most:
-                raise CalibrationError(f"{name} is {found[name]!r}: give {example}")
+        for name in stated.values.keys() & _DENSITIES:
+            value, (least, most, example) = stated.number(name), _DENSITIES[name]
+            if not least <= value <= most:
+                raise CalibrationError(f"{name} is {value!r}: give {example}")
+            found[name.replace("_noise", "")] = value
     return found
 
 

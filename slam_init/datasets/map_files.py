@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ from slam_init.datasets.colmap import read_model
 from slam_init.datasets.image_files import ImageFileSource, check_size, find_by_end, natural_key
 from slam_init.datasets.layouts.photographs import TRANSFORMS, find_colmap, read_transforms
 from slam_init.datasets.match_chains import TrackTable
-from slam_init.datasets.posed_images import common_camera
+from slam_init.datasets.posed_images import common_camera, file_of
 from slam_init.datasets.stamps import line_by_line, truth_on_clock
 from slam_init.datasets.text import TUM_COLUMNS, pose_from_matrix, read_poses, stamps_of, trajectory
 from slam_init.datasets.track_source import KnowsTracks, TrackSource
@@ -112,20 +113,18 @@ def open_map(path: Path) -> MapFile:
             return of_suffix(path)
         return _graph(path.parent) if path.name == _GRAPH else _trajectory(path)
     if not path.is_dir():
-        if path.exists() and (problem := kind_problem(path)):
-            raise SourceError(f"{path}: {problem}")
-        raise SourceError(f"{path}: no such map: give handover.npz, a folder, or a trajectory")
+        problem = (path.exists() and kind_problem(path)) or "no such map"
+        raise SourceError(f"{path}: {problem}: give handover.npz, a folder, or a trajectory")
     if (path / _HANDOVER).is_file():
         return _handover(path / _HANDOVER)
     if (model := find_colmap(path)) is not None:
         return _colmap(path, model)
     if (path / _GRAPH).is_file() and (path / _VALUES).is_file():
         return _graph(path)
-    listed = next((path / name for name in TRANSFORMS if (path / name).is_file()), None)
-    if listed is None:
-        looked_for = f"{_HANDOVER}, cameras and images of COLMAP, {_GRAPH} of gtsam and {TRANSFORMS[0]}"
-        raise SourceError(f"{path}: holds no map: looked for {looked_for} (run --restart has some in segment-001)")
-    return _transforms(listed)
+    if listed := file_of(*TRANSFORMS)(path):
+        return _transforms(listed)
+    looked_for = f"{_HANDOVER}, cameras and images of COLMAP, {_GRAPH} of gtsam and {TRANSFORMS[0]}"
+    raise SourceError(f"{path}: holds no map: looked for {looked_for} (run --restart has some in segment-001)")
 
 
 def tracked_by(
@@ -216,9 +215,8 @@ def _by_time(known: Trajectory, times_s: Floats) -> tuple[dict[int, Pose], tuple
 
 
 def _clocks(stamps: Floats, times_s: Floats) -> str:
-    return (
-        f"time stamps of {stamps[0]:.12g} to {stamps[-1]:.12g}, and images of {times_s[0]:.12g} to {times_s[-1]:.12g} s"
-    )
+    first, last, from_s, to_s = (f"{time:.12g}" for time in (stamps[0], stamps[-1], times_s[0], times_s[-1]))
+    return f"time stamps of {first} to {last}, and images of {from_s} to {to_s} s"
 
 
 def _names_of(source: TimedSource) -> list[str]:
@@ -242,7 +240,7 @@ def _trajectory(path: Path) -> MapFile:
 def _transforms(path: Path) -> MapFile:
     images = list(read_transforms(path, path.parent))
     camera, kept, _ = common_camera([image.camera for image in images], str(path))
-    images = [image for image, keep in zip(images, kept, strict=True) if keep]
+    images = list(compress(images, kept))
     poses = tuple(image.world_from_cam for image in images if image.world_from_cam is not None)
     names = tuple(image.path.as_posix() for image in images)
     return MapFile(path, poses, tuple(range(len(images))), names, camera, images=path.parent)
@@ -264,7 +262,7 @@ def _colmap(folder: Path, model: Path) -> MapFile:
     images, cameras = read_model(model, folder)
     images = sorted(images, key=lambda image: natural_key(image.name))
     camera, kept, _ = common_camera([cameras[image.camera_id] for image in images], str(folder))
-    images = [image for image, keep in zip(images, kept, strict=True) if keep]
+    images = list(compress(images, kept))
     pixels, ids = zip(*(image.keypoints() for image in images), strict=True)
     frames = np.repeat(np.arange(len(images)), [len(some) for some in ids])
     poses = tuple(image.cam_from_world.inverse() for image in images)

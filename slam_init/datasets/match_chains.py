@@ -39,14 +39,14 @@ class TrackTable:
     #: (M, 2) Pixel centres at integer coordinates.
     pixels: Floats
 
-    def reordered(self, rank: Ints) -> TrackTable:
-        """The same tracks with the frames in another order.
+    @staticmethod
+    def of(frames: Ints, track_ids: Ints, pixels: Floats) -> TrackTable:
+        """Sort observations.
 
-        Shapes: ``rank`` (F,).
+        Shapes: ``frames, track_ids`` (M,), ``pixels`` (M, 2).
         """
-        frames = rank[self.frames]
-        order = np.lexsort((self.track_ids, frames))
-        return TrackTable(frames[order], self.track_ids[order], self.pixels[order])
+        order = np.lexsort((track_ids, frames))
+        return TrackTable(frames[order], track_ids[order], pixels[order])
 
 
 def chain_matches(
@@ -69,10 +69,8 @@ def chain_matches(
     _, first, inverse = np.unique(labels[seen], return_index=True, return_inverse=True)
     # Nodes are sorted by image, so that this is the order of the first observations.
     track_ids = np.argsort(np.argsort(first, kind="stable"), kind="stable")[inverse]
-    order = np.lexsort((track_ids, images[seen]))
-    chosen = seen[order]
     notes = (f"{dropped} matches would join two points of one image in a track, and are dropped",) if dropped else ()
-    return TrackTable(images[chosen], track_ids[order].astype(np.int64), pixels[chosen]), notes
+    return TrackTable.of(images[seen], track_ids.astype(np.int64), pixels[seen]), notes
 
 
 def _nodes(keypoints: Sequence[Floats]) -> tuple[list[Ints], Ints, Floats]:
@@ -96,10 +94,9 @@ def _edges(nodes: Sequence[Ints], pairs: Iterable[PairMatches], what: str) -> In
             if len(column) and not (column.min() >= 0 and column.max() < len(nodes[image])):
                 pair_of = f"a match of {pair.first} and {pair.second}"
                 raise SourceError(f"{what}: {pair_of} names a keypoint that {image} lacks")
-        if pair.first != pair.second and len(matched):
-            ends = np.column_stack([nodes[pair.first][matched[:, 0]], nodes[pair.second][matched[:, 1]]])
-            found.append(np.sort(ends, axis=1))
-            gaps.append(np.full(len(ends), abs(pair.first - pair.second)))
+        ends = np.column_stack([nodes[pair.first][matched[:, 0]], nodes[pair.second][matched[:, 1]]])
+        found.append(np.sort(ends, axis=1))
+        gaps.append(np.full(len(ends), abs(pair.first - pair.second)))
     if not found:
         return np.zeros((0, 2), np.int64)
     edges, first = np.unique(np.concatenate(found), axis=0, return_index=True)

@@ -148,11 +148,8 @@ def open_source(text: str | os.PathLike[str], seed: int = 0) -> TimedSource:
 def detect_kind(text: str | os.PathLike[str]) -> str:
     """Detect the kind of a source."""
     text = _text(text)
-    if text.startswith(PREFIX):
-        return "synth"
-    if text.startswith(PYTHON):
-        return "python"
-    return _layout_of(text)[0].kind
+    prefix, colon, _ = text.partition(":")
+    return prefix if prefix + colon in (PREFIX, PYTHON) else _layout_of(text)[0].kind
 
 
 def _text(source: str | os.PathLike[str]) -> str:
@@ -207,9 +204,8 @@ def _first_that_fits(path: Path, layouts: tuple[Layout, ...]) -> tuple[Layout, A
         if found := layout.find(path):
             return layout, found
     if sources := _sources_in(path):
-        named, more = ", ".join(sources[:_NAMED]), len(sources) - _NAMED
-        more_text = f" and {more} more" if more > 0 else ""
-        raise SourceError(f"{path}: is not one sequence: give one of those in it: {named}{more_text}")
+        more = f" and {len(sources) - _NAMED} more" if len(sources) > _NAMED else ""
+        raise SourceError(f"{path}: is not one sequence: give one of those in it: {', '.join(sources[:_NAMED])}{more}")
     looked_for = ", ".join(layout.looked_for for layout in layouts)
     raise SourceError(f"{path}: no sequence in this folder; looked for {looked_for}")
 
@@ -217,11 +213,8 @@ def _first_that_fits(path: Path, layouts: tuple[Layout, ...]) -> tuple[Layout, A
 def _sources_in(folder: Path) -> list[str]:
     """The folders and files of a folder that are sources, in the order of their names."""
     with os.scandir(folder) as entries:
-        names = sorted(
-            (entry.name for entry in itertools.islice(entries, _LOOKED_AT) if not entry.name.startswith(".")),
-            key=natural_key,
-        )
-    return [name for name in names if _is_source(folder / name)]
+        names = [entry.name for entry in itertools.islice(entries, _LOOKED_AT) if not entry.name.startswith(".")]
+    return [name for name in sorted(names, key=natural_key) if _is_source(folder / name)]
 
 
 def _is_source(path: Path) -> bool:

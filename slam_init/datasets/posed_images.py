@@ -113,17 +113,8 @@ def image_sequence(
     if poses:
         stamped = zip(timestamps_s.tolist(), poses, strict=True)
         truth = trajectory([(time_s, pose) for time_s, pose in stamped if pose is not None])
-    return ImageFileSource(
-        root.resolve().name if name is None else name,
-        kind,
-        tuple(paths),
-        timestamps_s,
-        camera,
-        truth,
-        (*time_notes, *notes, *truth_notes),
-        root,
-        imu,
-    )
+    name, notes = name or root.resolve().name, (*time_notes, *notes, *truth_notes)
+    return ImageFileSource(name, kind, tuple(paths), timestamps_s, camera, truth, notes, root, imu)
 
 
 def photographs(kind: str, root: Path, images: Sequence[PosedImage]) -> ImageFileSource:
@@ -131,9 +122,8 @@ def photographs(kind: str, root: Path, images: Sequence[PosedImage]) -> ImageFil
 
     Images that the folder does not hold are left out, since data sets are often passed on in part.
     """
-    there = sorted(
-        (image for image in images if image.path.is_file()), key=lambda image: natural_key(image.path.as_posix())
-    )
+    there = [image for image in images if image.path.is_file()]
+    there.sort(key=lambda image: natural_key(image.path.as_posix()))
     if not there:
         listed = f", for example {os.path.relpath(images[0].path, root)}" if images else ""
         raise SourceError(f"{root}: holds none of the {len(images)} images that its {kind} lists{listed}")
@@ -156,10 +146,10 @@ def common_camera(cameras: Sequence[Camera | None], what: str) -> tuple[Camera |
     stated = [camera for camera in cameras if camera is not None]
     if not stated:
         return None, [True] * len(cameras), ()
-    counts = Counter((camera.model, camera.width, camera.height, len(camera.distortion)) for camera in stated)
-    kind = max(counts, key=counts.__getitem__)  # of equal ones the first
-    alike = [c for c in stated if (c.model, c.width, c.height, len(c.distortion)) == kind]
+    kinds = [(camera.model, camera.width, camera.height, len(camera.distortion)) for camera in stated]
+    (kind, _), *_ = Counter(kinds).most_common(1)  # of equal ones the first
     model, width, height, _ = kind
+    alike = [camera for camera, its_kind in zip(stated, kinds, strict=True) if its_kind == kind]
     middle = np.median([(c.fx, c.fy, c.cx, c.cy, *c.distortion) for c in alike], axis=0).tolist()
     fx, fy, cx, cy, *distortion = middle
     median = Camera(model, width, height, fx, fy, cx, cy, tuple(distortion))

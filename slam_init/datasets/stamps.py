@@ -85,9 +85,7 @@ def line_by_line(stamps: Floats, timestamps_s: Floats) -> bool:
 
 def _matched(truth_s: Floats, timestamps_s: Floats) -> int:
     """How many images have a true pose near in time."""
+    bounded = np.concatenate([[-np.inf], truth_s, [np.inf]])
     after = np.searchsorted(truth_s, timestamps_s)
-    nearest = np.minimum(
-        np.abs(truth_s[np.minimum(after, len(truth_s) - 1)] - timestamps_s),
-        np.abs(truth_s[np.maximum(after - 1, 0)] - timestamps_s),
-    )
+    nearest = np.minimum(timestamps_s - bounded[after], bounded[after + 1] - timestamps_s)
     return int((nearest <= _TOLERANCE_S).sum())

@@ -58,10 +58,8 @@ class SynthSource(WithSensor):
         if measured is None:
             return None
         samples = np.concatenate([measured.rates_rad_s, measured.accelerations_m_s2], axis=1)
-        densities = {
-            "gyroscope_noise_density": measured.noise.gyroscope_density,
-            "accelerometer_noise_density": measured.noise.accelerometer_density,
-        }
+        names = ("gyroscope_density", "accelerometer_density")
+        densities = {name: getattr(measured.noise, name) for name in names}
         pose = pose_from_matrix(self.name, measured.cam_from_imu)
         return InertialSensor.made(measured.timestamps_s, samples, pose, densities, name="the simulated sensor")
 
@@ -101,15 +99,11 @@ def option_values(text: str, query: str, defaults: Any) -> dict[str, Any]:
     for key, value in parse_qsl(query, keep_blank_values=True):
         if key not in known:
             raise SourceError(f"{text}: unknown option {key!r}: use one of {', '.join(known)}")
-        if known[key] is bool:
-            if value not in _SWITCH:
-                raise SourceError(f"{text}: {key} is {value!r}: give 0 or 1")
-            values[key] = _SWITCH[value]
-            continue
+        is_switch = known[key] is bool
         try:
-            values[key] = known[key](value)
-        except ValueError:
-            raise SourceError(f"{text}: {key} is {value!r}: give a number") from None
+            values[key] = _SWITCH[value] if is_switch else known[key](value)
+        except (KeyError, ValueError):
+            raise SourceError(f"{text}: {key} is {value!r}: give {'0 or 1' if is_switch else 'a number'}") from None
     return values
 
 

@@ -10,6 +10,7 @@ import math
 import os
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TypeAlias
 
@@ -60,14 +61,11 @@ def read_lines(path: str | os.PathLike[str], root: str | os.PathLike[str] | None
 
 def numbers(row: Row, fields: list[str], count: int, what: str) -> list[float]:
     """Parse the first ``count`` fields of a line as finite numbers."""
-    place, text = row
-    try:
+    with suppress(ValueError):
         values = [float(field) for field in fields[:count]]
-    except ValueError:
-        values = []
-    if len(values) < count or not all(math.isfinite(value) for value in values):
-        raise SourceError(f"{place}: expected {what}, found {text[:60]!r}")
-    return values
+        if len(values) == count and all(map(math.isfinite, values)):
+            return values
+    raise SourceError(f"{row[0]}: expected {what}, found {row[1][:60]!r}")
 
 
 def trajectory(stamped: Iterable[tuple[float, Pose]]) -> Trajectory | None:

@@ -178,29 +178,19 @@ def with_pictures(source: TrackSource, pictures: ImageFileSource) -> TrackSource
         indices += candidates
     if len(set(indices)) < len(indices):
         raise SourceError(f"{pictures.name}: one picture for two images of {source.name}: give its image folder")
-    order = np.argsort(indices, kind="stable")
-    rank = np.argsort(order, kind="stable")
-    sorted_indices = tuple(indices[i] for i in order.tolist())
+    order, table = np.argsort(indices, kind="stable"), source.table
+    sorted_indices = tuple(sorted(indices))
     return replace(
         source,
         image_names=tuple(source.image_names[i] for i in order.tolist()),
         timestamps_s=pictures.timestamps_s[list(sorted_indices)],
-        table=source.table.reordered(rank),
+        table=TrackTable.of(np.argsort(order)[table.frames], table.track_ids, table.pixels),
         camera=source.camera or pictures.camera,
-        groundtruth=_truth_of(pictures, sorted_indices) or source.groundtruth,
+        groundtruth=pictures.groundtruth or source.groundtruth,
         notes=(*source.notes, *pictures.notes),
         pictures=pictures,
         picture_indices=sorted_indices,
     )
-
-
-def _truth_of(pictures: ImageFileSource, indices: tuple[int, ...]) -> Trajectory | None:
-    truth = pictures.groundtruth
-    if truth is None:
-        return None
-    times_s = pictures.timestamps_s[list(indices)].tolist()
-    poses = ((time_s, truth.at(time_s)) for time_s in times_s)
-    return trajectory([(time_s, pose) for time_s, pose in poses if pose is not None])
 
 
 # -- a file of tracks ------------------------------------------------------------------------------
@@ -228,8 +218,7 @@ def open_tracks_file(path: Path) -> TrackSource:
     names = _names(path, arrays.get("names"), int(frame.max(initial=-1)) + 1)
     if len(frame) and (frame.min() < 0 or frame.max() >= len(names)):
         raise SourceError(f"{path}: frame has the value {frame.max()}, but there are {len(names)} names")
-    order = np.lexsort((track, frame))
-    table = TrackTable(frame[order], track[order], xy[order])
+    table = TrackTable.of(frame, track, xy)
     if ((np.diff(table.frames) == 0) & (np.diff(table.track_ids) == 0)).any():
         raise SourceError(f"{path}: a track is in a frame twice: give each track once in a frame")
     timestamps_s: Floats | None = None

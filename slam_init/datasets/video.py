@@ -166,16 +166,6 @@ def packet_times_s(path: Path) -> list[float]:
     return sorted(time_s for time_s in times_s if time_s >= 0)
 
 
-def count_frames(path: Path) -> int:
-    """Count the frames of a video by decoding it."""
-    return sum(1 for _ in islice(decoded(path, skip=_MAX_FRAMES), _MAX_FRAMES))
-
-
-def is_gif(path: Path) -> bool:
-    """Whether a file is a GIF."""
-    return first_bytes(path, 6) in (b"GIF87a", b"GIF89a")
-
-
 def _start_s(stream: VideoStream) -> float:
     return float((stream.start_time or 0) * (stream.time_base or 0))
 
@@ -241,7 +231,7 @@ class VideoSource:
         """
         wanted = frame_range(self.length, start, max_frames, self.name)
         # A GIF has no fields; its few colours are dithered, which looks like a comb.
-        may_have_fields, has_fields = not is_gif(self.path), False
+        may_have_fields, has_fields = first_bytes(self.path, 3) != b"GIF", False
         index, last_s = -1, -1.0
         for index, (time_s, image) in enumerate(islice(decoded(self.path, wanted.start), wanted.stop)):
             last_s = _next_time(time_s, last_s, 1 / self.rate_hz)
@@ -261,7 +251,10 @@ def open_video(path: Path) -> VideoSource:
     """Open a video file and decode its first frame."""
     import av
 
-    _check_file(path)
+    # A playlist is a text with the names of other files, or of addresses, which FFmpeg would read.
+    start = first_bytes(path, _TEXT_BYTES)
+    if start and not _NOT_TEXT.search(start):
+        raise SourceError(f"{path}: is a text, not a readable video; give a video file, or a folder of images")
     try:
         with _opened(path) as (container, stream):
             if stream.codec_context is None:
@@ -285,8 +278,9 @@ def open_video(path: Path) -> VideoSource:
         rate_hz = NOMINAL_RATE_HZ
         notes.append(f"the video states no possible frame rate: {rate_hz:g} frames a second are assumed")
     # A frame takes at least a byte of the file.
-    possible = 1 <= stated <= min(path.stat().st_size, _MAX_FRAMES)
-    return VideoSource(path, int(stated) if possible else max(count_frames(path), 1), rate_hz, size, tuple(notes))
+    if not 1 <= stated <= min(path.stat().st_size, _MAX_FRAMES):
+        stated = max(sum(1 for _ in islice(decoded(path, skip=_MAX_FRAMES), _MAX_FRAMES)), 1)
+    return VideoSource(path, int(stated), rate_hz, size, tuple(notes))
 
 
 def _next_time(time_s: float, last_s: float, interval_s: float) -> float:
@@ -297,11 +291,3 @@ def _next_time(time_s: float, last_s: float, interval_s: float) -> float:
     if last_s < 0:
         return time_s if time_s >= 0 else 0.0
     return time_s if time_s > last_s else last_s + interval_s
-
-
-def _check_file(path: Path) -> None:
-    """Refuse a file that is not to be given to a decoder."""
-    start = first_bytes(path, _TEXT_BYTES)
-    # A playlist is a text with the names of other files, or of addresses, which FFmpeg would read.
-    if start and not _NOT_TEXT.search(start):
-        raise SourceError(f"{path}: is a text, not a readable video; give a video file, or a folder of images")

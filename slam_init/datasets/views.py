@@ -48,7 +48,7 @@ class DerivedSource:
 
     name, kind, camera = _of_source("name"), _of_source("kind"), _of_source("camera")
     groundtruth, timestamps_s = _of_source("groundtruth"), _of_source("timestamps_s")
-    gyroscope, inertial = _of_source("gyroscope", None), _of_source("inertial", None)
+    gyroscope, inertial, left = (_of_source(name, None) for name in ("gyroscope", "inertial", "left"))
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -57,11 +57,6 @@ class DerivedSource:
 
     def __len__(self) -> int:
         return len(self.source)
-
-    def left(self, start: int) -> int:
-        """Count the frames from a frame on."""
-        left: Callable[[int], int] | None = getattr(self.source, "left", None)
-        return len(self.source) - start if left is None else left(start)
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Give the frames of the source."""
@@ -284,9 +279,8 @@ class SourceView:
             return cls(), text
         query, _, source = text.removeprefix(_PREFIX).partition(":")  # a colon in a value is written as %3A
         options = dict(parse_qsl(query))
-        fps = options.get("fps")
-        rate = None if fps is None else float(fps)
-        return cls(int(options.get("every", 1)), rate, options.get("mask"), options.get("camera")), source
+        fps = float(options["fps"]) if "fps" in options else None
+        return cls(int(options.get("every", 1)), fps, options.get("mask"), options.get("camera")), source
 
 
 # -- gravity ---------------------------------------------------------------------------------------
@@ -352,12 +346,11 @@ def read_gravity(path: str | os.PathLike[str]) -> Callable[[Frame], Gravity | No
         raise SourceError(f"{table}: holds no direction of gravity: write lines of TIME x y z or NAME x y z")
     if not all(map(math.isfinite, timed)):
         raise SourceError(f"{table}: a time stamp is not finite: give seconds")
-    times_s = np.array(sorted(timed))
 
     def gravity_of(frame: Frame) -> Gravity | None:
-        if frame.name in named or not len(times_s):
+        if frame.name in named or not timed:
             return named.get(frame.name)
-        nearest = float(times_s[np.argmin(np.abs(times_s - frame.timestamp_s))])
+        nearest = min(timed, key=lambda time_s: abs(time_s - frame.timestamp_s))
         return timed[nearest] if abs(nearest - frame.timestamp_s) <= _NEAR_S else None
 
     return gravity_of

@@ -73,10 +73,8 @@ def find_scale(
         as_image(image, f"the image of frame {frame}", (map_.camera.width, map_.camera.height))
     for one in located:
         check_type(one, Keyframe, "a located frame", "the Keyframes of frames with known poses")
-    if groundtruth is not None:
-        check_type(groundtruth, Trajectory, "groundtruth", "a Trajectory")
-    if imu is not None:
-        check_type(imu, InertialRecord, "imu", "an InertialRecord")
+    check_type(groundtruth, (Trajectory, type(None)), "groundtruth", "a Trajectory")
+    check_type(imu, (InertialRecord, type(None)), "imu", "an InertialRecord")
     try:
         match request:
             case MeasuredMotion():

@@ -76,7 +76,6 @@ def _of_scale(sigma: float, offsets: Floats) -> Floats:
 
 def scaled_keyframes(keyframes: tuple[Keyframe, ...], factor: float) -> tuple[Keyframe, ...]:
     """Change the unit of keyframes."""
-    return tuple(
-        replace(keyframe, world_from_cam=Pose(keyframe.world_from_cam.R, factor * keyframe.world_from_cam.t))
-        for keyframe in keyframes
-    )
+    poses = (keyframe.world_from_cam for keyframe in keyframes)
+    scaled = (Pose(pose.R, factor * pose.t) for pose in poses)
+    return tuple(replace(one, world_from_cam=pose) for one, pose in zip(keyframes, scaled, strict=True))

@@ -155,16 +155,13 @@ def fit_target(map_: InitialMap, sightings: Sequence[Sighting]) -> TargetSize | 
 
 
 def _views(map_: InitialMap, sightings: Sequence[Sighting]) -> list[_View]:
-    views = []
     positions = {keyframe.frame: k for k, keyframe in enumerate(map_.keyframes)}
-    for sighting in sightings:
-        if sighting.frame not in positions:
-            continue
-        k = positions[sighting.frame]
-        rays = map_.camera.bearings(sighting.pixels)
-        # The homography needs rays on the plane z = 1.
-        if np.isfinite(rays).all() and (rays[:, 2] > 0.05).all():
-            views.append(_View(k, map_.keyframes[k].world_from_cam, sighting, rays))
+    seen = [(one, map_.camera.bearings(one.pixels)) for one in sightings if one.frame in positions]
+    views = [
+        _View(positions[one.frame], map_.keyframes[positions[one.frame]].world_from_cam, one, rays)
+        for one, rays in seen
+        if np.isfinite(rays).all() and (rays[:, 2] > 0.05).all()  # the homography needs rays on the plane z = 1
+    ]
     return [view for view in views if _planar_poses(view)]
 
 

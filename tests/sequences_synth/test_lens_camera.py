@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from sequences_synth import LENSES, write_tum
-from sequences_synth.camera import all_sights, lens_camera
+from sequences_synth import write_tum
+from sequences_synth.camera import LENSES, all_sights, lens_camera
 from slam_init.calibration.files import load_camera
 from slam_init.datasets.synth import open_synth
 from slam_init.types.camera import Camera

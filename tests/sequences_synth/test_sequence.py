@@ -22,7 +22,7 @@ MOVING = [name for name in SCENES if name not in ("static", "rotation", *TIMED)]
 def plane_residual(sequence, depth):
     """Largest distance of a frame's points from their best plane, over the median depth."""
     y, x = np.mgrid[: depth.shape[0], : depth.shape[1]]
-    rays = np.stack([x, y, np.ones_like(x)], -1).reshape(-1, 3) @ np.linalg.inv(sequence.true_camera.K).T
+    rays = np.stack([x, y, np.ones_like(x)], -1).reshape(-1, 3) @ np.linalg.inv(sequence.sensors[0].camera.K).T
     points = rays * depth.reshape(-1, 1).astype(float)
     centred = points - points.mean(axis=0)
     normal = np.linalg.svd(centred, full_matrices=False)[2][2]

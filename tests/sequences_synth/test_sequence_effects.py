@@ -12,19 +12,24 @@ CLEAN = {"width": 320, "height": 240, "noise": 0.0, "motion_blur": 0.0, "exposur
 SMALL = {**CLEAN, "width": 160, "height": 120}
 
 
+def pixel_poses(sensor, frame, pixels):
+    """The poses that the camera had when it exposed pixels."""
+    return np.stack([sensor.pose(float(f)) for f in frame + sensor.fps * sensor.shutter.delay_s(pixels)])
+
+
 def transfer(sequence, i, j, depth):
     """Pixels of frame i transferred to frame j by the depth of i and the poses of the rows; their depth in frame j."""
     depth = depth.astype(float)
-    camera = sequence.true_camera
+    camera = sequence.sensors[0].camera
     y, x = (a.ravel() for a in np.mgrid[: depth.shape[0] : 8, : depth.shape[1] : 8])
     pixels = np.column_stack([x, y]).astype(float)
-    poses = sequence.sensors[0].pixel_poses(i, pixels)
+    poses = pixel_poses(sequence.sensors[0], i, pixels)
     rays = camera.rays(pixels)
     X = rays / rays[:, 2:] * depth[y, x][:, None]
     X = np.einsum("nij,nj->ni", poses[:, :3, :3], X) + poses[:, :3, 3]
     there = pixels
     for _ in range(8):
-        poses = sequence.sensors[0].pixel_poses(j, there)
+        poses = pixel_poses(sequence.sensors[0], j, there)
         moved = np.einsum("ni,nij->nj", X - poses[:, :3, 3], poses[:, :3, :3])
         there = camera.project(np.column_stack([moved[:, :2], np.maximum(moved[:, 2], 0.1)]))
         there = np.clip(there, -200, 600)
@@ -33,9 +38,9 @@ def transfer(sequence, i, j, depth):
 
 def test_a_render_with_one_pose_per_row_is_the_usual_render_where_all_poses_are_equal():
     sequence = make_sequence("desk", 1, SynthOptions(**CLEAN, frames=31))
-    K, quads, pose = sequence.true_camera.K, sequence.sensors[0].world.quads, sequence.sensors[0].pose
+    K, quads, pose = sequence.sensors[0].camera.K, sequence.sensors[0].quads, sequence.sensors[0].pose
     usual = render(quads, K, np.linalg.inv(pose(30)), 320, 240)
-    lines = render_lines(quads, sequence.true_camera, lambda rows: np.full(len(rows), 30.0), pose)
+    lines = render_lines(quads, sequence.sensors[0].camera, lambda rows: np.full(len(rows), 30.0), pose)
     assert np.abs(usual.image.astype(int) - lines.image).max() <= 3
     assert np.mean(usual.ids != lines.ids) < 1e-3
     same = usual.ids == lines.ids

@@ -123,7 +123,7 @@ def make_window(
 
 def camera_of(sequence: PointSequence) -> Camera:
     """The true camera of a sequence."""
-    c = sequence.true_camera
+    c = sequence.shot.camera
     return Camera("pinhole", c.width, c.height, c.fx, c.fy, c.cx, c.cy)
 
 

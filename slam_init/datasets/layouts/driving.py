@@ -70,15 +70,9 @@ def open_kitti(folder: Path, found: Path) -> ImageFileSource:
         if path.exists():
             poses = [pose @ cam0_from_cam for pose in read_poses_of(paths, path, root)]
             break
+    camera, name = stored_camera(sequence, paths[0]) or camera, f"{sequence.name}/{images.name}"
     return image_sequence(
-        "kitti",
-        sequence,
-        paths,
-        name=f"{sequence.name}/{images.name}",
-        stamps=stamps,
-        rate_hz=_NOMINAL_RATE_HZ,
-        camera=stored_camera(sequence, paths[0]) or camera,
-        poses=poses,
+        "kitti", sequence, paths, name=name, stamps=stamps, rate_hz=_NOMINAL_RATE_HZ, camera=camera, poses=poses
     )
 
 
@@ -109,17 +103,12 @@ def find_tartanair(folder: Path) -> tuple[Path, Path] | None:
 def open_tartanair(folder: Path, found: tuple[Path, Path]) -> ImageFileSource:
     """Open a TartanAir sequence."""
     paths = list_images(found[0])
-    poses = read_poses_of(paths, found[1], folder, "tx ty tz qx qy qz qw")
+    stated = read_poses_of(paths, found[1], folder, "tx ty tz qx qy qz qw")
+    poses = [with_axes(pose, "forward, right, down") for pose in stated]
     width, height = image_size(paths[0], folder)
-    camera = Camera("pinhole", width, height, width / 2, width / 2, width / 2, height / 2, source="machine")
-    return image_sequence(
-        "tartanair",
-        folder,
-        paths,
-        rate_hz=_NOMINAL_RATE_HZ,
-        camera=stored_camera(folder, paths[0]) or camera,
-        poses=[with_axes(pose, "forward, right, down") for pose in poses],
-    )
+    published = Camera("pinhole", width, height, width / 2, width / 2, width / 2, height / 2, source="machine")
+    camera = stored_camera(folder, paths[0]) or published
+    return image_sequence("tartanair", folder, paths, rate_hz=_NOMINAL_RATE_HZ, camera=camera, poses=poses)
 
 
 LAYOUTS = (

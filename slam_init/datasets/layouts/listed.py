@@ -95,7 +95,8 @@ def open_tum(folder: Path, index: Path) -> ImageFileSource:
     truth: Trajectory | None = None
     if reflected:
         stamps = [(place, stamp / _ICL_NUIM_RATE_HZ) for place, stamp in stamps]
-        camera, truth = camera or _ICL_NUIM, _reflected(read_trajectory(reflected[0], folder))
+        camera, truth = camera or _ICL_NUIM, read_trajectory(reflected[0], folder)
+        truth = _reflected(truth) if truth else None
     else:
         named = re.search(r"freiburg([123])", folder.resolve().name)
         camera = camera or (_FREIBURG[named[1]] if named else None)
@@ -113,10 +114,8 @@ def _colour_of_pair(row: Row) -> list[str]:
     return fields[2:] if len(fields) >= 4 and fields[1].lower().startswith("depth") else fields
 
 
-def _reflected(truth: Trajectory | None) -> Trajectory | None:
+def _reflected(truth: Trajectory) -> Trajectory:
     """The poses of ICL-NUIM for world and camera frames whose y axes point down, with times in seconds."""
-    if truth is None:
-        return None
     F = np.diag([1.0, -1.0, 1.0])
     poses = tuple(Pose(F @ pose.R @ F, F @ pose.t) for pose in truth.world_from_cam)
     return Trajectory(truth.timestamps_s * (1 / _ICL_NUIM_RATE_HZ), poses)

@@ -28,6 +28,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -93,8 +94,7 @@ def open_colmap(folder: Path, model: Path) -> ImageFileSource:
     return photographs("colmap", folder, images)
 
 
-def open_transforms(folder: Path, path: Path) -> ImageFileSource:
-    """Open a folder with a ``transforms.json``."""
+def _open_transforms(folder: Path, path: Path) -> ImageFileSource:
     return photographs("transforms", folder, list(read_transforms(path, folder)))
 
 
@@ -160,12 +160,8 @@ def _transforms_camera(place: str, stated: JsonObject, size: tuple[int, int] | N
     return camera
 
 
-def find_trakmark(folder: Path) -> Path | None:
-    """Find the extrinsic parameters of a sequence."""
-    return _named(folder, "extrinsic")
-
-
-def _named(folder: Path, word: str) -> Path | None:
+def _named(word: str, folder: Path) -> Path | None:
+    """Find the table of a sequence whose name has a word."""
     found = (path for path in sorted(folder.glob("*")) if word in path.name.lower() and path.suffix in _TRAKMARK_TABLES)
     return next((path for path in found if path.is_file()), None)
 
@@ -174,13 +170,13 @@ def open_trakmark(folder: Path, extrinsics: Path) -> ImageFileSource:
     """Open a sequence in the manner of TrakMark."""
     paths = list_images(image_folder(folder) or folder)
     poses = [pose.inverse() for pose in read_poses_of(paths, extrinsics, folder)]
-    intrinsics = _named(folder, "intrinsic")
+    intrinsics = _named("intrinsic", folder)
     camera = stored_camera(folder, paths[0], "camera.yaml", *([intrinsics.name] if intrinsics else []))
     return image_sequence("trakmark", folder, paths, rate_hz=NOMINAL_RATE_HZ, camera=camera, poses=poses)
 
 
 LAYOUTS = (
-    Layout("transforms", f"{TRANSFORMS[0]} (nerfstudio, instant-ngp)", file_of(*TRANSFORMS), open_transforms),
+    Layout("transforms", f"{TRANSFORMS[0]} (nerfstudio, instant-ngp)", file_of(*TRANSFORMS), _open_transforms),
     Layout("colmap", "cameras and images, .txt or .bin, perhaps in sparse/0 (COLMAP)", find_colmap, open_colmap),
-    Layout("trakmark", "a table *extrinsic* (TrakMark)", find_trakmark, open_trakmark),
+    Layout("trakmark", "a table *extrinsic* (TrakMark)", partial(_named, "extrinsic"), open_trakmark),
 )

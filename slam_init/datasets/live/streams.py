@@ -18,10 +18,8 @@ from slam_init.types.arrays import Image
 # A stream that sends nothing for this long is lost. Cameras send a picture within a second, key frames of network
 # cameras come every 2 to 4 s.
 _TIMEOUT_S = 10.0
-_OPTIONS = {
-    "rtsp_flags": "prefer_tcp",
-    "fpsprobesize": "0",  # the rate is not measured, for which images would be held back
-}
+# The rate is not measured, for which images would be held back.
+_OPTIONS = {"rtsp_flags": "prefer_tcp", "fpsprobesize": "0"}
 # A pipe with a playlist could make FFmpeg open files.
 _PIPE_FORMATS = "yuv4mpegpipe,mjpeg,jpeg_pipe,matroska,webm,mpegts,mpeg,h264,hevc,nut,avi,flv,mov,mp4"
 # MJPEG states no times: FFmpeg counts its images at a nominal rate. Over RTSP it does.

@@ -141,9 +141,11 @@ class Bag:
                 raise self._broken(error, place) from None
             yield Message(place, received_ns / 1e9, content)
 
-    def first(self, topic: Topic) -> Message | None:
+    def first(self, topic: Topic) -> Message:
         """Read the first message of a topic."""
-        return next(self.messages(topic), None)
+        for message in self.messages(topic):
+            return message
+        raise SourceError(f"{self.path}: {topic.name} holds no message: the index of the bag is wrong")
 
     def _checked_file(self) -> Path:
         """What the library is to open: the folder of a bag with metadata, else the file of the messages."""

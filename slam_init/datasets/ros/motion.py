@@ -111,8 +111,7 @@ def read_sensor(bag: Bag, camera_frame: str, *, by_header: bool) -> tuple[Inerti
         names = ", ".join(topic.name for topic in topics)
         return None, (f"no gyroscope is used: there are several ({names})",) if topics else ()
     (topic,) = topics
-    first = bag.first(topic)
-    imu_frame = "" if first is None else first.frame_id
+    imu_frame = bag.first(topic).frame_id
     # Drivers write one name for all of their sensors where nobody has set the frames: that tells no rotation.
     cam_from_imu = None
     if imu_frame and camera_frame and imu_frame != camera_frame:
@@ -132,8 +131,6 @@ def read_sensor(bag: Bag, camera_frame: str, *, by_header: bool) -> tuple[Inerti
         samples.setdefault(time_s, (rate.x, rate.y, rate.z, *forces))
     if len(samples) < 2:
         return None, (f"the gyroscope {topic.name} is not used: its messages have no time stamps",)
-    times_s = sorted(samples)
-    table = np.array([samples[time_s] for time_s in times_s])
+    times_s, table = np.array(sorted(samples)), np.array([samples[time_s] for time_s in sorted(samples)])
     table = table if np.isfinite(table).all() else table[:, :3]
-    name = topic.name
-    return InertialSensor.made(np.array(times_s), table, cam_from_imu, {}, clock_sigma_s=_CLOCK_SIGMA_S, name=name), ()
+    return InertialSensor.made(times_s, table, cam_from_imu, {}, clock_sigma_s=_CLOCK_SIGMA_S, name=topic.name), ()

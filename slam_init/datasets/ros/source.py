@@ -49,8 +49,6 @@ class RosSource(WithSensor):
             self.kind = f"ros{bag.version}"
             self.topic, self._notes = image_topic(bag, topic)
             first = bag.first(self.topic)
-            if first is None:
-                raise SourceError(f"{path}: {self.topic.name} holds no image: the index of the bag is wrong")
             self._frame_id = first.frame_id
             # A recording of a simulation may begin at 0; otherwise 0 means that the driver has set no time.
             self._by_header = first.stamp_s != 0 or first.received_s < 1
@@ -72,9 +70,8 @@ class RosSource(WithSensor):
         if self._info_topic is None:
             return None
         with Bag(self.path) as bag:
-            info = bag.first(self._info_topic)
-        place = f"{self.path}: {self._info_topic.name}"
-        return None if info is None else camera_of_info(place, info.content, self.topic.name, self._size)
+            info = bag.first(self._info_topic).content
+        return camera_of_info(f"{self.path}: {self._info_topic.name}", info, self.topic.name, self._size)
 
     @property
     def groundtruth(self) -> Trajectory | None:
@@ -106,15 +103,13 @@ class RosSource(WithSensor):
 
         * Returns: The topics that were chosen, what the ground truth is, and images that were left out up to now.
         """
-        count = len(self._left_out)
-        late = (f"{count} images whose time stamps do not come after the one before were left out",) if count else ()
-        lost: tuple[str, ...] = ()
+        notes = [*self._notes, *self._truth[1], *self._sensor_notes]
+        if count := len(self._left_out):
+            notes.append(f"{count} images whose time stamps do not come after the one before were left out")
         if self._read_count is not None and self._read_count < self.topic.count:
-            lost = (
-                f"the index of the bag names {self.topic.count} images of {self.topic.name}, and "
-                f"{self._read_count} can be read: the bag is damaged, copy it again or recover it",
-            )
-        return (*self._notes, *self._truth[1], *self._sensor_notes, *late, *lost)
+            names = f"the index of the bag names {self.topic.count} images of {self.topic.name}"
+            notes.append(f"{names}, and {self._read_count} can be read: the bag is damaged, copy or recover it")
+        return tuple(notes)
 
     def __len__(self) -> int:
         return self.topic.count

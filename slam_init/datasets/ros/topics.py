@@ -62,7 +62,7 @@ def image_topic(bag: Bag, name: str | None) -> tuple[Topic, tuple[str, ...]]:
     found = [topic for topic in bag.topics if topic.type in (RAW, COMPRESSED) and topic.count]
     if name is not None:
         return _named(bag, found, name, f"no images in the topic {name!r}: give --topic {_listed(found)}"), ()
-    found = [topic for topic in found if _holds_pictures(bag, topic)]
+    found = [topic for topic in found if is_picture(bag.first(topic).content)]
     if not found:
         others = ", ".join(topic.name for topic in bag.topics[:20]) or "nothing"
         raise SourceError(f"{bag.path}: holds no topic with images (sensor_msgs/Image, CompressedImage), but {others}")
@@ -83,8 +83,7 @@ def info_topic(bag: Bag, images: Topic, frame_id: str) -> Topic | None:
     """
     infos = [topic for topic in bag.topics if topic.type == CAMERA_INFO and topic.count]
     beside = [topic for topic in infos if topic.name == f"{_camera(images.name)}/camera_info"]
-    firsts = [(topic, bag.first(topic)) for topic in infos if frame_id and not beside]
-    same = beside or [topic for topic, first in firsts if first is not None and first.frame_id == frame_id]
+    same = beside or [topic for topic in infos if frame_id and bag.first(topic).frame_id == frame_id]
     return same[0] if len(same) == 1 else None
 
 
@@ -114,11 +113,6 @@ def _named(bag: Bag, topics: Sequence[Topic], name: str, problem: str) -> Topic:
 
 def _listed(topics: Sequence[Topic]) -> str:
     return " or ".join(topic.name for topic in topics)
-
-
-def _holds_pictures(bag: Bag, topic: Topic) -> bool:
-    first = bag.first(topic)
-    return first is not None and is_picture(first.content)
 
 
 def _camera(name: str) -> str:

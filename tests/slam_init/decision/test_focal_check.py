@@ -39,7 +39,7 @@ def test_a_focal_length_that_the_tracks_contradict_is_named_and_a_right_one_is_n
             case = scene, focal_error, wrong
             assert (wrong is not None) == (focal_error != 0), case
             if wrong is not None:
-                true_px = source.sequence.true_camera.fx
+                true_px = source.sequence.shot.camera.fx
                 assert abs(wrong.estimated_px - true_px) < max(2 * wrong.sigma_px, 0.03 * true_px), case
 
 

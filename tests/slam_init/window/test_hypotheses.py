@@ -215,7 +215,7 @@ def test_a_camera_that_turns_about_several_axes_may_have_another_principal_point
     pose, rays1, rays2 = pose_of_pair(source.camera, *views[:2])
     motions = motions_of_pair(pose, (views[0].frame, views[1].frame), rays1, rays2)
     found = fit_hypotheses(gather_tracks(source.camera, views, 0.5), motions, PRIORS)
-    true, stated = source.sequence.true_camera, source.camera
+    true, stated = source.sequence.shot.camera, source.camera
     error_px = np.array([true.cx - stated.cx, true.cy - stated.cy])
     assert np.linalg.norm(found.rotation_only.state.lens.principal_px - error_px) < 0.3 * np.linalg.norm(error_px)
     # Without translation, the best motion gains no more than by chance.

@@ -40,7 +40,7 @@ def test_the_tracks_of_the_other_motion_lie_on_the_body_or_the_body_is_taken_for
     for seed in range(2):
         body = {"moving": 0.45, "bodies": 1, "body_turn_deg_s": 30, "outliers": 0.05}
         other = other_motion(hypotheses(seed, views=10, **body))
-        on_body = source_of(seed, **body).sequence.body_of_track[other.track_ids] >= 0
+        on_body = source_of(seed, **body).sequence.shot.bodies.body_of_track[other.track_ids] >= 0
         assert not len(other.track_ids) or max(on_body.mean(), 1 - on_body.mean()) > 0.9
 
 
@@ -92,7 +92,7 @@ def test_tracks_that_only_turn_are_explained_by_any_motion_and_stay_as_probable(
     source = point_source("room", 0, **options)
     found = hypotheses_of(source.camera, pair_and_further(list(source.observations()), 6), PRIORS)
     ids = found.tracks.track_ids
-    on_body = source.sequence.body_of_track[ids] >= 0
+    on_body = source.sequence.shot.bodies.body_of_track[ids] >= 0
     for theirs, expected in ((~on_body, 0.9), (on_body, 0.0)):
         before = OtherMotion(0.9, ids[theirs], of_best=ids[explained_tracks(found)])
         assert other_motion(replace(found, other_before=before), seeks=False).probability == expected
@@ -130,7 +130,7 @@ def test_where_the_tracks_of_the_scene_only_turn_a_body_that_holds_more_of_them_
         "room", seed, baseline=0.0, noise_px=0.3, points=200, moving=0.6, bodies=1, body_turn_deg_s=30
     )
     found = hypotheses_of(source.camera, pair_and_further(list(source.observations()), 8), PRIORS)
-    on_body = source.sequence.body_of_track >= 0
+    on_body = source.sequence.shot.bodies.body_of_track >= 0
     assert on_body[found.tracks.track_ids[explained_tracks(found)]].all()
     other = other_motion(found)
     assert other.probability > 0.01
