@@ -159,9 +159,9 @@ def _run(arguments: argparse.Namespace) -> int:
     out = chosen_folder(arguments.out, "run", inputs)
 
     from slam_init.datasets.live import is_live
+    from slam_init.output.plain_json import json_text
     from slam_init.output.report import report_text
     from slam_init.output.result_folder import earlier_result
-    from slam_init.output.summary import summary_text
 
     config, live = _config(arguments), is_live(arguments.source)
     _check_method(arguments, config.method)
@@ -183,7 +183,7 @@ def _run(arguments: argparse.Namespace) -> int:
         source = with_gravity(arguments, opened_source(arguments, config.seed))
         result, summary = _run_on(source, arguments, config, out)
     if arguments.json:
-        tell(summary_text(summary))
+        tell(json_text(summary))
     elif not arguments.quiet:
         tell(report_text(result, summary, out, replaced))
     return DONE if summary.reason is None else NOT_INITIALIZED

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import os
 import shutil
 from collections.abc import Sequence
@@ -24,7 +23,7 @@ from slam_init.errors import ConfigError
 from slam_init.methods.external_command import is_external, method_label
 from slam_init.output.folder import OutputFolder
 from slam_init.output.names import TRIALS
-from slam_init.output.plain_json import Json, plain
+from slam_init.output.plain_json import Json, json_text
 
 #: The packages of the extra ``compare``.
 _PACKAGES = ("pandas", "jinja2", "pebble")
@@ -116,7 +115,7 @@ def _publish(folder: OutputFolder, rows: Sequence[TrialRow], plan: Plan, command
     summary = summary_of(table, plan)
     texts = {
         _REPORT: report_html(table, summary, command, notes),
-        _SUMMARY: json.dumps(plain(summary), indent=2, allow_nan=False) + "\n",
+        _SUMMARY: json_text(summary),
     }
     with io.StringIO(newline="") as file:
         writer = csv.writer(file, lineterminator="\n")

@@ -79,7 +79,7 @@ class ExternalInitializer:
     """
 
     def __init__(self, method: str, camera: Camera, config: Config, recorder: Recorder | None = None) -> None:
-        self._command, self._limits = parse_external(method), config.external
+        self._command, self._config, self._limits = parse_external(method), config, config.external
         self.camera, self.recorder = camera, recorder or Recorder()
         self.tracker = Tracker(camera, config.tracking)
         self.history = self.tracker.history
@@ -229,6 +229,8 @@ class ExternalInitializer:
             notes=notes,
             advice="" if reason is None else reason.advice,
             hypotheses=() if self.map is None else (self.map,),
+            method=self._config.method,
+            seed=self._config.seed,
         )
 
 

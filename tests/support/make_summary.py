@@ -12,4 +12,4 @@ from slam_init.types.result import Result
 
 def summarize(result: Result, camera: Camera = CAMERAS["pinhole"], **keywords) -> Summary:
     """The summary of a result of the method ``quest``."""
-    return summary_of(result, SourceRecord("arc", "images"), camera, "quest", 0, **keywords)
+    return summary_of(result, SourceRecord("arc", "images"), camera, **keywords)

@@ -8,7 +8,8 @@ import pytest
 from make_map import make_map, make_result
 from make_summary import summarize
 
-from slam_init.output.summary import SCHEMA, Summary, summary_text
+from slam_init.output.plain_json import json_text
+from slam_init.output.summary import SCHEMA, Summary
 from slam_init.types.evidence import Margin
 from slam_init.types.gates import GateName, at_least
 from slam_init.types.reasons import Verdict
@@ -17,7 +18,7 @@ from slam_init.types.result import GroundTruthErrors
 
 def read(summary: Summary):
     """The content of the file, as another program reads it."""
-    return json.loads(summary_text(summary))
+    return json.loads(json_text(summary))
 
 
 # -- keys and values ------------------------------------------------------------------------------
@@ -110,7 +111,7 @@ def test_numbers_that_are_not_finite_are_null(bad):
 
 
 def test_the_text_is_ascii_and_ends_with_a_newline():
-    text = summary_text(replace(summarize(make_result(make_map())), notes=("größer", "\udcff.png")))
+    text = json_text(replace(summarize(make_result(make_map())), notes=("größer", "\udcff.png")))
     assert text.isascii()
     assert text.endswith("}\n")
     assert json.loads(text)["notes"] == ["größer", "\udcff.png"]
