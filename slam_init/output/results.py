@@ -32,7 +32,7 @@ from collections.abc import Sequence
 from itertools import zip_longest
 from typing import Any
 
-from slam_init.errors import OutputError, SourceError, check_type
+from slam_init.errors import OutputError, SourceError
 from slam_init.output.colmap import colmap_model, numbers_text
 from slam_init.output.folder import OutputFolder
 from slam_init.output.handover import handover_bytes
@@ -63,40 +63,6 @@ gtsam.NonlinearFactorGraph().deserialize(graph)
 gtsam.Values().deserialize(values)
 """
 _SUMMARY, _GRAPH, _VALUES = "summary.json", "graph.txt", "values.txt"
-
-
-def write_results(
-    out: str | os.PathLike[str],
-    result: Result,
-    summary: Summary,
-    config_toml: str | None = None,
-    continued: Sequence[Keyframe] = (),
-) -> None:
-    """Write all results but the recording to a folder: either all files are replaced, or none.
-
-    Files of an earlier run that this run does not write are removed.
-
-    Parameters
-    ----------
-    out : str or path
-        A folder that is new, empty, or was written by an earlier run.
-    result : Result
-    summary : Summary
-        From :func:`slam_init.output.summary.summary_of`.
-    config_toml : str or None
-        The resolved configuration.
-    continued : sequence of Keyframe
-        The frames that were located after the initialization.
-
-    Raises
-    ------
-    OutputError
-        If the folder holds other files, or a file cannot be written.
-    """
-    check_type(result, Result, "the result", "what Initializer.finish or slam_init.run returns", OutputError)
-    check_type(summary, Summary, "the summary", "what slam_init.run returns, or call result.save(FOLDER)", OutputError)
-    with OutputFolder(out, "run") as folder:
-        publish_results(folder, result, summary, config_toml, continued)
 
 
 def publish_results(
@@ -231,7 +197,8 @@ def save(thing: object, folder: str | os.PathLike[str]) -> None:
             raise OutputError(f"{folder}: the result has no camera: take that of an Initializer, or save its map")
         made_by = provenance_of(["Result.save"], {})
         summary = summary_of(thing, SourceRecord("python", "frames"), thing.camera, provenance=made_by)
-        write_results(folder, thing, summary)
+        with OutputFolder(folder, "run") as out:
+            publish_results(out, thing, summary)
 
 
 def write_colmap(map_: InitialMap, folder: str | os.PathLike[str]) -> None:
