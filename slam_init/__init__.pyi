@@ -25,12 +25,12 @@ from slam_init.types.audit import AuditVerdict as AuditVerdict
 from slam_init.types.camera import Camera as Camera
 from slam_init.types.frame import Frame as Frame
 from slam_init.types.frame import Observations as Observations
-from slam_init.types.gates import Gate as Gate
 from slam_init.types.initial_map import InitialMap as InitialMap
 from slam_init.types.initial_map import Keyframe as Keyframe
 from slam_init.types.pose import Pose as Pose
 from slam_init.types.pose import Trajectory as Trajectory
-from slam_init.types.reasons import Verdict as Verdict
+from slam_init.types.refusal import Gate as Gate
+from slam_init.types.refusal import Verdict as Verdict
 from slam_init.types.result import Attempt as Attempt
 from slam_init.types.result import Result as Result
 from slam_init.types.result import Segment as Segment

@@ -41,20 +41,20 @@ from quest.geometry.quaternion import rotation_from_vector
 from slam_init.calibration.choosing import GivenCamera
 from slam_init.config import Config
 from slam_init.decision.attempt_log import AttemptLog
-from slam_init.decision.maps_so_far import MapsSoFar
-from slam_init.decision.outcome import Outcome
+from slam_init.decision.maps_so_far import MapsSoFar, Outcome
 from slam_init.decision.pose_so_far import PoseSoFar
 from slam_init.decision.screening import screen
 from slam_init.errors import ConfigError, check_type
 from slam_init.frontend.keyframes import KeyframeManager, PairPreview
 from slam_init.frontend.matchers import Matcher
 from slam_init.frontend.rolling_shutter import corrected_pixels
-from slam_init.frontend.tracks import History, Tracker
+from slam_init.frontend.tracks import Tracker
 from slam_init.intake import Intake, Turn
 from slam_init.recording.recorder import Recorder
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
+from slam_init.types.history import History
 from slam_init.types.inertial import Gravity
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.pose import Pose

@@ -26,7 +26,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import MOST_NUMBERS, Frame, Observations
 from slam_init.types.inertial import Gravity, checked_rotation
 from slam_init.types.initial_map import InitialMap
-from slam_init.types.lens_in_use import LensInUse
+from slam_init.types.lens import LensInUse
 from slam_init.types.status import frame_of
 
 

@@ -15,14 +15,13 @@ from slam_init.calibration.choosing import GivenCamera, camera_of_metadata, came
 from slam_init.config import Config, config_toml
 from slam_init.datasets.gyroscope import Gyroscope, StepRotations, gyroscope_of
 from slam_init.datasets.inertial import InertialSensor, inertial_of
-from slam_init.datasets.live.address import without_password
+from slam_init.datasets.live import without_password
 from slam_init.datasets.track_source import KnowsTracks
 from slam_init.errors import ConfigError, OutputError, SlamInitError, SourceError, check_type
 from slam_init.evaluation.metrics import compare_with_groundtruth, scale_error
 from slam_init.exports import check_formats, stage
 from slam_init.frontend.frame_memory import FrameMemory
 from slam_init.frontend.orb import describe_landmarks
-from slam_init.frontend.tracks import History
 from slam_init.initializer import FittedPoses, Initializer
 from slam_init.mapping.follower import Continuation, FrameTracker, follow
 from slam_init.mapping.reduction import Reduction
@@ -48,11 +47,12 @@ from slam_init.scale.requests import KnownBoard, KnownMarkers, MeasuredMotion, S
 from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations, Source, length_of, notes_of
+from slam_init.types.history import History
 from slam_init.types.inertial import InertialRecord
 from slam_init.types.initial_map import Descriptors, InitialMap, Keyframe
-from slam_init.types.lens_in_use import CALIBRATED_SIGMA
+from slam_init.types.lens import CALIBRATED_SIGMA
 from slam_init.types.pose import Trajectory
-from slam_init.types.reasons import Verdict, in_words
+from slam_init.types.refusal import Verdict, in_words
 from slam_init.types.result import MAX_SEGMENTS, GroundTruthErrors, Result, Segment
 from slam_init.types.scale import ScaleOrigin
 from slam_init.types.status import Status
@@ -110,7 +110,7 @@ def run(
         Whether to start anew where a map is lost (:mod:`slam_init.mapping.follower`). The result lists all maps.
     imu : bool or InertialSensor
         Whether to use the gyroscope of the source, if it has one (:mod:`slam_init.datasets.gyroscope`); or the sensor
-        of a file (:func:`slam_init.datasets.inertial_file.read_inertial_file`), whose record is that of the scale too.
+        of a file (:func:`slam_init.datasets.inertial.read_inertial_file`), whose record is that of the scale too.
     export : collection of str
         Formats of other tools that the maps are written in as well, as of :func:`slam_init.export`. It needs ``out``.
 
@@ -139,7 +139,7 @@ def run(
     if scale is not None:
         check_type(scale, get_args(ScaleRequest), "the scale", "parse_scale(TEXT), as in parse_scale('height:1.65')")
     if not isinstance(imu, bool):
-        check_type(imu, InertialSensor, "imu", "True, or read_inertial_file(FILE) (slam_init.datasets.inertial_file)")
+        check_type(imu, InertialSensor, "imu", "True, or read_inertial_file(FILE) (slam_init.datasets.inertial)")
     notes: tuple[str, ...] = ()
     method_info(config.method)  # an unknown method is an error before anything is written
     if is_external(config.method):

@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from slam_init.bundle.graph import calibration_key, landmark_key, pose_key, projection
+from slam_init.bundle.graph import landmark_key, pose_key
+from slam_init.bundle.reprojection import calibration_key, projection
 from slam_init.datasets import open_source
 from slam_init.errors import SlamInitError
 from slam_init.evaluation.metrics import align_positions

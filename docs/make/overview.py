@@ -27,7 +27,7 @@ from slam_init.recording.story import StoryRecorder
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.initial_map import InitialMap
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 from slam_init.types.result import Result
 
 if TYPE_CHECKING:
@@ -57,11 +57,11 @@ def main() -> None:
     assert room.camera is not None
     found, story, _ = _run(room.camera, room.frames())
     camera, frames = _wall()
-    decided, twins_story, twins = _run(camera, frames)
-    assert found and decided and twins is not None, "the scenes are chosen so that they initialize"
+    decided, wall_story, both = _run(camera, frames)
+    assert found and decided and both is not None, "the scenes are chosen so that they initialize"
     with canvas(_WIDTH_PX, _HEIGHT_PX) as figure:
         _draw_room(figure, found, story, room.camera)
-        _draw_wall(figure, twins, decided, twins_story, camera)
+        _draw_wall(figure, both, decided, wall_story, camera)
         rgb = pixels_of(figure)
     out.parent.mkdir(parents=True, exist_ok=True)
     _write(out, rgb)
@@ -70,14 +70,14 @@ def main() -> None:
 
 def _run(camera: Camera, frames: Iterable[Frame]) -> tuple[Result, StoryRecorder, Result | None]:
     """Process frames until there is a map; return the last result with two undecided maps besides."""
-    recorder, twins = StoryRecorder(), None
+    recorder, both = StoryRecorder(), None
     initializer = Initializer(camera, recorder=recorder)
     for frame in frames:
         if initializer.process(frame):
             break
         if len(initializer.result.hypotheses) == 2:
-            twins = initializer.result
-    return initializer.finish(), recorder, twins
+            both = initializer.result
+    return initializer.finish(), recorder, both
 
 
 def _wall() -> tuple[Camera, Iterator[Frame]]:
@@ -130,18 +130,18 @@ def _draw_map(figure: Figure, box: tuple[float, float, float, float], map_: Init
     axes.set(xticks=[], yticks=[], xlabel="")
 
 
-def _draw_wall(figure: Figure, twins: Result, decided: Result, story: StoryRecorder, camera: Camera) -> None:
+def _draw_wall(figure: Figure, both: Result, decided: Result, story: StoryRecorder, camera: Camera) -> None:
     """Below: the pair on a wall, and the maps of both motions."""
     assert story.pair is not None
     title = figure.add_axes((0.015, 0.43, 0.97, 0.06))
     title.axis("off")
     color = VERDICT_COLORS[Verdict.AMBIGUOUS_PLANE]
     title.plot([-0.008, -0.008], [0.0, 0.95], color=color, linewidth=6, transform=title.transAxes, clip_on=False)
-    kept, accepted = twins.frames_read, decided.frames_to_init
+    kept, accepted = both.frames_read, decided.frames_to_init
     words = f"A wall allows two maps: both are kept after {kept} frames, and after {accepted} one is accepted"
     write(title, 0.0, 0.95, words, 17, INK, "bold")
     draw_pair(figure.add_axes((0.015, 0.055, 0.40, 0.31)), story.pair, camera.width)
-    for k, (map_, name) in enumerate(zip(twins.hypotheses, "AB", strict=True)):
+    for k, (map_, name) in enumerate(zip(both.hypotheses, "AB", strict=True)):
         left = 0.43 + 0.285 * k
         _draw_map(figure, (left, 0.055, 0.135, 0.31), map_, ABOVE, f"map {name} from above")
         _draw_map(figure, (left + 0.138, 0.055, 0.135, 0.31), map_, SIDE, "from the side")

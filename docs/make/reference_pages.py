@@ -144,8 +144,7 @@ def _comments(source: str) -> dict[tuple[str, str], str]:
 
 def reasons() -> str:
     """Write the page of the reasons and of the gates."""
-    from slam_init.types.gates import GateName
-    from slam_init.types.reasons import REASONS
+    from slam_init.types.refusal import REASONS, GateName
 
     lines = [
         "# Reasons and gates",

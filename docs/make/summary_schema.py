@@ -14,10 +14,10 @@ from typing_extensions import TypedDict
 
 from quest.relative_pose import PoseEvidence
 from slam_init.output import provenance, records, summary
-from slam_init.types import evidence, gates, reasons, result, scale, stopwatch
+from slam_init.types import evidence, refusal, result, scale, stopwatch
 
 #: Where the types of the schema are defined.
-_MODULES = (provenance, records, summary, evidence, gates, reasons, result, scale, stopwatch)
+_MODULES = (provenance, records, summary, evidence, refusal, result, scale, stopwatch)
 #: Types whose floats may be null: a figure that is not finite is written as null.
 _FIGURES = (
     "AttemptRecord",

@@ -45,9 +45,7 @@ def settle_rotation(R: Floats, m: Floats, n: Floats, threshold_rad: float) -> Fl
     Shapes: ``R`` (3, 3), ``m, n`` (N, 3), returns (3, 3).
     """
     # The wide scale first, so that a scene with a little parallax is fitted as a whole.
-    for scale_rad in (4 * threshold_rad, threshold_rad, 0.5 * threshold_rad):
-        R = refine_rotation(R, m, n, scale_rad)
-    return R
+    return refine_rotation(R, m, n, 4 * threshold_rad, threshold_rad, 0.5 * threshold_rad)
 
 
 def fit_rotation(m: Floats, n: Floats, threshold_rad: float, rng: np.random.Generator) -> tuple[Floats, Floats]:
@@ -61,11 +59,15 @@ def fit_rotation(m: Floats, n: Floats, threshold_rad: float, rng: np.random.Gene
     return best, 0.5 * np.sum((n - m @ best.T) ** 2, axis=1)
 
 
-def refine_rotation(R: Floats, m: Floats, n: Floats, scale_rad: float, iterations: int = 10) -> Floats:
+def refine_rotation(R: Floats, m: Floats, n: Floats, *scales_rad: float, iterations: int = 10) -> Floats:
     """Robust rotation ``n = R m``: iteratively re-weighted Kabsch with the weights of Geman and McClure.
 
     Shapes: ``R`` (3, 3), ``m, n`` (N, 3), returns (3, 3).
+
+    * ``scales_rad``: Of the weights, one after the other: a wide one first, so that every match counts.
+    * ``iterations``: At each scale.
     """
-    R = R.copy()
-    kernels.refine_rotation(np.ascontiguousarray(m), np.ascontiguousarray(n), R, scale_rad, iterations)
+    R, m, n = R.copy(), np.ascontiguousarray(m), np.ascontiguousarray(n)
+    for scale_rad in scales_rad:
+        kernels.refine_rotation(m, n, R, scale_rad, iterations)
     return R

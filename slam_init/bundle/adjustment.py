@@ -9,11 +9,8 @@ know that the lens is not exact (:mod:`slam_init.bundle.lens`), and that errors 
 A point with one view, a NaN and a point behind a camera are checked here. A failure is returned as a value with its
 cause.
 
-Focal length: held as stated, or with ``refine_focal`` an unknown. It is adjusted in rounds of three steps:
-
-1. Adjust everything else with a held camera, by the recipe above.
-2. Continue by Newton's method in the focal length (:mod:`slam_init.bundle.focal`).
-3. If the focal length has changed, start again with the new camera, under which other observations may be outliers.
+Focal length: held as stated, or with ``refine_focal`` an unknown. Then everything else is adjusted with a held camera,
+by the recipe above, and Newton's method in the focal length goes on from there (:mod:`slam_init.bundle.focal`).
 
 A lens for which gtsam has no calibration (:mod:`slam_init.bundle.virtual_cameras`) keeps the focal length that the
 window estimated.
@@ -34,19 +31,17 @@ from slam_init.bundle.graph import GAUGE, build_graph
 from slam_init.bundle.least_squares import fit_points, minimize, with_lenses
 from slam_init.bundle.lens import at_projections, lens_prior
 from slam_init.bundle.noise import estimate_noise, least_squares_noise, min_parallax_rad
-from slam_init.bundle.problem import BundleFailure, BundleFit, BundleProblem, BundleSolution, LensPrior, PosePrior
+from slam_init.bundle.problem import BundleFailure, BundleFit, BundleProblem, BundleSolution, PosePrior
 from slam_init.bundle.shared_errors import ErrorModel, error_model
 from slam_init.bundle.virtual_cameras import needs_virtual_cameras
 from slam_init.config import MapConfig
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.initial_map import UnitError
+from slam_init.types.lens import LensPrior
 
 #: If the estimated noise is this many times the expected one, the tracks are not those of one rigid scene.
 _WORST_NOISE = 10.0
-#: Rounds end when the relative change of the focal length is smaller. Such a change moves a pixel at the border of the
-#: image by 0.3 px, which does not make other observations outliers.
-_FOCAL_TOLERANCE, _FOCAL_ROUNDS = 1e-3, 5
 #: Levenberg-Marquardt steps in least squares. From poses that are known, four steps reach the optimum where the
 #: landmarks determine it. Where they do not, as on a plane with little parallax, more steps only move the poses away.
 _ITERATIONS, _FEW_ITERATIONS = 15, 6
@@ -89,27 +84,26 @@ def _adjusted(
     # Where each observation has a camera of its own, there is no common calibration to adjust: the first estimate of
     # the focal length is held then. It is that of the joint fit of the window.
     held = config.refine_focal and needs_virtual_cameras(camera)
-    stated, prior = camera, LensPrior(camera, config.focal_sigma) if config.refine_focal and not held else None
-    lens = lens_prior(stated, config)
+    refined, lens = config.refine_focal and not held, lens_prior(camera, config)
     try:
         first = camera_with_focal_factor(camera, focal_factor) if config.refine_focal else camera
         fit = fit_with_held_camera(first, start, config, poses_known=poses_known)
-        if prior is not None and isinstance(fit, BundleFit):
-            fit = _fit_focal(prior, start, fit, config, rounds=0 if poses_known else _FOCAL_ROUNDS)
+        if refined and isinstance(fit, BundleFit):
+            fit = _with_unit_depth(adjust_focal(camera, fit, config))
         if isinstance(fit, BundleFailure):
             return fit
-        fit, found, errors = _with_known_depths(fit, config, prior, lens)
+        fit, found, errors = _with_known_depths(fit, config, camera if refined else None, lens)
         if problem.prior is not None:
             fit, found, errors = _weighed_against_poses(fit, found, errors, config, lens)
         residuals = fit.problem.residuals(fit.camera)
         noise_px = least_squares_noise(fit.problem, residuals, config)
-        solution = _solution(fit, start, residuals, noise_px, lens, errors, found)
+        solution = _solution(fit, start, residuals, noise_px, camera, lens, errors, found)
     except (RuntimeError, np.linalg.LinAlgError) as error:  # how gtsam and numpy report singular systems
         return BundleFailure(" ".join(str(error).split())[:160])
     return replace(
         solution,
-        focal_factor=fit.camera.fx / stated.fx if config.refine_focal else 1.0,
-        focal_factor_sigma=config.focal_sigma if held else _focal_sigma(prior, fit.camera, found),
+        focal_factor=fit.camera.fx / camera.fx if config.refine_focal else 1.0,
+        focal_factor_sigma=config.focal_sigma if held else _focal_sigma(camera, fit.camera, found) if refined else None,
     )
 
 
@@ -118,6 +112,7 @@ def _solution(
     start: BundleProblem,
     residuals: Floats,
     noise_px: float,
+    stated: Camera,
     lens: LensPrior,
     errors: ErrorModel,
     found: MapCovariances,
@@ -133,7 +128,7 @@ def _solution(
         noise_px=noise_px,
         rmse_px=float(np.sqrt(np.mean(np.sum(residuals**2, axis=1)))),
         errors=fit.errors,
-        make_graph=partial(build_graph, camera, final, graph_noise_px, prior=variable),
+        make_graph=partial(build_graph, camera, final, graph_noise_px, prior=variable, stated=stated),
         overdispersion=errors.overdispersion,
         pose_covariances=found.poses,
         point_covariances=found.points,
@@ -156,7 +151,7 @@ def solution_of(camera: Camera, problem: BundleProblem, config: MapConfig) -> Bu
         projected = at_projections(camera, problem)
         errors = error_model(camera, projected, problem, noise_px, lens)
         found = covariances(projected, errors.by_tracks * noise_px, errors.shared)
-        return _solution(BundleFit(camera, problem, ()), problem, residuals, noise_px, lens, errors, found)
+        return _solution(BundleFit(camera, problem, ()), problem, residuals, noise_px, camera, lens, errors, found)
     except (RuntimeError, np.linalg.LinAlgError) as error:  # how gtsam and numpy report singular systems
         return BundleFailure(" ".join(str(error).split())[:160])
 
@@ -177,12 +172,13 @@ def restated(solution: BundleSolution, prior: PosePrior, config: MapConfig) -> B
 
 
 def _with_known_depths(
-    fit: BundleFit, config: MapConfig, prior: LensPrior | None, lens: LensPrior
+    fit: BundleFit, config: MapConfig, stated: Camera | None, lens: LensPrior
 ) -> tuple[BundleFit, MapCovariances, ErrorModel]:
     """Leave the landmarks out whose depths are unknown, or that nothing tests, and minimize the rest.
 
     Where too few landmarks would be left to solve for the poses, all of them stay.
 
+    * ``stated``: Where the focal length is adjusted: the stated camera.
     * Returns: With the covariances and the errors of the result.
     """
     noise_px = least_squares_noise(fit.problem, fit.problem.residuals(fit.camera), config)
@@ -201,10 +197,10 @@ def _with_known_depths(
             return fit, found, errors
         dropped = len(fit.problem.points) - len(fewer.problem.points)
         fit = fewer._replace(errors=(*fit.errors, *fewer.errors), unknown_depths=fit.unknown_depths + dropped)
-        if prior is not None:
-            fit = adjust_focal(prior, fit, config)
+        if stated is not None:
+            fit = adjust_focal(stated, fit, config)
         noise_px = least_squares_noise(fit.problem, fit.problem.residuals(fit.camera), config)
-        if prior is None and len(fit.problem.pixels) == len(rest.pixels):
+        if stated is None and len(fit.problem.pixels) == len(rest.pixels):
             # Poses and points move by much less than the noise: the errors stay those of the first fit.
             projected = replace(fit.problem, pixels=projected.pixels[kept], lenses=_rows(projected.lenses, kept))
             errors = errors._replace(shared=errors.shared.of_observations(kept))
@@ -262,9 +258,9 @@ def _unit_error(depth_sigmas: Floats, stretched: Floats) -> UnitError:
     return UnitError(float(np.sqrt(np.sum(shared[:-LENS] ** 2) + weights**2 @ own)), shared[-LENS:])
 
 
-def _focal_sigma(prior: LensPrior | None, camera: Camera, found: MapCovariances) -> float | None:
-    """Standard deviation of the adjusted focal length over the stated one; None if it was held."""
-    return None if prior is None else float(np.sqrt(found.lens[0, 0])) * camera.fx / prior.camera.fx
+def _focal_sigma(stated: Camera, camera: Camera, found: MapCovariances) -> float:
+    """Standard deviation of the adjusted focal length over the stated one."""
+    return float(np.sqrt(found.lens[0, 0])) * camera.fx / stated.fx
 
 
 def fit_with_held_camera(
@@ -313,15 +309,15 @@ def _least_squares(
 def _settled(camera: Camera, problem: BundleProblem, noise_px: float, iterations: int) -> BundleFit | BundleFailure:
     """The optimum in least squares, without the points that it moved behind a camera; its median depth is 1."""
     polished, errors = minimize(problem, noise_px, iterations=iterations, tolerance=1e-5)
-    final = _scale_to_median_depth(polished)
-    if final is None:
-        return BundleFailure("no landmark lies in front of the first camera")
-    in_front: Bools = np.asarray(np.isfinite(final.residuals(camera)).all(axis=1))
-    if not in_front.all():
-        final = final.keep(in_front)
-        if (failure := _cannot_be_solved(final)) is not None:
-            return failure
-    return BundleFit(camera, final, tuple(errors))
+    fit = _with_unit_depth(BundleFit(camera, polished, tuple(errors)))
+    if isinstance(fit, BundleFailure):
+        return fit
+    in_front: Bools = np.asarray(np.isfinite(fit.problem.residuals(camera)).all(axis=1))
+    if in_front.all():
+        return fit
+    final = fit.problem.keep(in_front)
+    failure = _cannot_be_solved(final)
+    return fit._replace(problem=final) if failure is None else failure
 
 
 def _rms_px(problem: BundleProblem, camera: Camera) -> float:
@@ -329,29 +325,12 @@ def _rms_px(problem: BundleProblem, camera: Camera) -> float:
     return float(np.sqrt(np.nanmean(squares))) if np.isfinite(squares).any() else np.inf
 
 
-def _fit_focal(
-    prior: LensPrior, start: BundleProblem, fit: BundleFit, config: MapConfig, rounds: int
-) -> BundleFit | BundleFailure:
-    """Adjust the focal length as well, starting from a fit with a first estimate; see the module docstring.
-
-    Where the poses were known, so was the focal length, and the outliers are those of about this camera: no rounds.
-    """
-    joint = adjust_focal(prior, fit, config)
-    for _ in range(rounds):
-        if abs(joint.camera.fx / fit.camera.fx - 1) < _FOCAL_TOLERANCE:
-            break
-        try:
-            again = fit_with_held_camera(joint.camera, start, config)
-        except RuntimeError:  # as in adjust
-            break
-        if isinstance(again, BundleFailure):
-            break  # the last fit is the result
-        fit = again._replace(errors=(*joint.errors, *again.errors))
-        joint = adjust_focal(prior, fit, config)
-    final = _scale_to_median_depth(joint.problem)
-    if final is None:
-        return BundleFailure("no landmark lies in front of the first camera")
-    return joint._replace(problem=final)
+def _with_unit_depth(fit: BundleFit) -> BundleFit | BundleFailure:
+    """The fit with a median depth of 1 in the first view."""
+    final = _scale_to_median_depth(fit.problem)
+    return (
+        BundleFailure("no landmark lies in front of the first camera") if final is None else fit._replace(problem=final)
+    )
 
 
 def _scale_to_median_depth(problem: BundleProblem) -> BundleProblem | None:

@@ -14,7 +14,15 @@ from typing import NamedTuple
 import numpy as np
 
 from slam_init.bundle.graph import PoseTerms
-from slam_init.bundle.least_squares import NONE, Equations, Observed, arrays_of, by_landmark, equations_of
+from slam_init.bundle.least_squares import (
+    NONE,
+    Equations,
+    Observed,
+    arrays_of,
+    back_substituted,
+    by_landmark,
+    equations_of,
+)
 from slam_init.bundle.problem import BundleProblem
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Bools, Floats
@@ -103,40 +111,65 @@ class PoseCauses(NamedTuple):
     of_lens: Floats
 
 
-def covariances(problem: BundleProblem, noise_px: float, shared: SharedErrors | None = None) -> MapCovariances:
-    """Marginal covariances at the optimum, in the gauge of the graph.
-
-    * ``shared``: By default the lens is exact and there are no fields.
-    """
-    from slam_init.bundle.kernel import leverage_of_pairs, spread_to_points
-
-    count = len(problem.frames)
-    errors = SharedErrors.of_lens(np.zeros((len(problem.pixels), 2, LENS))) if shared is None else shared
-    found = shared_equations(problem, noise_px, errors)
+def covariances(problem: BundleProblem, noise_px: float, shared: SharedErrors) -> MapCovariances:
+    """Marginal covariances at the optimum, in the gauge of the graph."""
+    found = shared_equations(problem, noise_px, shared)
     covariance = inverse_of_poses(found.equations.information)
     with single_threaded():
-        poses = causes_of_poses(found, errors, covariance)
-        causes, direct = [poses.noise], []
-        if shared is not None:
-            causes += [poses.fields, poses.lens]
-            direct += [shared.field_px * found.of_points[:, :, LENS:], found.of_points[:, :, :LENS] @ poses.of_lens]
-        by_causes = np.concatenate(causes, axis=1)
+        poses = causes_of_poses(found, shared, covariance)
+        by_causes = np.concatenate([poses.noise, poses.fields, poses.lens], axis=1)
         followed = (found.equations.coupling @ by_causes).reshape(len(problem.points), 3, -1)
-    first = 6 * count
-    for part in direct:
-        followed[:, :, first : first + part.shape[2]] += part
-        first += part.shape[2]
-    newest = problem.world_from_cam[-1]
-    seen = np.ascontiguousarray(newest.inverse().apply(problem.points))
-    R = np.ascontiguousarray(newest.R)
-    rows = np.ascontiguousarray(by_causes[-6:])
-    by_view, (R_all, t_all) = by_causes.reshape(count, 6, -1), arrays_of(problem.world_from_cam)
+    direct = shared.field_px * found.of_points[:, :, LENS:], found.of_points[:, :, :LENS] @ poses.of_lens
+    followed[:, :, poses.noise.shape[1] :] += np.concatenate(direct, axis=2)
+    by_view = by_causes.reshape(len(problem.frames), 6, -1)
     return MapCovariances(
         np.asarray(by_view @ np.swapaxes(by_view, 1, 2)),
-        *spread_to_points(found.equations.roots, followed, rows, R, seen, 6 * count),
+        *_of_points(problem, found.equations.roots, followed, by_causes[-6:]),
         poses.of_lens @ poses.of_lens.T,
-        leverage_of_pairs(R_all, t_all, problem.points, *found.observed[:3], covariance),
+        _leverage(problem, found.observed, covariance),
     )
+
+
+def _of_points(
+    problem: BundleProblem, roots: Floats, followed: Floats, newest: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """The covariances of the points, and how far they are stretched; see :class:`MapCovariances`.
+
+    Shapes: ``roots`` (L, 6), ``followed`` (L, 3, C), ``newest`` (6, C).
+
+    * ``followed``: A point moves by ``-C^-T`` times a column for its cause, and by one of ``-C^-T`` for its own rays.
+    * ``newest``: How far the newest camera follows each cause.
+    """
+    pose = problem.world_from_cam[-1]
+    rays = back_substituted(roots, np.broadcast_to(np.eye(3), (len(roots), 3, 3)))
+    world, seen = -back_substituted(roots, followed), pose.inverse().apply(problem.points)
+    # The points turn and move against the camera.
+    local = pose.R.T @ world + (np.cross(np.eye(3), seen[:, None]) @ newest[:3] - newest[3:])
+    stretched = (seen[:, None] @ local)[:, 0] / np.sum(seen**2, axis=1)[:, None]
+    noise, own = local[:, :, : 6 * len(problem.frames)], rays @ np.swapaxes(rays, 1, 2)
+    by_world, by_local, by_noise = (one @ np.swapaxes(one, 1, 2) for one in (world, local, noise))
+    own_local = pose.R.T @ own @ pose.R
+    return by_world + own, by_local + own_local, by_noise + own_local, stretched
+
+
+def _leverage(problem: BundleProblem, observed: Observed, covariance: Floats) -> Floats:
+    """Share (L,) of each landmark with two views in its own residual; 0 for others.
+
+    Four coordinates and three unknowns leave one residual, along ``u`` across the derivatives by the point. Its
+    derivative by the poses is ``g``, and the errors of the poses move it by ``g^T S g`` in units of the noise.
+    """
+    from slam_init.bundle.kernel import derivatives
+
+    R, t = arrays_of(problem.world_from_cam)
+    by_pose, by_point = derivatives(R, t, problem.points, *observed[:3])
+    pairs = np.flatnonzero(np.diff(observed.starts) == 2)
+    rows = observed.starts[pairs][:, None] + np.arange(2)
+    u = np.linalg.qr(by_point[rows].reshape(-1, 4, 3), mode="complete").Q[..., 3].reshape(-1, 2, 2)
+    g = np.einsum("pvj,pvji->pvi", u, by_pose[rows]).reshape(-1, 12)
+    at = (6 * observed.views[rows][..., None] + np.arange(6)).reshape(-1, 12)
+    leverage = np.zeros(len(problem.points))
+    leverage[pairs] = np.einsum("pi,pij,pj->p", g, covariance[at[:, :, None], at[:, None, :]], g)
+    return leverage
 
 
 def causes_of_poses(found: SharedEquations, errors: SharedErrors, covariance: Floats) -> PoseCauses:

@@ -17,7 +17,7 @@ from slam_init.bundle.covariances import SharedErrors, inverse_of_poses, shared_
 from slam_init.bundle.least_squares import Equations, minimize, stepped, with_lenses
 from slam_init.bundle.lens import at_projections, lens_derivatives, residuals_of
 from slam_init.bundle.noise import least_squares_noise
-from slam_init.bundle.problem import BundleFit, BundleProblem, LensPrior
+from slam_init.bundle.problem import BundleFit, BundleProblem
 from slam_init.bundle.reprojection import is_undistorted_first
 from slam_init.config import MapConfig
 from slam_init.errors import CalibrationError
@@ -48,26 +48,26 @@ def camera_with_focal_factor(camera: Camera, factor: float) -> Camera:
     return replace(camera, fx=fx, fy=fy, distortion=distortion)
 
 
-def adjust_focal(prior: LensPrior, fit: BundleFit, config: MapConfig) -> BundleFit:
+def adjust_focal(stated: Camera, fit: BundleFit, config: MapConfig) -> BundleFit:
     """Adjust the focal length by Newton's method. Poses and landmarks are optimized again after each step.
 
     Adjusting all unknowns at once converges very slowly: 5 % more focal length needs 5 % less rotation and 5 % less
     width of the points, and the error of second order (5 % squared) is already a pixel.
 
-    * ``prior``: The stated camera, and the standard deviation of its focal length.
+    * ``config``: ``focal_sigma`` is the standard deviation of the stated focal length.
     * Returns: With the adjusted camera; the given fit if no step lowers the error.
     """
     camera, problem, errors, _ = fit
     noise_px = least_squares_noise(problem, problem.residuals(camera), config)
-    factor, rms_px = camera.fx / prior.camera.fx, minimize(problem, noise_px, iterations=0, tolerance=0.0)[1][-1]
+    factor, rms_px = camera.fx / stated.fx, minimize(problem, noise_px, iterations=0, tolerance=0.0)[1][-1]
 
     def error_of(factor: float, rms_px: float) -> float:
-        return 0.5 * len(problem.views) * (rms_px / noise_px) ** 2 + 0.5 * ((factor - 1) / prior.focal) ** 2
+        return 0.5 * len(problem.views) * (rms_px / noise_px) ** 2 + 0.5 * ((factor - 1) / config.focal_sigma) ** 2
 
     error = error_of(factor, rms_px)
     for _ in range(_NEWTON_STEPS):
         try:
-            step = _newton_step(camera, problem, noise_px, factor, prior)
+            step = _newton_step(camera, problem, noise_px, factor, config.focal_sigma)
         except RuntimeError:  # the poses are not determined
             break
         for share in _STEP_SHARES:
@@ -75,7 +75,7 @@ def adjust_focal(prior: LensPrior, fit: BundleFit, config: MapConfig) -> BundleF
             if not _FACTORS[0] < tried_factor < _FACTORS[1]:
                 continue
             try:
-                tried = camera_with_focal_factor(prior.camera, tried_factor)
+                tried = camera_with_focal_factor(stated, tried_factor)
                 polished, more = minimize(
                     with_lenses(tried, step.moved(problem, share)), noise_px, iterations=15, tolerance=1e-6
                 )
@@ -109,9 +109,7 @@ class _NewtonStep(NamedTuple):
         return stepped(problem, self.equations, share * self.poses, share * self.of_points)
 
 
-def _newton_step(
-    camera: Camera, problem: BundleProblem, noise_px: float, factor: float, prior: LensPrior
-) -> _NewtonStep:
+def _newton_step(camera: Camera, problem: BundleProblem, noise_px: float, factor: float, sigma: float) -> _NewtonStep:
     """The step in all unknowns at the optimum of poses and points, which follow the focal length."""
     projected = at_projections(camera, problem)
     lens = lens_derivatives(camera, projected)
@@ -121,7 +119,7 @@ def _newton_step(
     information = float(found.own[:, 0, 0].sum() - of_points @ of_points + coupling @ follows)
     gradient = float(found.gradient[0] + follows @ found.scores.sum(axis=0))
     # The prior is that of the factor, which a step of its logarithm moves in proportion.
-    information += (factor / prior.focal) ** 2
-    gradient += (factor - 1) * factor / prior.focal**2
+    information += (factor / sigma) ** 2
+    gradient += (factor - 1) * factor / sigma**2
     step = -gradient / information
     return _NewtonStep(step, step * follows, step * of_points, found.equations)

@@ -9,42 +9,26 @@ farthest from it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slam_init.bundle.problem import BundleProblem, LensPrior, PosePrior
+from slam_init.bundle.problem import BundleProblem, PosePrior
 from slam_init.bundle.reprojection import (
     calibration_key,
     gtsam_calibration,
     is_undistorted_first,
-    measured_pixels,
     projection,
 )
 from slam_init.errors import SourceError, plain_line
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
+from slam_init.types.lens import LensPrior
 from slam_init.types.pose import Pose
 
 if TYPE_CHECKING:
     import gtsam
-
-__all__ = [
-    "GAUGE",
-    "MapOfGraph",
-    "PoseTerms",
-    "build_graph",
-    "calibration_key",
-    "gtsam_calibration",
-    "is_undistorted_first",
-    "landmark_key",
-    "map_of_graph",
-    "measured_pixels",
-    "pose_key",
-    "projection",
-    "read_problem",
-]
 
 #: Standard deviation that practically fixes a variable; much faster than constrained noise in gtsam.
 _GAUGE_SIGMA = 1e-6
@@ -87,11 +71,17 @@ def landmark_key(track_id: int) -> int:
 
 
 def build_graph(
-    camera: Camera, problem: BundleProblem, noise_px: float, *, prior: LensPrior | None = None
+    camera: Camera,
+    problem: BundleProblem,
+    noise_px: float,
+    *,
+    prior: LensPrior | None = None,
+    stated: Camera | None = None,
 ) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
     """Build the factor graph of a problem: reprojection factors, gauge, baseline range, and the priors that there are.
 
     * ``prior``: If given, the calibration is a variable with this prior; its value is that of ``camera``.
+    * ``stated``: The camera that the prior expects; by default ``camera``.
     """
     import gtsam
 
@@ -111,7 +101,7 @@ def build_graph(
     graph.push_back(_pose_factors(problem))
     if prior is not None:
         values.insert(calibration_key(), gtsam_calibration(camera, adjusted=True))
-        graph.add(_calibration_prior(prior))
+        graph.add(_calibration_prior(stated or camera, prior))
     return graph, values
 
 
@@ -189,20 +179,19 @@ def _pose_prior(prior: PosePrior, key: int, mean: Pose, baseline: float) -> gtsa
     return factor
 
 
-def _calibration_prior(prior: LensPrior) -> gtsam.NonlinearFactor:
+def _calibration_prior(camera: Camera, prior: LensPrior) -> gtsam.NonlinearFactor:
     """A prior factor on ``K(0)``: tight for the ratio of the focal lengths, and for all that a lens prior has not."""
     import gtsam
 
-    camera = prior.camera
     mean = gtsam_calibration(camera, adjusted=True)
     focal = np.array([camera.fx, camera.fy])
     length = float(np.linalg.norm(focal))
     along = focal / length
     whiten = np.eye(mean.dim()) / _GAUGE_SIGMA
-    whiten[0, :2] = along / max(prior.focal * length, _GAUGE_SIGMA)
+    whiten[0, :2] = along / max(prior.focal_sigma * length, _GAUGE_SIGMA)
     whiten[1, :2] = np.array([-along[1], along[0]]) / (_ASPECT_SIGMA * length)
-    whiten[_PRINCIPAL, _PRINCIPAL] = 1 / max(prior.principal_px, _GAUGE_SIGMA)
-    whiten[_K1, _K1] = 1 / max(prior.k1 * _unit_of_k1(camera), _GAUGE_SIGMA)
+    whiten[_PRINCIPAL, _PRINCIPAL] = 1 / max(prior.principal_sigma_px, _GAUGE_SIGMA)
+    whiten[_K1, _K1] = 1 / max(prior.k1_sigma * _unit_of_k1(camera), _GAUGE_SIGMA)
     # gtsam requires the square root of the information matrix in upper triangular form.
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(np.linalg.qr(whiten)[1])
     factor: gtsam.NonlinearFactor = getattr(gtsam, f"PriorFactor{type(mean).__name__}")(calibration_key(), mean, noise)
@@ -307,13 +296,6 @@ def _camera_of(kind: str, numbers: tuple[float, ...]) -> Camera:
     if skew != 0:
         raise SourceError(f"the calibration of the graph has a skew of {skew:g}: undistort the images")
     return Camera(_LENSES[kind][0], round(2 * cx + 1), round(2 * cy + 1), fx, fy, cx, cy, tuple(distortion))
-
-
-def read_problem(values: gtsam.Values, problem: BundleProblem) -> BundleProblem:
-    """Replace the poses and points of a problem by those of gtsam values."""
-    poses = tuple(_pose(values.atPose3(pose_key(frame))) for frame in problem.frames)
-    points = np.array([values.atPoint3(landmark_key(track)) for track in problem.track_ids.tolist()])
-    return replace(problem, world_from_cam=poses, points=points.reshape(-1, 3))
 
 
 def _pose(pose3: gtsam.Pose3) -> Pose:

@@ -225,97 +225,12 @@ def couple_shared_errors(
 
 
 @compiled
-def leverage_of_pairs(
-    R: Floats, t: Floats, points: Floats, starts: Ints, views: Ints, lenses: Floats, covariance: Floats
-) -> Floats:
-    """Share of each landmark with two views in its own residual.
-
-    Four coordinates and three unknowns leave one residual, along ``u`` across the derivatives by the point. Its
-    derivative by the poses is ``g``, and the errors of the poses move it by ``g^T S g`` in units of the noise.
-
-    Shapes: ``covariance`` (6 K, 6 K), returns (L,).
-
-    * Returns: 0 for landmarks with another number of views.
-    """
-    p, e, leverage = np.empty(3), np.empty(2), np.zeros(len(points))
-    JX, J, u, g, at = np.empty((4, 3)), np.empty((4, 6)), np.empty(4), np.empty(12), np.empty(12, np.int64)
+def derivatives(
+    R: Floats, t: Floats, points: Floats, starts: Ints, views: Ints, lenses: Floats
+) -> tuple[Floats, Floats]:
+    """Derivatives of all residuals by the pose of their view (M, 2, 6) and by their point (M, 2, 3)."""
+    p, e, J, JX = np.empty(3), np.empty(2), np.zeros((len(views), 2, 6)), np.zeros((len(views), 2, 3))
     for landmark in range(len(points)):
-        first = starts[landmark]
-        if starts[landmark + 1] - first != 2:
-            continue
-        for m in range(2):
-            k, rows = views[first + m], slice(2 * m, 2 * m + 2)
-            _linearize(lenses[first + m], R[k], t[k], points[landmark], p, e, J[rows], JX[rows])
-            for i in range(6):
-                at[6 * m + i] = 6 * k + i
-        length = 0.0
-        for row in range(4):  # the cofactors of a fourth column
-            a, b, c = JX[(row + 1) % 4], JX[(row + 2) % 4], JX[(row + 3) % 4]
-            u[row] = a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0])
-            u[row] += a[2] * (b[0] * c[1] - b[1] * c[0])
-            u[row] *= 1.0 - 2.0 * (row % 2)
-            length += u[row] * u[row]
-        if length == 0.0:
-            continue
-        for i in range(6):
-            g[i] = u[0] * J[0, i] + u[1] * J[1, i]
-            g[6 + i] = u[2] * J[2, i] + u[3] * J[3, i]
-        for i in range(12):
-            for j in range(12):
-                leverage[landmark] += g[i] * covariance[at[i], at[j]] * g[j] / length
-    return leverage
-
-
-@compiled
-def spread_to_points(
-    roots: Floats, followed: Floats, newest: Floats, R: Floats, seen: Floats, shared: int
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Covariances of the points from independent causes of unit variance.
-
-    Shapes: ``roots`` (L, 6), ``followed`` (L, 3, T), ``newest`` (6, T), ``R`` (3, 3), ``seen`` (L, 3), returns
-    (L, 3, 3) three times and (L, T).
-
-    * ``followed``: A point moves by ``-C^-T`` times a column for its cause.
-    * ``newest``: Rotation vector and translation of the newest camera for each cause.
-    * ``R``: Its world_from_cam.
-    * ``seen``: The points in the newest camera.
-    * ``shared``: The causes from here on are errors that tracks share.
-    * Returns: The covariances in the world, in the newest camera, and there by the noise of single tracks alone; and
-      how far each cause moves the logarithm of the distance from the newest camera.
-    """
-    count = len(roots)
-    stretched = np.empty((count, followed.shape[2]))
-    points, in_newest, by_noise = np.zeros((count, 3, 3)), np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
-    own, x, y = np.empty((3, 3)), np.empty(3), np.empty(3)
-    for landmark in range(len(roots)):
-        c00, c11, c22, c10, c20, c21 = roots[landmark]
-        F, s = followed[landmark], seen[landmark]
-        distance2 = s[0] * s[0] + s[1] * s[1] + s[2] * s[2]
-        # The rays: the columns of C^-T, with the sign of the causes.
-        own[:] = 0.0
-        own[0, 0], own[1, 1], own[2, 2] = 1.0, 1.0, 1.0
-        causes = F.shape[1]
-        for column in range(causes + 3):
-            rays = column >= causes
-            for i in range(3):
-                x[i] = own[i, column - causes] if rays else F[i, column]
-            x[2] = -x[2] / c22
-            x[1] = (-x[1] - c21 * x[2]) / c11
-            x[0] = (-x[0] - c10 * x[1] - c20 * x[2]) / c00
-            for i in range(3):
-                y[i] = R[0, i] * x[0] + R[1, i] * x[1] + R[2, i] * x[2]
-            if not rays:
-                w0, w1, w2 = newest[0, column], newest[1, column], newest[2, column]
-                y[0] += s[1] * w2 - s[2] * w1 - newest[3, column]
-                y[1] += s[2] * w0 - s[0] * w2 - newest[4, column]
-                y[2] += s[0] * w1 - s[1] * w0 - newest[5, column]
-                stretched[landmark, column] = (s[0] * y[0] + s[1] * y[1] + s[2] * y[2]) / distance2
-            if column == shared:
-                by_noise[landmark] = in_newest[landmark]
-            for i in range(3):
-                for j in range(3):
-                    points[landmark, i, j] += x[i] * x[j]
-                    in_newest[landmark, i, j] += y[i] * y[j]
-                    if rays:
-                        by_noise[landmark, i, j] += y[i] * y[j]
-    return points, in_newest, by_noise, stretched
+        for m in range(starts[landmark], starts[landmark + 1]):
+            _linearize(lenses[m], R[views[m]], t[views[m]], points[landmark], p, e, J[m], JX[m])
+    return J, JX

@@ -95,7 +95,7 @@ def fit_points(problem: BundleProblem, noise_px: float) -> BundleProblem:
     errors = errors_of_points(R, t, points, *observed, CAUCHY**2)
     for _ in range(_POINT_STEPS):
         _, _, roots, solved, _ = eliminate_points(R, t, points, *observed, _POINT_DAMPING, CAUCHY**2, True)
-        tried = np.ascontiguousarray(points - _back_substituted(roots, solved))
+        tried = np.ascontiguousarray(points - back_substituted(roots, solved.reshape(-1, 3)))
         lower = errors_of_points(R, t, tried, *observed, CAUCHY**2)
         better = lower <= errors
         points, errors = np.where(better[:, None], tried, points), np.where(better, lower, errors)
@@ -200,7 +200,7 @@ def _moved(equations: Equations, R: Floats, t: Floats, points: Floats) -> tuple[
         return None
     if not np.isfinite(step).all():
         return None
-    moved = points - _back_substituted(equations.roots, equations.solved + equations.coupling @ step)
+    moved = points - back_substituted(equations.roots, (equations.solved + equations.coupling @ step).reshape(-1, 3))
     return *_moved_poses(step, R, t), np.ascontiguousarray(moved)
 
 
@@ -212,7 +212,7 @@ def stepped(problem: BundleProblem, equations: Equations, step: Floats, of_point
     * ``of_points``: What else the points follow, over their roots.
     """
     R, t = _moved_poses(step, *arrays_of(problem.world_from_cam))
-    points = problem.points - _back_substituted(equations.roots, of_points + equations.coupling @ step)
+    points = problem.points - back_substituted(equations.roots, (of_points + equations.coupling @ step).reshape(-1, 3))
     return replace(problem, world_from_cam=_poses(R, t), points=points)
 
 
@@ -225,14 +225,16 @@ def _poses(R: Floats, t: Floats) -> tuple[Pose, ...]:
     return tuple(Pose(one, centre) for one, centre in zip(R, t, strict=True))
 
 
-def _back_substituted(roots: Floats, z: Floats) -> Floats:
-    """``C^-T z`` of all points (L, 3)."""
-    z = z.reshape(-1, 3)
-    c00, c11, c22, c10, c20, c21 = roots.T
+def back_substituted(roots: Floats, z: Floats) -> Floats:
+    """``C^-T z`` of all points.
+
+    Shapes: ``roots`` (L, 6), ``z`` (L, 3, ...), returns (L, 3, ...).
+    """
+    c00, c11, c22, c10, c20, c21 = roots.T.reshape(6, -1, *(1,) * (z.ndim - 2))
     x2 = z[:, 2] / c22
     x1 = (z[:, 1] - c21 * x2) / c11
     x0 = (z[:, 0] - c10 * x1 - c20 * x2) / c00
-    return np.column_stack([x0, x1, x2])
+    return np.stack([x0, x1, x2], axis=1)
 
 
 def _rms_px(error: float, noise_px: float, problem: BundleProblem) -> float:

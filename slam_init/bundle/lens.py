@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from slam_init.bundle.least_squares import with_lenses
-from slam_init.bundle.problem import BundleProblem, LensPrior
+from slam_init.bundle.problem import BundleProblem
 from slam_init.config import MapConfig
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
-from slam_init.types.lens_in_use import CALIBRATED_SIGMA, MAX_FOCAL_SIGMA, UNKNOWN_PRINCIPAL_SIGMA, k1_sigma
+from slam_init.types.lens import CALIBRATED_SIGMA, MAX_FOCAL_SIGMA, UNKNOWN_PRINCIPAL_SIGMA, LensPrior, k1_sigma
 
 #: Steps of the derivatives. Poses and points follow most of a change of the lens, and a millionth of what is left may
 #: count: errors of a thousandth of the derivatives would tell as much about the focal length as a turning camera does.
@@ -31,11 +31,10 @@ def lens_prior(stated: Camera, config: MapConfig) -> LensPrior:
     focal = share * min(stated.focal_sigma or CALIBRATED_SIGMA, MAX_FOCAL_SIGMA)
     estimated = (stated.focal_sigma or 0.0) > CALIBRATED_SIGMA
     return LensPrior(
-        stated,
-        config.focal_sigma if config.refine_focal else focal,
-        share * UNKNOWN_PRINCIPAL_SIGMA * stated.width,
-        share * k1_sigma(stated),
-        (config.refine_focal or estimated, False, False, estimated),
+        focal_sigma=config.focal_sigma if config.refine_focal else focal,
+        k1_sigma=share * k1_sigma(stated),
+        principal_sigma_px=share * UNKNOWN_PRINCIPAL_SIGMA * stated.width,
+        fitted=(config.refine_focal or estimated, False, False, estimated),
     )
 
 

@@ -26,7 +26,7 @@ from quest.geometry.quaternion import rotation_from_vector
 from slam_init.bundle.least_squares import CAUCHY
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
-from slam_init.types.lens_in_use import PULL_FREEDOM, UNKNOWN_K1_SIGMA
+from slam_init.types.lens import PULL_FREEDOM, UNKNOWN_K1_SIGMA
 
 #: Standard deviation of k2 of a lens of which nothing is known: wide lenses have one of up to the square of their k1.
 #: Class: assumption.

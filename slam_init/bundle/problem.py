@@ -1,4 +1,4 @@
-"""Input of bundle adjustment (problem, prior of the lens) and its result (solution or failure).
+"""Input of bundle adjustment (problem) and its result (solution or failure).
 
 A failure is a value with its cause, not an exception.
 """
@@ -128,29 +128,6 @@ class BundleProblem:
             tuple(Pose(pose.R, factor * pose.t) for pose in some) for some in (self.world_from_cam, self.expected)
         )
         return replace(self, world_from_cam=poses, points=factor * self.points, expected=expected)
-
-
-class LensPrior(NamedTuple):
-    """Prior of the lens: the stated camera, and the standard deviations of its parameters; 0 for one that is exact."""
-
-    camera: Camera
-    #: Relative, of the focal length.
-    focal: float
-    #: Of each coordinate of the principal point.
-    principal_px: float = 0.0
-    #: Of the first coefficient of the radial distortion.
-    k1: float = 0.0
-    #: Focal length, principal point (2) and k1: whether the camera of the map has the value that the tracks tell, and
-    #: not the stated one. Only then their information lowers the deviation.
-    fitted: tuple[bool, bool, bool, bool] = (False, False, False, False)
-
-    @property
-    def sigmas(self) -> Floats:
-        """The standard deviations in the order of :func:`slam_init.bundle.lens.lens_derivatives`.
-
-        Shapes: returns (4,).
-        """
-        return np.array([self.focal, self.principal_px, self.principal_px, self.k1])
 
 
 class BundleFit(NamedTuple):

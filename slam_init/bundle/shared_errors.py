@@ -33,24 +33,17 @@ from slam_init.bundle.covariances import (
 from slam_init.bundle.graph import PoseTerms
 from slam_init.bundle.least_squares import arrays_of
 from slam_init.bundle.lens import lens_derivatives, residuals_of
-from slam_init.bundle.problem import BundleProblem, LensPrior
+from slam_init.bundle.problem import BundleProblem
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Bools, Floats, evenly_spaced
-from slam_init.types.camera import Camera, orthonormal_polynomials
+from slam_init.types.camera import Camera
+from slam_init.types.error_fields import ErrorFields, orthonormal_polynomials
+from slam_init.types.lens import LensPrior
 
-#: Standard deviations of a coefficient of the fields, in pixels. The root mean square of a coordinate over the image is
-#: 2.4 times as large. The least is that of good trackers and lenses, a tenth of a pixel over the image: it hardly shows
-#: in residuals, but it is as much as the noise of a hundred tracks leaves of their mean.
-_SCALES_PX: Floats = np.array([0.04, 0.08, 0.16, 0.32, 0.64, 1.28])
-#: Their probabilities before the residuals are seen: three in five videos have no more than the least, one in a hundred
-#: a lens model that does not hold. Ten times as much or as little changes a nat or two.
-_PRIOR: Floats = np.array([0.6, 0.2, 0.12, 0.05, 0.02, 0.01])
 #: A factor needs some hundred landmarks, not all. The covariance of the fields is scaled to the number of all.
 _LANDMARKS = 200
 #: A view with fewer of these keeps all its landmarks: six fix a pose, and the others its noise.
 _LEAST_OF_VIEW = 20
-#: A field that pulls farther than this number of standard deviations of the largest scale is no field.
-_LARGEST_PULL_SIGMAS = 5.0
 
 
 class ErrorModel(NamedTuple):
@@ -133,15 +126,7 @@ class _Equations:
         root = root_of_lens(left[:LENS, :LENS], lens_sigmas)
         of_lens = root @ (root.T @ left[:LENS])
         left, pull = (left - left[:, :LENS] @ of_lens)[LENS:, LENS:], (pull - of_lens.T @ pull[:LENS])[LENS:]
-        strength, axes = np.linalg.eigh(0.5 * (left + left.T))
-        strength = np.maximum(strength, 0.0)
-        largest = _LARGEST_PULL_SIGMAS * np.sqrt(strength * (1 + _SCALES_PX.max() ** 2 * strength))
-        pulls = np.clip(axes.T @ pull, -largest, largest)
-        variances = _SCALES_PX[:, None] ** 2 / (1 + _SCALES_PX[:, None] ** 2 * strength)
-        logs = np.log(_PRIOR) + 0.5 * variances @ pulls**2
-        logs -= 0.5 * np.log1p(_SCALES_PX[:, None] ** 2 * strength).sum(axis=1)
-        weights = np.exp(logs - logs.max())
-        return float(weights @ _SCALES_PX**2 / weights.sum())
+        return ErrorFields.of(left, pull).mean_square
 
     def gain_of_fields(self, share: float) -> float:
         """Mean factor on the variances of the poses by fields of a square pixel.

@@ -36,7 +36,7 @@ def _calibrate(arguments: argparse.Namespace) -> int:
 
     out = chosen_folder(arguments.out, "calibrate", [arguments.source])
 
-    from slam_init.calibration.writing import camera_yaml
+    from slam_init.calibration.files import camera_yaml
     from slam_init.config import Config
     from slam_init.methods.self_calibration import calibrate
     from slam_init.output.plain_json import json_text
@@ -64,8 +64,8 @@ def _calibrate(arguments: argparse.Namespace) -> int:
 
 def _text(found: SelfCalibration, out: str) -> str:
     """What the user reads."""
-    from slam_init.types.lens_in_use import MAX_FOCAL_SIGMA
-    from slam_init.types.reasons import Verdict
+    from slam_init.types.lens import MAX_FOCAL_SIGMA
+    from slam_init.types.refusal import Verdict
 
     stretches = f"{len(found.stretches)} of {found.tried} stretches"
     if found.camera is None:

@@ -53,7 +53,8 @@ def add_compare(commands: Commands) -> None:
     compare.add_argument(
         "--suite",
         choices=("drawn", "rendered"),
-        help="in place of sources: frozen worlds, starts and seeds, so that figures can be cited (docs/results.md)",
+        help="in place of sources: frozen worlds, starts and seeds, so that figures can be cited "
+        "(docs/measurements/simulated.md)",
     )
     compare.add_argument("--methods", metavar="A,B", help="of slam-init run --method (default: all that are installed)")
     compare.add_argument(
@@ -62,7 +63,7 @@ def add_compare(commands: Commands) -> None:
         action="append",
         default=[],
         help="a further method; may be repeated. NAME=command:'PROGRAM {images} {times} {camera} {out}' is an external "
-        "program (docs/tutorials/add-a-method.md)",
+        "program (docs/tutorials/compare.md)",
     )
     add_list_methods(compare)
     compare.add_argument(

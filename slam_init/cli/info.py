@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict
 
 from slam_init.cli.parser import DONE, Commands, add_command
 from slam_init.cli.source_options import add_source, chosen_camera, opened_source
@@ -35,7 +34,7 @@ def _info(arguments: argparse.Namespace) -> int:
         from slam_init.datasets.describe import describe, describe_text
 
         source = opened_source(arguments, 0)
-        info = describe(source, chosen_camera(arguments, source, 0))
-        facts, text = asdict(info), describe_text(info)
+        facts = describe(source, chosen_camera(arguments, source, 0))
+        text = describe_text(facts)
     tell(json_text(facts, digits=17) if arguments.json else text)
     return DONE

@@ -169,7 +169,7 @@ def _run(arguments: argparse.Namespace) -> int:
     replaced = earlier_result(out)
     arguments.sensor = None
     if isinstance(arguments.imu, str):
-        from slam_init.datasets.inertial_file import read_inertial_file
+        from slam_init.datasets.inertial import read_inertial_file
 
         arguments.sensor = read_inertial_file(arguments.imu)
     if arguments.live is not None:

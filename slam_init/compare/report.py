@@ -14,7 +14,7 @@ from slam_init.compare.figures import DIRECTION_SIGMAS, LEVELS, PARTS, ROTATION_
 from slam_init.compare.statistics import Interval
 from slam_init.methods.external_command import method_label
 from slam_init.types.arrays import Floats
-from slam_init.types.reasons import in_words
+from slam_init.types.refusal import in_words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -23,7 +23,7 @@ from slam_init.errors import SlamInitError
 from slam_init.methods.external_command import is_external
 from slam_init.types.frame import Observations
 from slam_init.types.initial_map import InitialMap
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 from slam_init.types.result import Result
 
 if TYPE_CHECKING:

@@ -11,9 +11,8 @@ import numpy as np
 
 from slam_init.config import MapConfig
 from slam_init.types.evidence import FreeFocal
-from slam_init.types.gates import Stage
 from slam_init.types.initial_map import InitialMap
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Stage, Verdict
 from slam_init.types.result import Attempt, told_reason
 
 _LOG = logging.getLogger("slam_init")
@@ -91,7 +90,7 @@ class AttemptLog:
         The first half is not counted, because a video may start with a camera that hardly moves.
 
         * Returns: A wrong calibration comes before what the frames lack. ``too_few_frames`` without attempts; of
-          equally frequent verdicts the first member of :class:`~slam_init.types.reasons.Verdict`.
+          equally frequent verdicts the first member of :class:`~slam_init.types.refusal.Verdict`.
         """
         if not self._verdicts:
             return Verdict.TOO_FEW_FRAMES

@@ -23,16 +23,16 @@ from slam_init.errors import ConfigError, SlamInitError, check_type
 from slam_init.frontend.conventions import check_rays
 from slam_init.frontend.keyframes import PairPreview, preview_pairs
 from slam_init.frontend.static_tracks import static_tracks, without
-from slam_init.frontend.tracks import History
 from slam_init.mapping.views import further_views
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Floats, evenly_spaced
 from slam_init.types.audit import Audit, AuditVerdict
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
-from slam_init.types.lens_in_use import LensInUse
+from slam_init.types.history import History
+from slam_init.types.lens import LensInUse
 from slam_init.types.pose import Pose
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 from slam_init.window.hypotheses import fit_hypotheses, motions_of_pair
 from slam_init.window.levels import SHORTEST_BASELINE
 from slam_init.window.motion import Motion

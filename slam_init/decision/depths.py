@@ -32,8 +32,7 @@ import numpy as np
 from slam_init.bundle.problem import BundleSolution
 from slam_init.config import AcceptanceConfig
 from slam_init.types.arrays import Floats
-from slam_init.types.gates import Gate, GateName, at_least, at_most
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Gate, GateName, Verdict, at_least, at_most
 
 #: Least share of the landmarks with known depths, and the largest standard deviation of the position of the next view,
 #: over its baseline; see the module docstring.

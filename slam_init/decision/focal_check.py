@@ -20,11 +20,11 @@ from quest.noise import GATE_SIGMAS
 from slam_init.decision.judged_window import JudgedWindow
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.evidence import FreeFocal
-from slam_init.types.lens_in_use import CALIBRATED_SIGMA
+from slam_init.types.lens import CALIBRATED_SIGMA
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_at_focal, with_plane
 from slam_init.window.motion import Motion
 from slam_init.window.other_motion import bearings_of_best
-from slam_init.window.risk import risk_of
+from slam_init.window.risk import likely_lens
 from slam_init.window.state import Priors
 from slam_init.window.tracker_errors import gain_of_shared_errors
 
@@ -86,11 +86,11 @@ def free_focal(window: JudgedWindow) -> FreeFocal | None:
             free = _fit_without_plane(hypotheses, motions, priors)
         if free is None:
             return None
-        found = risk_of(free, max_risk=0.0).camera.focal
+        found = likely_lens(free)
     except np.linalg.LinAlgError:
         return None
-    sigma = found.sigma * math.sqrt(1 + gain_of_shared_errors(free.tracks))
-    off = window.lens.log_scale + found.log_scale
+    sigma = found.focal_sigma * math.sqrt(1 + gain_of_shared_errors(free.tracks))
+    off = window.lens.log_scale + found.mean.log_scale
     least = max(GATE_SIGMAS * (stated.focal_sigma or CALIBRATED_SIGMA), _CONTRADICTS_SIGMAS * sigma)
     estimated_px = stated.focal_px * math.exp(off)
     return FreeFocal(
@@ -109,9 +109,11 @@ def _fit_without_plane(
     With a wrong focal length a wrong motion can bring the points of any scene near a plane.
     """
     tracks = hypotheses.tracks
-    free = fit_hypotheses(tracks, [replace(one, plane=None, points=None) for one in motions], priors)
+    free = fit_hypotheses(
+        tracks, [replace(one, plane=None, points=None) for one in motions], priors, hypotheses.rotations
+    )
     if free is None or not hypotheses.planar:
         return free
     best = with_plane(replace(free.motions[0].motion, points=None), tracks, bearings_of_best(free))
-    on_plane = fit_hypotheses(tracks, [best], priors)
+    on_plane = fit_hypotheses(tracks, [best], priors, free.rotations)
     return on_plane if on_plane is not None and on_plane.planar else free

@@ -17,10 +17,9 @@ from slam_init.decision.pose_so_far import WindowMotion
 from slam_init.decision.two_views import MatchedPair
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.evidence import WindowEvidence
-from slam_init.types.gates import Gate, GateName, at_most
-from slam_init.types.lens_in_use import MAX_FOCAL_SIGMA, LensInUse
+from slam_init.types.lens import MAX_FOCAL_SIGMA, LensInUse
 from slam_init.types.pose import Pose
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Gate, GateName, Verdict, at_most
 from slam_init.types.result import Attempt
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.levels import (
@@ -30,6 +29,7 @@ from slam_init.window.levels import (
 )
 from slam_init.window.motion import FittedMotion
 from slam_init.window.risk import WindowRisk
+from slam_init.window.uncertainty import suspected_k1
 
 _LENS_MAY_CHANGE = (
     "the tracks do not tell this motion from a lens that focuses, or from images that are stabilized: translate "
@@ -91,7 +91,7 @@ class JudgedWindow:
     @property
     def next_lens(self) -> LensInUse:
         """The lens to go on with where no map is accepted."""
-        return followed(self.lens, self.risk.camera)
+        return followed(self.lens, self.risk.lens.mean)
 
     @property
     def lens_of_best(self) -> LensInUse:
@@ -124,9 +124,8 @@ class JudgedWindow:
         return replace(attempt, window=self._evidence(), inliers=self._inliers(), moving=moving)
 
     def _evidence(self) -> WindowEvidence:
-        hypotheses, risk, lens = self.hypotheses, self.risk, self.lens
-        distortion, readout = risk.camera.distortion, risk.camera.readout
-        rolling = None if readout is None else lens.camera.with_readout(readout.seconds)
+        hypotheses, risk, lens, found = self.hypotheses, self.risk, self.lens, self.risk.lens
+        rolling = lens.camera.with_readout(found.mean.readout_s) if found.readout_sigma_s > 0 else None
         return WindowEvidence(
             views=len(self.best.rows),
             hypotheses=len(hypotheses.motions),
@@ -143,14 +142,14 @@ class JudgedWindow:
             noise_px=hypotheses.tracks.noise_px,
             field_px=risk.field_px,
             rotation_log_likelihood=risk.rotation_log_likelihood,
-            focal_factor=math.exp(lens.log_scale + risk.camera.focal.log_scale),
-            focal_sigma=risk.camera.focal.sigma,
+            focal_factor=math.exp(lens.log_scale + found.mean.log_scale),
+            focal_sigma=found.focal_sigma,
             readout_ms=None if rolling is None else rolling.readout_ms,
             readout_direction=None if rolling is None else rolling.readout_direction,
-            readout_sigma_ms=None if readout is None else 1e3 * readout.sigma_s,
-            distortion_k1=lens.k1 + distortion.k1,
-            distortion_sigma=distortion.sigma,
-            suspected_distortion=None if lens.is_unknown else distortion.suspected,
+            readout_sigma_ms=None if rolling is None else 1e3 * found.readout_sigma_s,
+            distortion_k1=lens.k1 + found.mean.k1,
+            distortion_sigma=found.k1_sigma,
+            suspected_distortion=None if lens.is_unknown else suspected_k1(found),
         )
 
     def _inliers(self) -> Bools:
@@ -169,13 +168,13 @@ class JudgedWindow:
 
         The deviation by the window has a factor for errors that its tracks share. The earlier estimate has its own.
         """
-        found, stated = self.risk.camera.focal, self.lens.stated
+        found, stated = self.risk.lens, self.lens.stated
         if stated.focal_sigma is None or stated.source not in ("estimated", "file"):
-            return found.sigma
-        if abs(self.lens.log_scale + found.log_scale) > GATE_SIGMAS * stated.focal_sigma:
-            return found.sigma
+            return found.focal_sigma
+        if abs(self.lens.log_scale + found.mean.log_scale) > GATE_SIGMAS * stated.focal_sigma:
+            return found.focal_sigma
         # An estimate by the frames that are read again knows the window already.
-        return stated.focal_sigma if stated.source == "estimated" else min(found.sigma, stated.focal_sigma)
+        return stated.focal_sigma if stated.source == "estimated" else min(found.focal_sigma, stated.focal_sigma)
 
     def _held_by_lens(self, reason: Verdict, max_risk: float) -> bool:
         """Whether the direction would be known well enough if the focal length were."""

@@ -9,10 +9,9 @@ estimate, and the prior stays where it was: an estimate is never the prior of th
 from __future__ import annotations
 
 from slam_init.config import Config
-from slam_init.types.lens_in_use import CALIBRATED_SIGMA, MAX_FOCAL_SIGMA, LensInUse, k1_sigma
+from slam_init.types.lens import CALIBRATED_SIGMA, MAX_FOCAL_SIGMA, Lens, LensInUse, k1_sigma
 from slam_init.window.levels import PRINCIPAL_SIGMA, READOUT_SIGMA_S
 from slam_init.window.state import Priors
-from slam_init.window.uncertainty import CameraEstimate
 
 #: A lens in use with a wider field than 90 degrees, or that bends the corners by a tenth, is one of an action camera.
 #: The pinhole model with k1 does not describe such a lens, so that no motion tells its focal length.
@@ -35,15 +34,14 @@ def priors_of(lens: LensInUse, config: Config) -> Priors:
         k1_sigma=k1_sigma(stated),
         readout_sigma_s=READOUT_SIGMA_S if stated.readout_s is None else 0.0,
         principal_sigma_px=PRINCIPAL_SIGMA * stated.width,
-        log_scale_mean=-lens.log_scale,
-        k1_mean=-lens.k1,
+        mean=Lens(-lens.log_scale, -lens.k1),
         lens_changes=config.acceptance.lens_changes,
     )
 
 
-def followed(lens: LensInUse, found: CameraEstimate) -> LensInUse:
+def followed(lens: LensInUse, found: Lens) -> LensInUse:
     """The lens to go on with after an estimate: the same one, unless it is unknown and the estimate is far off."""
-    log_scale, k1 = found.focal.log_scale, found.distortion.k1
+    log_scale, k1 = found.log_scale, found.k1
     # Half of what a calibration leaves open moves a pixel in the corner by a hundredth of its distance from the centre,
     # be it by the focal length or by the distortion.
     far = max(abs(log_scale), abs(k1)) > 0.5 * CALIBRATED_SIGMA

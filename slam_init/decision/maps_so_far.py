@@ -4,23 +4,43 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from slam_init.config import Config
 from slam_init.decision.attempt_log import AttemptLog, focal_notes
-from slam_init.decision.outcome import Outcome
 from slam_init.recording.recorder import Recorder
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import Margin
 from slam_init.types.frame import Observations
 from slam_init.types.initial_map import InitialMap
-from slam_init.types.result import MAX_SEGMENTS, Result, Segment
+from slam_init.types.lens import LensInUse
+from slam_init.types.result import MAX_SEGMENTS, Attempt, Result, Segment
 from slam_init.types.stopwatch import StageTimes
 
 if TYPE_CHECKING:
+    from slam_init.decision.pose_so_far import WindowMotion
     from slam_init.mapping.growing import Located
     from slam_init.mapping.map_building import MapWithViews
     from slam_init.mapping.refinement import Refinement
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """The end of an attempt: its verdict, and the maps that it leaves."""
+
+    #: The verdict and its evidence.
+    attempt: Attempt
+    #: A map that passed all gates.
+    accepted: MapWithViews | None = None
+    #: The maps of two motions that the tracks do not decide between, the better one first.
+    hypotheses: tuple[InitialMap, ...] = ()
+    #: The vote between the best motion and its nearest rival; None without a rival.
+    margin: Margin | None = None
+    #: The poses of the cameras of the judged window; None where no window was judged.
+    motion: WindowMotion | None = None
+    #: The lens to go on with; None where no window was judged.
+    lens: LensInUse | None = None
 
 
 class MapsSoFar:

@@ -14,9 +14,9 @@ import numpy as np
 
 from quest.robust.rotation import refine_rotation
 from slam_init.frontend.keyframes import SAME_SCENE
-from slam_init.frontend.tracks import History, common_tracks
 from slam_init.types.arrays import Floats
 from slam_init.types.frame import Observations
+from slam_init.types.history import History, common_tracks
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose
 from slam_init.types.status import CameraPose, PoseKind
@@ -32,9 +32,9 @@ _SCALES_RAD = (0.1, 0.03, 0.01, 0.003)
 #: Class: definition.
 _MEDIAN_OF_RAYLEIGH = 1.1774
 #: A rotation takes up the parallax that all tracks share, and leaves what differs between near and far ones. The
-#: inverse depths of a scene vary by a sixth of their mean at least, but for a wall. docs/python.md has the share of
-#: errors beyond two deviations. The number was chosen on Tsukuba, EuRoC, a checkerboard, the hospital, a turning hand
-#: and level flight.
+#: inverse depths of a scene vary by a sixth of their mean at least, but for a wall. The number was chosen on Tsukuba,
+#: EuRoC, a checkerboard, the hospital, a turning hand and level flight; ``docs/measurements/accuracy.md`` has the share
+#: of errors beyond two deviations.
 #: Class: assumption.
 _SHARED_PARALLAX = 6.0
 
@@ -141,9 +141,7 @@ class PoseSoFar:
 
 def _aligned(m: Floats, n: Floats) -> tuple[Floats, float]:
     """The rotation ``n = R m`` of most tracks, and its standard deviation."""
-    R = np.eye(3)
-    for scale_rad in _SCALES_RAD:
-        R = refine_rotation(R, m, n, scale_rad, iterations=4)
+    R = refine_rotation(np.eye(3), m, n, *_SCALES_RAD, iterations=4)
     return R, _sigma_rad(R, m, n)
 
 

@@ -18,11 +18,11 @@ from slam_init.datasets.posed_images import AXES, with_axes
 from slam_init.decision.audit import audit
 from slam_init.decision.judged_window import off_plane
 from slam_init.errors import SlamInitError
-from slam_init.frontend.tracks import common_tracks
 from slam_init.types.arrays import evenly_spaced
 from slam_init.types.audit import Audit
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
+from slam_init.types.history import common_tracks
 from slam_init.types.pose import Pose
 
 #: The order in a file whose quaternions were read in the other order, and the places that their parts move by.

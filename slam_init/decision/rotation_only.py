@@ -11,7 +11,7 @@ import math
 from dataclasses import replace
 
 from slam_init.types.camera import Camera
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 from slam_init.types.result import Attempt
 from slam_init.window.levels import EVEN_ODDS
 

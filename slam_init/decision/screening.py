@@ -7,13 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from slam_init.config import Config
-from slam_init.decision.refusal import refused_by, with_gates
 from slam_init.frontend.keyframes import PairPreview, difference_gate
 from slam_init.types.camera import Camera
-from slam_init.types.evidence import PreviewEvidence
 from slam_init.types.frame import Observations
-from slam_init.types.gates import GateName, Stage, at_least
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import GateName, Stage, Verdict, at_least
 from slam_init.types.result import Attempt
 
 #: A tenth of the tracks may be outliers. If the rotation leaves more of the tracks displaced, the camera moved.
@@ -53,21 +50,9 @@ def screen(
         at_least(GateName.MOTION_PX, motion_px, noise_px, Verdict.STATIC_CAMERA),
         *([rotation] if share < LEAST_PARALLAX_SHARE else []),
     )
-    attempt = Attempt((pair.reference, pair.current), Verdict.ACCEPTED, preview=preview_evidence(pair))
+    attempt = Attempt((pair.reference, pair.current), Verdict.ACCEPTED, preview=pair.evidence)
     for stage, gates in ((Stage.MATCHES, matches), (Stage.MOTION, motion)):
-        attempt = with_gates(attempt, gates)
+        attempt = attempt.with_gates(gates)
         if any(not gate.passes() for gate in gates):
-            return refused_by(attempt, stage, gates)
+            return attempt.refused_by(stage, gates)
     return None
-
-
-def preview_evidence(pair: PairPreview) -> PreviewEvidence:
-    """Return the figures of a preview as evidence of an attempt."""
-    return PreviewEvidence(
-        matches=pair.matches,
-        motion_px=pair.motion_px,
-        rotation_deg=pair.rotation_deg,
-        parallax_px=pair.parallax_px,
-        parallax_share=pair.parallax_share,
-        spread=pair.spread,
-    )

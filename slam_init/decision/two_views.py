@@ -11,16 +11,14 @@ from quest.estimate import NoPose, RelativePose, estimate_relative_pose
 from quest.geometry.quaternion import rotation_angle
 from quest.gravity import estimate_upright_pose
 from slam_init.config import Config
-from slam_init.decision.refusal import refused_at, refused_by, with_gates
 from slam_init.frontend.keyframes import PairPreview, difference_gate
-from slam_init.frontend.tracks import History, common_tracks
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import TwoViewEvidence
 from slam_init.types.frame import Observations
-from slam_init.types.gates import GateName, Stage, at_least
+from slam_init.types.history import History, common_tracks
 from slam_init.types.inertial import Gravity
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import GateName, Stage, Verdict, at_least
 from slam_init.types.result import Attempt
 
 #: The outlier threshold should be three standard deviations of the noise. Where the noise of the inliers is more than
@@ -134,7 +132,7 @@ def refuse_rotation(camera: Camera, config: Config, attempt: Attempt, pose: Rela
     least_px = difference_gate(max(config.map.noise_px, pose.noise_rad * camera.focal_px))
     rotation_px = float(rotation_angle(pose.R)) * camera.focal_px
     gate = at_least(GateName.ROTATION_PX, rotation_px, least_px, Verdict.STATIC_CAMERA)
-    attempt = with_gates(attempt, (gate,))
+    attempt = attempt.with_gates((gate,))
     if not gate.passes():
-        return refused_by(attempt, Stage.MOTION, (gate,))
-    return refused_at(attempt, Verdict.PURE_ROTATION, Stage.MOTION)
+        return attempt.refused_by(Stage.MOTION, (gate,))
+    return attempt.refused_at(Verdict.PURE_ROTATION, Stage.MOTION)

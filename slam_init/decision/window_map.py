@@ -15,13 +15,13 @@ from slam_init.config import Config
 from slam_init.decision.judged_window import JudgedWindow
 from slam_init.decision.map_posterior import differences_deg
 from slam_init.frontend.rolling_shutter import RollingShutter
-from slam_init.frontend.tracks import History
 from slam_init.mapping.candidate import map_of_poses
 from slam_init.mapping.map_building import MapWithViews, map_with_views
 from slam_init.mapping.views import TrackTable, table_of
+from slam_init.types.history import History
 from slam_init.types.initial_map import InitialMap
-from slam_init.types.lens_in_use import CALIBRATED_SIGMA
-from slam_init.types.reasons import Verdict
+from slam_init.types.lens import CALIBRATED_SIGMA
+from slam_init.types.refusal import Verdict
 from slam_init.types.result import ProvisionalMap
 from slam_init.window.levels import EVEN_ODDS, RISK_OF_A_VIEW
 from slam_init.window.motion import FittedMotion
@@ -168,7 +168,7 @@ class WindowMaps:
         options = self._config.map
         # A focal length that is certain to be off would bend the map. An estimate within its own standard deviation is
         # no reason to leave a calibration: errors that neighbouring tracks share pull it by a tenth on a board.
-        sigma = self._window.risk.camera.focal.sigma
+        sigma = self._window.risk.lens.focal_sigma
         if abs(state.lens.log_scale) > max(CALIBRATED_SIGMA, GATE_SIGMAS * sigma):
             options = replace(options, refine_focal=True, focal_sigma=CALIBRATED_SIGMA)
         config, factor = replace(self._config, map=options), math.exp(state.lens.log_scale)

@@ -20,10 +20,9 @@ from slam_init.decision.depths import depth_gates
 from slam_init.decision.focal_check import FocalCheck
 from slam_init.decision.judged_window import JudgedWindow
 from slam_init.decision.lens import priors_of
-from slam_init.decision.outcome import Outcome
-from slam_init.decision.refusal import refused_at, refused_by, with_gates
+from slam_init.decision.maps_so_far import Outcome
 from slam_init.decision.rotation_only import with_established_reason
-from slam_init.decision.screening import LEAST_PARALLAX_SHARE, preview_evidence
+from slam_init.decision.screening import LEAST_PARALLAX_SHARE
 from slam_init.decision.two_views import (
     MatchedPair,
     Proposer,
@@ -37,14 +36,13 @@ from slam_init.decision.window_map import WindowMaps
 from slam_init.frontend.keyframes import PairPreview
 from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.frontend.static_tracks import static_tracks, without
-from slam_init.frontend.tracks import History
 from slam_init.mapping.views import further_views
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import FreeFocal, MapEvidence
 from slam_init.types.frame import Observations
-from slam_init.types.gates import Gate, GateName, Stage, at_least
+from slam_init.types.history import History
 from slam_init.types.pose import Pose
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Gate, GateName, Stage, Verdict, at_least
 from slam_init.types.result import Attempt, ProvisionalMap
 from slam_init.types.stopwatch import Stopwatch
 from slam_init.window.hypotheses import StayingTracks, WindowHypotheses
@@ -53,6 +51,7 @@ from slam_init.window.live import LiveHypotheses
 from slam_init.window.motion import OtherMotion
 from slam_init.window.risk import WindowRisk, risk_of, with_zooming_rotation
 from slam_init.window.tracks import MAX_VIEWS
+from slam_init.window.uncertainty import told_readout_s
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +127,7 @@ class WindowRule:
         attempt = self._attempt(views.pair)
         if self._rotates and all(one.parallax_share < LEAST_PARALLAX_SHARE for one in pairs):
             # The joint fit of a rotation-only camera takes the most steps, and no pair tells anything new.
-            outcome = Outcome(refused_at(attempt, Verdict.PURE_ROTATION, Stage.MOTION))
+            outcome = Outcome(attempt.refused_at(Verdict.PURE_ROTATION, Stage.MOTION))
         else:
             outcome = self._propose_and_fit(chosen, views, attempt, stopwatch)
         return replace(outcome, attempt=with_established_reason(self._history.camera, outcome.attempt))
@@ -186,7 +185,7 @@ class WindowRule:
             attempt = replace(attempt, map=MapEvidence(failure=f"the window has no solution: {error}"))
         if found is None:
             self._last = None
-            return Outcome(refused_at(attempt, Verdict.NO_CONSISTENT_MOTION, Stage.MAP))
+            return Outcome(attempt.refused_at(Verdict.NO_CONSISTENT_MOTION, Stage.MAP))
         hypotheses, risk = found
         pair = self._with_readout(views.pair, risk)
         window = JudgedWindow(pair, hypotheses, risk, self._history.lens, self._threshold_rad)
@@ -196,7 +195,7 @@ class WindowRule:
         free = self._focal_check(window, accepted=outcome.accepted is not None)
         outcome = replace(outcome, attempt=replace(outcome.attempt, free_focal=free))
         if outcome.accepted is not None and free is not None and free.contradicts:
-            refused = refused_at(outcome.attempt, Verdict.WRONG_FOCAL_LENGTH, Stage.MAP)
+            refused = outcome.attempt.refused_at(Verdict.WRONG_FOCAL_LENGTH, Stage.MAP)
             outcome = Outcome(refused, lens=window.next_lens)
         self._live.change_lens(window.lens, outcome.lens or window.lens)
         return replace(outcome, motion=window.motion, margin=risk.margin)
@@ -228,9 +227,9 @@ class WindowRule:
     def _accept_or_refuse(self, window: JudgedWindow, attempt: Attempt) -> Outcome:
         """Refuse a window by its gates, or build its map."""
         gates = window.gates(self._config.acceptance.max_risk)
-        attempt, maps = with_gates(attempt, gates), self._maps(window)
+        attempt, maps = attempt.with_gates(gates), self._maps(window)
         if not all(gate.passes() for gate in gates):
-            refused = refused_by(attempt, Stage.MAP, gates)
+            refused = attempt.refused_by(Stage.MAP, gates)
             return Outcome(refused, hypotheses=maps.undecided(refused.verdict), lens=window.next_lens)
         bundle, table = maps.candidate()
         attempt = replace(attempt, frames=table.frames)
@@ -238,17 +237,17 @@ class WindowRule:
         lens = window.lens_of_best
         if not isinstance(bundle, BundleSolution):
             attempt = replace(attempt, map=MapEvidence(failure=bundle.cause))
-            return Outcome(refused_at(attempt, Verdict.BUNDLE_ADJUSTMENT_FAILED, Stage.MAP), lens=lens)
+            return Outcome(attempt.refused_at(Verdict.BUNDLE_ADJUSTMENT_FAILED, Stage.MAP), lens=lens)
         evidence = MapEvidence(bundle.rmse_px, pose_prior=bundle.problem.prior is not None)
         gates = self._map_gates(bundle)
-        attempt = with_gates(replace(attempt, map=evidence), gates)
+        attempt = replace(attempt, map=evidence).with_gates(gates)
         if not all(gate.passes() for gate in gates):
-            return Outcome(refused_by(attempt, Stage.MAP, gates), lens=lens)
+            return Outcome(attempt.refused_by(Stage.MAP, gates), lens=lens)
         risk = maps.risk_of(bundle)
         if risk.total > self._config.acceptance.max_risk:
             failure = f"the adjusted motion differs from that of the window: risk {risk.total:.2g}"
             attempt = replace(attempt, map=MapEvidence(failure=failure))
-            return Outcome(refused_at(attempt, Verdict.BUNDLE_ADJUSTMENT_FAILED, Stage.MAP), lens=lens)
+            return Outcome(attempt.refused_at(Verdict.BUNDLE_ADJUSTMENT_FAILED, Stage.MAP), lens=lens)
         # The stated risk is that of the map.
         attempt = replace(window, risk=risk).with_evidence(attempt)
         gates = [replace(one, value=risk.total) if one.name == GateName.RISK else one for one in attempt.gates]
@@ -287,7 +286,7 @@ class WindowRule:
             pixels2=pair.pixels2,
             inliers=none,
             moving=none,
-            preview=preview_evidence(pair.preview),
+            preview=pair.preview.evidence,
         )
 
     def _proposed(self, pair: MatchedPair, pose: RelativePose | NoPose, attempt: Attempt) -> Attempt:
@@ -303,13 +302,13 @@ class WindowRule:
 
     def _without_motion(self, attempt: Attempt, pose: RelativePose | NoPose) -> Attempt:
         if isinstance(pose, NoPose):
-            return refused_at(attempt, Verdict(pose.reason), Stage.TWO_VIEWS)
+            return attempt.refused_at(Verdict(pose.reason), Stage.TWO_VIEWS)
         return refuse_rotation(self._history.camera, self._config, attempt, pose)
 
     def _with_readout(self, pair: MatchedPair, risk: WindowRisk) -> MatchedPair:
         """Correct the rays of the history for the readout that the window found; return the pair with these rays."""
-        readout = risk.camera.readout
-        if readout is None or not self._shutter.adopt(self._history, readout.told_seconds):
+        is_known = risk.lens.readout_sigma_s == 0
+        if is_known or not self._shutter.adopt(self._history, told_readout_s(risk.lens)):
             return pair
         return self._views(pair.preview, self._history[pair.current.frame]).pair
 

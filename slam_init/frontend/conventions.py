@@ -8,6 +8,7 @@ from slam_init.errors import SlamInitError
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
+from slam_init.types.history import check_lengths
 
 #: The correction of a rolling shutter moves rays by the turn of the camera during half of a readout: 200 degrees a
 #: second over 15 ms. Other axes, or another camera, move the typical ray by more, unless all rays are near the axis.
@@ -20,26 +21,9 @@ _OTHER_AXES = {
     (-1.0, -1.0, -1.0): "the rays from the points to the camera: multiply them by -1",
     (1.0, 1.0, -1.0): "with z backward: multiply z by -1",
 }
-
-
-#: Rays that were made of unit length in 32 bits are off by some 1e-7. What is off by more was not normalized.
-_UNIT_TOLERANCE = 1e-6
-
-
 #: A pixel this many sizes of the image away from it is no measurement of this camera: a lens of 170 degrees has rays at
 #: eleven sizes. The polynomials of the error fields of all tracks would follow it.
 _FARTHEST_SIZES = 20.0
-
-
-def check_lengths(name: str, bearings: Floats) -> None:
-    """Raise SlamInitError where a finite bearing is not of length 1."""
-    # Clipped first: the square of a huge number is not finite.
-    misses = np.abs(np.linalg.norm(np.clip(bearings, -2.0, 2.0), axis=1) - 1)
-    if len(misses) and float(misses.max()) > _UNIT_TOLERANCE:
-        worst = np.array2string(bearings[int(np.argmax(misses))], precision=3)
-        raise SlamInitError(
-            f"{name}: the bearing {worst} has not the length 1: divide rays by their norm, and leave zero ones out"
-        )
 
 
 def check_pixels(camera: Camera, frame: int, pixels: Floats) -> None:

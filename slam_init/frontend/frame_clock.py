@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from slam_init.errors import SlamInitError
-from slam_init.frontend.tracks import History
 from slam_init.types.frame import Frame, Observations
+from slam_init.types.history import History
 from slam_init.types.time_stamps import LARGEST_SECONDS, TimeUnit, in_seconds, problem_of, time_unit, unit_notes
 
 

@@ -11,17 +11,18 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from quest.geometry.quaternion import rotation_angle
 from quest.robust.rotation import refine_rotation
 from slam_init.config import Config
-from slam_init.frontend.tracks import History, common_tracks
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
+from slam_init.types.evidence import PreviewEvidence
 from slam_init.types.frame import Observations
+from slam_init.types.history import History, common_tracks
 
 #: The spread of the tracks is counted in the cells of this grid over the image.
 _GRID = (8, 6)
@@ -44,26 +45,19 @@ _OLDEST_FRAMES = 300
 
 
 @dataclass(frozen=True)
-class PairPreview:
+class PairPreview(PreviewEvidence):
     """Properties of a pair of frames that are known before any epipolar geometry."""
 
     #: reference, current: Absolute frame indices.
     reference: int
     current: int
-    #: Common tracks.
-    matches: int
     #: Number of common tracks over that of the frame with more tracks; 0 if there are fewer than 3 common tracks.
     overlap: float
-    #: 90th percentile of the displacement of the tracks.
-    motion_px: float
-    #: Angle of the rotation that best aligns the tracks.
-    rotation_deg: float
-    #: Median displacement of the tracks after this rotation is removed.
-    parallax_px: float
-    #: Share of the tracks that are displaced by more than noise after this rotation is removed.
-    parallax_share: float
-    #: Share of the image's grid cells that hold a common track, in [0, 1]; 0 if there are fewer than 3.
-    spread: float
+
+    @property
+    def evidence(self) -> PreviewEvidence:
+        """The figures without the frames."""
+        return PreviewEvidence(**{one.name: getattr(self, one.name) for one in fields(PreviewEvidence)})
 
     @property
     def direction_score(self) -> float:
@@ -94,15 +88,14 @@ def _align(
 ) -> tuple[PairPreview, Floats]:
     """The preview of a pair without the angle of its rotation, and the rotation."""
     i, j = common_tracks(reference, current)
-    R = np.eye(3)
     if len(i) < 3:
-        return PairPreview(reference.frame, current.frame, len(i), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), R
+        return PairPreview(len(i), 0.0, 0.0, 0.0, 0.0, 0.0, reference.frame, current.frame, 0.0), np.eye(3)
     m, n, pixels = reference.bearings[i], current.bearings[j], current.pixels[j]
     motion_px = float(np.percentile(np.linalg.norm(pixels - reference.pixels[i], axis=1), 90))
     gate_px = difference_gate(noise_px)
     # The scale of the robust kernel starts wide, so that every track counts, and decreases to the noise gate.
-    for scale_px in (0.1 * camera.focal_px, 8 * gate_px, gate_px):
-        R = refine_rotation(R, m, n, scale_px / camera.focal_px, iterations=4)
+    scales_px = np.array([0.1 * camera.focal_px, 8 * gate_px, gate_px])
+    R = refine_rotation(np.eye(3), m, n, *scales_px / camera.focal_px, iterations=4)
     left_px = np.linalg.norm(n - m @ R.T, axis=1) * camera.focal_px
     cells = np.clip((pixels / (camera.width, camera.height) * _GRID).astype(int), 0, np.subtract(_GRID, 1))
     pair = PairPreview(

@@ -18,11 +18,11 @@ import numpy as np
 
 from quest.geometry.quaternion import vector_from_rotation
 from quest.robust.rotation import refine_rotation
-from slam_init.frontend.tracks import History, common_tracks
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
-from slam_init.types.lens_in_use import LensInUse
+from slam_init.types.history import History, common_tracks
+from slam_init.types.lens import LensInUse
 
 #: A hand changes its turning several times in a second. With frames farther apart than this, the turning between two
 #: frames tells nothing about the turning in the time of a readout.
@@ -128,9 +128,7 @@ class RollingShutter:
             return None
         if self._steps:
             current = self.corrected(camera, current, self._steps[-1].turn_rad_s)
-        R = np.eye(3)
-        for scale_rad in _SCALES_RAD:
-            R = refine_rotation(R, previous.bearings[i], current.bearings[j], scale_rad, iterations=4)
+        R = refine_rotation(np.eye(3), previous.bearings[i], current.bearings[j], *_SCALES_RAD, iterations=4)
         return _Step(vector_from_rotation(R) / length_s, length_s, previous.frame, not self._steps)
 
     def adopt(self, history: History, readout_s: float) -> bool:

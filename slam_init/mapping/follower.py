@@ -13,11 +13,11 @@ from typing import Protocol
 import numpy as np
 
 from slam_init.errors import SlamInitError, SourceError, check_type
-from slam_init.frontend.tracks import History
 from slam_init.mapping.growing import GrowingMap
 from slam_init.output.records import ContinuationRecord
 from slam_init.recording.recorder import Recorder
 from slam_init.types.frame import Frame, Observations
+from slam_init.types.history import History
 from slam_init.types.initial_map import InitialMap, Keyframe
 
 #: A growing map holds the last 24 keyframes, and the accepted ones have to be among them.

@@ -31,13 +31,13 @@ from slam_init.bundle.noise import estimate_noise
 from slam_init.bundle.problem import BundleFailure, BundleProblem
 from slam_init.config import MapConfig
 from slam_init.frontend.rolling_shutter import RollingShutter, corrected_pixels
-from slam_init.frontend.tracks import History
 from slam_init.mapping.map_building import initial_map
 from slam_init.mapping.resection import resect
 from slam_init.mapping.triangulation import triangulate
 from slam_init.system.linear_algebra import deviations
 from slam_init.types.arrays import Bools, Floats, Image, Ints
 from slam_init.types.frame import Observations
+from slam_init.types.history import History
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose
 

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from quest.tails import poisson_tail
 from slam_init.bundle.problem import BundleSolution
-from slam_init.frontend.tracks import History
 from slam_init.types.frame import Observations
+from slam_init.types.history import History
 from slam_init.types.inertial import Gravity
 from slam_init.types.initial_map import InitialMap, Keyframe
 
@@ -51,16 +52,11 @@ def mean_gravity(keyframes: Sequence[Keyframe], gravities: Mapping[int, Gravity]
         return None
     mean /= np.linalg.norm(mean)
     off_deg = np.degrees(np.arccos(np.clip(down @ mean, -1, 1)))
-    if float(np.sum((off_deg / sigmas_deg) ** 2)) > _largest_chi_square(2 * len(known) - 2):
+    # Of chi-square with an even number of degrees of freedom, here two for each further direction.
+    by_chance = 1 - poisson_tail(len(known) - 1, 0.5 * float(np.sum((off_deg / sigmas_deg) ** 2)))
+    if len(known) > 1 and by_chance < _CONTRADICTION:
         return None
     return Gravity(mean, float(np.sqrt(np.mean(sigmas_deg**2))))
-
-
-def _largest_chi_square(freedom: int) -> float:
-    """What a sum of squares exceeds by chance once in a thousand."""
-    from scipy.special import gammainccinv
-
-    return 2 * float(gammainccinv(0.5 * freedom, _CONTRADICTION)) if freedom else np.inf
 
 
 def initial_map(bundle: BundleSolution, views: Sequence[Observations], scene: str) -> InitialMap:

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from slam_init.config import MapConfig
-from slam_init.frontend.tracks import History, common_tracks
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.frame import Observations
+from slam_init.types.history import History, common_tracks
 
 
 @dataclass(frozen=True, eq=False)

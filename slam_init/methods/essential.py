@@ -25,7 +25,7 @@ from slam_init.methods.motions import IN_FRONT, CheckRule, motions_of_essential
 from slam_init.methods.rules import Limit, Pair, RuledMethod
 from slam_init.methods.two_view import Evidence, PairRule, TwoViewOutcome
 from slam_init.types.arrays import Bools, Floats
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 
 #: Rotations (K, 3, 3), unit translations (K, 3) and inliers (N,) of one essential matrix.
 Motions = tuple[Floats, Floats, Bools]

@@ -16,7 +16,7 @@ and may write these files to ``{out}``:
 ===================  ================================================================================================
 ``trajectory.txt``    ``timestamp tx ty tz qx qy qz qw``, world_from_cam, for the keyframes of its initial map
 ``frames_read.txt``   number of frames that the program had read when it had this map; without it all frames count
-``reason.txt``        why there is no trajectory: one of :data:`slam_init.types.reasons.REASONS`
+``reason.txt``        why there is no trajectory: one of :data:`slam_init.types.refusal.REASONS`
 ===================  ================================================================================================
 
 A program that exits with 0 and writes no trajectory has no map. Any other end is an error of the program. A map from a
@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.calibration.writing import camera_yaml
+from slam_init.calibration.files import camera_yaml
 from slam_init.datasets.text import read_trajectory
 from slam_init.errors import SlamInitError
 from slam_init.frontend.tracks import Tracker
@@ -47,7 +47,7 @@ from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap, Keyframe, UnitError
 from slam_init.types.pose import Trajectory
-from slam_init.types.reasons import REASONS, Verdict
+from slam_init.types.refusal import REASONS, Verdict
 from slam_init.types.result import Result
 from slam_init.types.status import Status, frame_of
 from slam_init.types.stopwatch import Stopwatch

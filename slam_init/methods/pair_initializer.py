@@ -11,13 +11,10 @@ from slam_init.bundle.adjustment import adjust
 from slam_init.bundle.problem import BundleProblem, BundleSolution
 from slam_init.config import Config
 from slam_init.decision.attempt_log import AttemptLog
-from slam_init.decision.maps_so_far import MapsSoFar
-from slam_init.decision.outcome import Outcome
-from slam_init.decision.refusal import refused_at, with_gates
+from slam_init.decision.maps_so_far import MapsSoFar, Outcome
 from slam_init.errors import SlamInitError
 from slam_init.frontend.frame_clock import FrameClock
 from slam_init.frontend.matched_tracks import make_tracker
-from slam_init.frontend.tracks import common_tracks
 from slam_init.mapping.map_building import map_with_views
 from slam_init.methods.two_view import TwoViewMethod, undistorted_pixels
 from slam_init.recording.recorder import Recorder
@@ -25,10 +22,10 @@ from slam_init.types.arrays import Image, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import MapEvidence
 from slam_init.types.frame import Frame, Observations
-from slam_init.types.gates import GateName, at_least
+from slam_init.types.history import common_tracks
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.pose import Pose
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import GateName, Verdict, at_least
 from slam_init.types.result import Attempt, Result
 from slam_init.types.status import Status, frame_of
 from slam_init.types.stopwatch import Stopwatch
@@ -161,9 +158,9 @@ class PairInitializer:
             at_least(GateName.FEATURES, len(current), rule.min_features, Verdict.TOO_FEW_FEATURES),
             at_least(GateName.MATCHES, len(i), rule.min_matches, Verdict.TOO_FEW_MATCHES),
         )
-        attempt = with_gates(Attempt((reference.frame, current.frame), Verdict.ACCEPTED), gates)
+        attempt = Attempt((reference.frame, current.frame), Verdict.ACCEPTED).with_gates(gates)
         if attempt.failed_gates:
-            return Outcome(refused_at(attempt, attempt.failed_gates[0].reason))
+            return Outcome(attempt.refused_at(attempt.failed_gates[0].reason))
         m, n = reference.bearings[i], current.bearings[j]
         x1, x2 = undistorted_pixels(self.camera, m), undistorted_pixels(self.camera, n)
         with self.stopwatch("two_view"):
@@ -173,7 +170,7 @@ class PairInitializer:
         attempt = replace(attempt, pixels1=pixels1, pixels2=pixels2, inliers=inliers)
         pose = outcome.cam2_from_cam1
         if pose is None:
-            return Outcome(refused_at(attempt, outcome.verdict))
+            return Outcome(attempt.refused_at(outcome.verdict))
         if problem := pose.problem():
             raise SlamInitError(f"method {self.config.method}: the pose of frames {attempt.frames} {problem}")
         count = int(inliers.sum())
@@ -195,13 +192,13 @@ class PairInitializer:
         if not isinstance(bundle, BundleSolution):
             self._reference = None
             failed = replace(attempt, map=MapEvidence(failure=bundle.cause))
-            return Outcome(refused_at(failed, Verdict.BUNDLE_ADJUSTMENT_FAILED))
+            return Outcome(failed.refused_at(Verdict.BUNDLE_ADJUSTMENT_FAILED))
         count, needed = len(bundle.problem.points), self.method.pair_rule.min_landmarks
         landmarks = at_least(GateName.LANDMARKS, count, needed, Verdict.TOO_FEW_LANDMARKS)
-        attempt = replace(with_gates(attempt, (landmarks,)), map=MapEvidence(reprojection_rmse_px=bundle.rmse_px))
+        attempt = replace(attempt.with_gates((landmarks,)), map=MapEvidence(reprojection_rmse_px=bundle.rmse_px))
         if not landmarks.passes():
             self._reference = None
-            return Outcome(refused_at(attempt, Verdict.TOO_FEW_LANDMARKS))
+            return Outcome(attempt.refused_at(Verdict.TOO_FEW_LANDMARKS))
         return Outcome(attempt, map_with_views(self.history, bundle, scene))
 
 

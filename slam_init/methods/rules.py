@@ -12,7 +12,7 @@ from slam_init.methods.motions import CheckRule, MotionCheck, check_motions, mot
 from slam_init.methods.two_view import Evidence, TwoViewOutcome, check_matches
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 
 
 class Limit(NamedTuple):

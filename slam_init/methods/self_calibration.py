@@ -24,9 +24,9 @@ from slam_init.mapping.resection import resect
 from slam_init.mapping.triangulation import triangulate
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations, Source, length_of
-from slam_init.types.lens_in_use import MAX_FOCAL_SIGMA
+from slam_init.types.lens import MAX_FOCAL_SIGMA
 from slam_init.types.pose import Pose
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 from slam_init.types.result import Result
 from slam_init.window.locating import MIN_RESECTED
 
@@ -68,7 +68,7 @@ class StretchEstimate:
 class SelfCalibration:
     """The camera by all stretches."""
 
-    #: None where the stretches do not tell the focal length to :data:`slam_init.types.lens_in_use.MAX_FOCAL_SIGMA`, the
+    #: None where the stretches do not tell the focal length to :data:`slam_init.types.lens.MAX_FOCAL_SIGMA`, the
     #: bound of a map without a calibration.
     camera: Camera | None
     #: Those that tell the focal length.

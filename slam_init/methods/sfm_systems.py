@@ -28,7 +28,7 @@ from slam_init.methods.rules import Limit, Pair, RuledMethod
 from slam_init.methods.two_view import Evidence, PairRule, TwoViewOutcome
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.pose import Pose
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 
 
 @dataclass(frozen=True)

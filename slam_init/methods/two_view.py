@@ -15,7 +15,7 @@ from slam_init.errors import SlamInitError
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
-from slam_init.types.reasons import REASONS, Verdict
+from slam_init.types.refusal import REASONS, Verdict
 
 #: The figures behind the decision of a method, under the method's own names. They are only reported.
 Evidence = dict[str, float | int | str]
@@ -47,7 +47,7 @@ class TwoViewOutcome:
     Attributes
     ----------
     reason : str
-        ``accepted`` or a reason of :data:`slam_init.types.reasons.REASONS`.
+        ``accepted`` or a reason of :data:`slam_init.types.refusal.REASONS`.
     cam2_from_cam1 : Pose or None
         ``u R m + t = v n`` with |t| = 1; None if the pair is refused.
     landmarks : (N,) bool
@@ -86,7 +86,7 @@ class TwoViewOutcome:
         Parameters
         ----------
         reason : str
-            A reason of :data:`slam_init.types.reasons.REASONS`.
+            A reason of :data:`slam_init.types.refusal.REASONS`.
         count : int
             Number of matches.
         evidence : dict, optional

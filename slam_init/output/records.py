@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from slam_init.types.evidence import FreeFocal, MapEvidence, PreviewEvidence, TwoViewEvidence, WindowEvidence
-from slam_init.types.gates import Direction, GateName, Stage
 from slam_init.types.initial_map import InitialMap, Keyframe
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Direction, GateName, Stage, Verdict
 from slam_init.types.result import Attempt, GroundTruthErrors, Segment
 from slam_init.types.scale import Scale, ScaleOrigin
 
@@ -51,7 +50,7 @@ class SourceRecord:
 class CameraRecord:
     """The stated calibration."""
 
-    #: Name of the lens model: ``pinhole``, ``radtan``, ``fisheye``, ``double-sphere`` and so on (docs/lenses.md).
+    #: Name of the lens model: ``pinhole``, ``radtan``, ``fisheye``, ``double-sphere`` (docs/how-to/camera.md).
     model: str
     #: width, height: Size of the images, in pixels.
     width: int

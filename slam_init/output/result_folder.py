@@ -17,7 +17,7 @@ from slam_init.errors import SourceError, plain_line
 from slam_init.output.folder import read_marker
 from slam_init.output.names import RECORDING, RUN_FILES
 from slam_init.system.regular_file import check_inside, read_regular
-from slam_init.types.reasons import in_words
+from slam_init.types.refusal import in_words
 
 _SUMMARY = "summary.json"
 #: A thousand attempts with their gates and evidence have 4 MB.

@@ -28,7 +28,7 @@ from slam_init.output.records import (
 )
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import FreeFocal, Margin
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 from slam_init.types.result import GroundTruthErrors, Result
 from slam_init.types.stopwatch import StageTimes
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from slam_init.pictures.canvas import FAINT, INK, INLIER, OUTLIER
 from slam_init.types.arrays import Floats
-from slam_init.types.gates import GateName
-from slam_init.types.reasons import Verdict, in_words
+from slam_init.types.refusal import GateName, Verdict, in_words
 from slam_init.types.result import Attempt
 
 if TYPE_CHECKING:

@@ -24,10 +24,9 @@ from slam_init.pictures.map_drawing import ABOVE, SIDE, draw_cameras, draw_map, 
 from slam_init.recording.story import StoryRecorder
 from slam_init.recording.text import headline
 from slam_init.types.arrays import evenly_spaced
-from slam_init.types.gates import Direction, Gate, GateName
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.pose import Trajectory
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Direction, Gate, GateName, Verdict
 from slam_init.types.result import Attempt, Result, Segment
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from slam_init.types.gates import GateName
+from slam_init.types.refusal import GateName
 from slam_init.types.result import Attempt
 
 Color = tuple[int, int, int]

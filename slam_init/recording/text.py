@@ -7,8 +7,7 @@ from collections.abc import Mapping
 from slam_init.errors import plain_line
 from slam_init.output.plain_json import Json, plain_fields
 from slam_init.output.summary import Summary
-from slam_init.types.gates import Direction, Gate, GateName
-from slam_init.types.reasons import Verdict, in_words
+from slam_init.types.refusal import Direction, Gate, GateName, Verdict, in_words
 from slam_init.types.result import Attempt
 
 

@@ -7,7 +7,7 @@ from enum import StrEnum
 
 from quest.display import Described
 from slam_init.types.pose import Pose
-from slam_init.types.reasons import Verdict, in_words
+from slam_init.types.refusal import Verdict, in_words
 
 
 class AuditVerdict(StrEnum):

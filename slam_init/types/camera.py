@@ -20,7 +20,7 @@ from slam_init.types.arrays import Floats, as_array, as_number, set_fields
 from slam_init.types.lenses.lens import (
     COEFFICIENTS,
     MAX_PLANAR_ANGLE_RAD,
-    Lens,
+    LensModel,
     bent_coefficients,
     check_coefficients,
     lens_of,
@@ -165,7 +165,7 @@ class Camera(Described):
         return Camera("radtan" if coefficients else "pinhole", width, height, fx, fy, cx, cy, coefficients)
 
     @property
-    def lens(self) -> Lens | None:
+    def lens(self) -> LensModel | None:
         """The lens, where rays may point behind the image plane or the model is no formula on the plane z = 1.
 
         None for ``pinhole`` and ``radtan``, and for ``fisheye`` where the image ends before 89 degrees.
@@ -173,7 +173,7 @@ class Camera(Described):
         return None if self._lens.is_planar else self._lens
 
     @cached_property
-    def _lens(self) -> Lens:
+    def _lens(self) -> LensModel:
         planar = lens_of(self.model, self.distortion, is_planar=self.model in ("pinhole", "radtan", "fisheye"))
         if self.model != "fisheye" or planar.largest_radius < MAX_PLANAR_ANGLE_RAD:
             return planar
@@ -370,17 +370,6 @@ class Camera(Described):
         if self.readout_ms is not None:
             facts.append(("readout", f"{self.readout_ms:.4g} ms, {self.readout_direction}"))
         return f"{self.model} camera, {self.width}x{self.height}{known}", facts
-
-
-def orthonormal_polynomials(camera: Camera, pixels: Floats) -> Floats:
-    """Products (..., 6) of Legendre polynomials at pixels (..., 2).
-
-    Each has a mean square of 1 over the image, so that none is preferred.
-    """
-    x, y = np.moveaxis(2 * pixels / (camera.width - 1, camera.height - 1) - 1, -1, 0)
-    linear_x, linear_y = np.sqrt(3) * x, np.sqrt(3) * y
-    quadratic_x, quadratic_y = (np.sqrt(5) / 2 * (3 * u * u - 1) for u in (x, y))
-    return np.stack([np.ones_like(x), linear_x, linear_y, quadratic_x, linear_x * linear_y, quadratic_y], axis=-1)
 
 
 def _check_word(word: object, known: Collection[str], what: str) -> None:

@@ -2,7 +2,7 @@
 
 The stages of :mod:`slam_init.decision` fill these types, :class:`slam_init.types.result.Attempt` holds them, and
 ``summary.json`` and the recording are written from them. Figures that are compared with a threshold are gates
-(:mod:`slam_init.types.gates`); figures that are only reported are here. :class:`Margin` is that of a vote between
+(:mod:`slam_init.types.refusal`); figures that are only reported are here. :class:`Margin` is that of a vote between
 two maps.
 """
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -23,9 +23,8 @@ from slam_init.types.evidence import (
     TwoViewEvidence,
     WindowEvidence,
 )
-from slam_init.types.gates import Gate, Stage
 from slam_init.types.initial_map import InitialMap, Keyframe
-from slam_init.types.reasons import Verdict, in_words
+from slam_init.types.refusal import Gate, Stage, Verdict, in_words, progress
 from slam_init.types.savable import Savable
 from slam_init.types.scale import Scale
 from slam_init.types.stopwatch import StageTimes
@@ -49,7 +48,7 @@ class Attempt(Described):
     stage : Stage or None
         The stage that refused the pair; None if it was accepted, or refused by the rules of another method.
     progress : float
-        How far the pair advanced through the stages, 0 to 1: see :func:`slam_init.types.gates.progress`.
+        How far the pair advanced through the stages, 0 to 1: see :func:`slam_init.types.refusal.progress`.
     pixels1, pixels2 : (N, 2) float
         The matches of the pair, raw pixels.
     inliers : (N,) bool
@@ -103,6 +102,21 @@ class Attempt(Described):
         """The suspected true focal length divided by the stated one; None if the stated one is not suspected."""
         free = self.free_focal
         return free.factor if free is not None and free.contradicts else None
+
+    def with_gates(self, gates: Sequence[Gate]) -> Attempt:
+        """The attempt with further gates."""
+        return replace(self, gates=(*self.gates, *gates))
+
+    def refused_by(self, stage: Stage, gates: Sequence[Gate]) -> Attempt:
+        """The attempt refused for the reason of the first gate that does not pass."""
+        failed = next(gate for gate in gates if not gate.passes())
+        so_far = progress(stage, gates)
+        return replace(self, verdict=failed.reason, advice=failed.advice, stage=stage, progress=so_far)
+
+    def refused_at(self, reason: Verdict, stage: Stage | None = None) -> Attempt:
+        """The attempt refused for a reason that has no gate; the rules of other systems have no stages."""
+        so_far = 0.0 if stage is None else progress(stage)
+        return replace(self, verdict=reason, advice=reason.advice, stage=stage, progress=so_far)
 
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
         facts = [("advice", self.advice)] if self.advice else []

@@ -10,7 +10,7 @@ from slam_init.types.arrays import Floats, Image, as_number
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import FreeFocal, WindowEvidence
 from slam_init.types.frame import Frame, as_image
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 from slam_init.types.result import Attempt, told_reason
 
 
@@ -72,7 +72,7 @@ class Status(Described):
     state : State
         ``waiting`` or ``initialized``.
     progress : float
-        0 at the start, 1 when initialized. Until then it is the progress (:func:`slam_init.types.gates.progress`) of
+        0 at the start, 1 when initialized. Until then it is the progress (:func:`slam_init.types.refusal.progress`) of
         the best pair whose reference frame is still a candidate. It falls when that frame is dropped.
     reason : Verdict or None
         Why there is no map yet: the verdict of the last attempt, or ``wrong_focal_length``; None when initialized.

@@ -32,7 +32,7 @@ class Observed(NamedTuple):
     gate2: float
 
 
-class Lens(NamedTuple):
+class LensNumbers(NamedTuple):
     """The lens of a state."""
 
     #: (31,) See :func:`slam_init.window.projection.camera_vector`.

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slam_init.types.arrays import Floats
-from slam_init.types.lens_in_use import CALIBRATED_SIGMA, PULL_FREEDOM
+from slam_init.types.lens import CALIBRATED_SIGMA, PULL_FREEDOM, LensPrior
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.levels import (
     BODIES_MOVE,
@@ -28,12 +28,11 @@ from slam_init.window.motion import FittedMotion
 from slam_init.window.neighbours import agreement_of_neighbours, variance_by_neighbours
 from slam_init.window.tails import three_directions, two_directions
 from slam_init.window.uncertainty import (
-    CameraEstimate,
     ExpandedFit,
     MovedByLens,
-    camera_estimate,
     direction_by_principal_point_deg,
     direction_sigmas_deg,
+    lens_estimate,
     moved_by_lens,
     places_of,
     rotation_sigmas_deg,
@@ -66,8 +65,8 @@ class DirectionTerm:
     if_lens_right: float
     #: How far the map is from the fit if it follows the expansion. The deviations have that in them.
     moved: MovedByLens
-    #: The unknowns of the camera by the best motion.
-    camera: CameraEstimate
+    #: The lens by the best motion.
+    lens: LensPrior
 
     @property
     def of_pair(self) -> float:
@@ -146,8 +145,13 @@ def direction_term(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> Direc
         if_lens_fixed=min(1.0, float(weights @ two_directions(WRONG_DIRECTION_DEG, of_map_deg[0])) + rotated[0]),
         if_lens_right=min(1.0, lens_right + three_directions(WRONG_ROTATION_DEG, float(rotations_of_fit_deg[0]))),
         moved=moved,
-        camera=camera_estimate(expanded, optimism.factor(lens_held=False)),
+        lens=lens_estimate(expanded, optimism.factor(lens_held=False)),
     )
+
+
+def lens_of_best(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> LensPrior:
+    """The lens by the best motion, whose expansion is given."""
+    return lens_estimate(expanded, _optimism(hypotheses, hypotheses.motions[0]).factor(lens_held=False))
 
 
 def _wrong_by_sigmas(rotation_deg: float, direction_deg: float) -> float:

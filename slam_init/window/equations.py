@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from slam_init.types.arrays import Bools, Floats, Ints
+from slam_init.types.lens import Lens
 from slam_init.window.arguments import Equations, Fitted, Known, Layout, Limits, Observed, Scene, Sums, Unknowns, Work
-from slam_init.window.lens_offset import LensOffset
 from slam_init.window.optimizer import evaluate, hold_length, optimize
 from slam_init.window.prior_equations import add_priors
 from slam_init.window.projection import camera_vector
@@ -41,7 +41,7 @@ def unknowns_of(state: WindowState) -> Unknowns:
 
 def _known_of(tracks: WindowTracks, priors: Priors, weights: Floats, *, at_infinity: bool) -> Known:
     """What is known before the tracks are seen."""
-    lens = np.array([priors.log_scale_mean, priors.k1_mean, 0.0, 0.0, 0.0])
+    lens = np.array([priors.mean.log_scale, priors.mean.k1, 0.0, 0.0, 0.0])
     turned = (tracks.turned, tracks.turned_weights, tracks.down, tracks.down_weights)
     return Known(camera_vector(tracks.camera), float(tracks.readout_s), at_infinity, weights, lens, *turned)
 
@@ -213,7 +213,7 @@ def _state_of(unknowns: Unknowns, before: WindowState) -> WindowState:
         t=scene.t,
         rays=scene.rays,
         inverse_distances=scene.inverse_distances,
-        lens=LensOffset(float(lens[0]), float(lens[1]), float(lens[2]), (float(lens[3]), float(lens[4]))),
+        lens=Lens(float(lens[0]), float(lens[1]), float(lens[2]), (float(lens[3]), float(lens[4]))),
         field=scene.field,
         plane=None if before.plane is None else scene.plane,
         on_plane=scene.on_plane,

@@ -24,11 +24,10 @@ import numpy as np
 from quest.estimate import Hypothesis, NoPose, RelativePose, estimate_relative_pose
 from quest.noise import GATE_SIGMAS
 from slam_init.types.arrays import Floats, Ints
-from slam_init.types.lens_in_use import UNKNOWN_K1_SIGMA, UNKNOWN_PRINCIPAL_SIGMA
+from slam_init.types.lens import UNKNOWN_K1_SIGMA, UNKNOWN_PRINCIPAL_SIGMA, Lens
 from slam_init.types.pose import Pose
 from slam_init.window.equations import explained_at_most
 from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
-from slam_init.window.lens_offset import LensOffset
 from slam_init.window.levels import LARGEST_VOTE, UNDECIDED, WRONG_FOCAL, WRONG_FOCAL_COST
 from slam_init.window.locating import MIN_RESECTED, align_views, locate_views
 from slam_init.window.motion import FittedMotion, Motion, OtherMotion, fit_motion, noise_factor_at
@@ -174,7 +173,7 @@ def motions_of_pair(
         if pose.kind != "general" and one.inliers.sum() >= MIN_RESECTED:
             plane = plane_of_motion(one.R, one.t, rays1[one.inliers], rays2[one.inliers])
         poses = {frames[0]: Pose.identity(), frames[1]: Pose(one.R, one.t)}
-        motions.append(Motion(poses, plane, LensOffset(readout_s=readout_s)))
+        motions.append(Motion(poses, plane, Lens(readout_s=readout_s)))
     return motions
 
 
@@ -184,7 +183,7 @@ def motions_at_focal(hypotheses: WindowHypotheses, log_scale: float) -> list[Mot
     * ``log_scale``: Logarithm of this focal length over that of the lens in use.
     """
     tracks, R = hypotheses.tracks, hypotheses.rotation_only.state.R
-    lens = LensOffset(log_scale, readout_s=tracks.readout_s)
+    lens = Lens(log_scale, readout_s=tracks.readout_s)
     bearings = tracks.bearings(lens)
     m, n = bearings[:2, np.isfinite(bearings[:2]).all(axis=(0, 2))]
     noise_rad = tracks.noise_px / (tracks.camera.focal_px * math.exp(log_scale))
@@ -206,7 +205,7 @@ def fit_hypotheses(
     * ``living``: Where the last fits of the camera that only rotates ended (:attr:`WindowHypotheses.rotations`); by
       default it is fitted anew.
     """
-    first = motions[0] if motions else Motion({}, lens=LensOffset(readout_s=tracks.readout_s))
+    first = motions[0] if motions else Motion({}, lens=Lens(readout_s=tracks.readout_s))
     bearings = tracks.bearings(_with_stated_focal(first.lens))
     rotations = align_views(bearings, motions, tracks.frames[:2])
     poses: list[Motion] = []
@@ -325,7 +324,7 @@ def _fit_rotation(
 
 def _far_start(tracks: WindowTracks, rotations: Floats, priors: Priors) -> WindowState:
     """Where the fit of a camera that only rotates starts if nothing is known of it."""
-    lens = LensOffset(readout_s=tracks.readout_s)
+    lens = Lens(readout_s=tracks.readout_s)
     start = start_at(tracks, rotations, _no_motion(len(rotations)), lens=lens, at_infinity=True)
     # A wrong focal length moves the tracks by many times their noise, so the fit starts with a noise that allows it.
     factor = start_noise_factor(tracks, start, priors, rotation_only=True)
@@ -346,9 +345,9 @@ def _fit_turning(tracks: WindowTracks, start: WindowState | Motion, priors: Prio
     return fit_window(tracks, first, priors, known=known, rotation_only=True, hopeless=hopeless)
 
 
-def _with_stated_focal(lens: LensOffset) -> LensOffset:
+def _with_stated_focal(lens: Lens) -> Lens:
     """The distortion and the readout of a lens."""
-    return LensOffset(k1=lens.k1, readout_s=lens.readout_s)
+    return Lens(k1=lens.k1, readout_s=lens.readout_s)
 
 
 def _no_motion(views: int) -> Floats:

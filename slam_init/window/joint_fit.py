@@ -19,9 +19,9 @@ from functools import cached_property
 import numpy as np
 
 from slam_init.types.arrays import Bools, Floats
+from slam_init.types.lens import Lens
 from slam_init.window.arguments import Limits
 from slam_init.window.equations import WindowEquations, explained_at_most
-from slam_init.window.lens_offset import LensOffset
 from slam_init.window.optimizer import OFF_PLANE_COST
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
@@ -285,7 +285,7 @@ def _measured(tracks: WindowTracks, state: WindowState, *, at_infinity: bool = F
     return start_at(tracks, state.R, state.t, lens=state.lens, at_infinity=at_infinity)
 
 
-def _moved(lens: LensOffset, before: LensOffset) -> float:
+def _moved(lens: Lens, before: Lens) -> float:
     """How far the focal length, as a logarithm, or the distortion has moved."""
     return max(abs(lens.k1 - before.k1), abs(lens.log_scale - before.log_scale))
 

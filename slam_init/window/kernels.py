@@ -52,7 +52,7 @@ from slam_init.window.arguments import (
     Equations,
     Fitted,
     Layout,
-    Lens,
+    LensNumbers,
     Observed,
     PairSums,
     Row,
@@ -85,7 +85,7 @@ TUKEY_GATES = 3.0
 @compiled
 def accumulate(
     observed: Observed,
-    lens: Lens,
+    lens: LensNumbers,
     scene: Scene,
     layout: Layout,
     equations: Equations,
@@ -110,7 +110,7 @@ def accumulate(
 @inlined
 def _add_tracks(
     observed: Observed,
-    lens: Lens,
+    lens: LensNumbers,
     scene: Scene,
     layout: Layout,
     equations: Equations,
@@ -169,7 +169,7 @@ def _track(i: int, observed: Observed, scene: Scene, fitted: Fitted, sums: Track
 def _observe(
     track: Track,
     observed: Observed,
-    lens: Lens,
+    lens: LensNumbers,
     focal_scale: float,
     scene: Scene,
     layout: Layout,
@@ -217,7 +217,7 @@ def _observe(
 
 @inlined
 def _residual(
-    n: int, k: int, i: int, px: float, py: float, observed: Observed, lens: Lens, scene: Scene, layout: Layout
+    n: int, k: int, i: int, px: float, py: float, observed: Observed, lens: LensNumbers, scene: Scene, layout: Layout
 ) -> tuple[float, float]:
     """The residual of an observation in units of the noise, from the projection of its point."""
     records, half = observed.records, layout.field // 2

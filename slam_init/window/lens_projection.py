@@ -1,4 +1,4 @@
-"""The compiled projection of rays of any angle, with its derivatives, by a :class:`~slam_init.types.lenses.lens.Lens`.
+"""The compiled projection of rays of any angle, with its derivatives, by a model of :mod:`slam_init.types.lenses.lens`.
 
 A lens is a vector of twenty numbers: the profile, its three parameters, the thirteen coefficients of the bending, the
 two limits of the field, and the factor from a change of ``k1`` to one of ``n1``.
@@ -9,14 +9,14 @@ from __future__ import annotations
 import numpy as np
 
 from slam_init.types.arrays import Floats
-from slam_init.types.lenses.lens import Lens, Profile
+from slam_init.types.lenses.lens import LensModel, Profile
 from slam_init.window.compiler import compiled
 
 #: Length of the vector of a lens.
 LENS_NUMBERS = 20
 
 
-def lens_vector(lens: Lens | None) -> Floats:
+def lens_vector(lens: LensModel | None) -> Floats:
     """The numbers of a lens for the compiled loops.
 
     Shapes: returns (20,).

@@ -13,7 +13,7 @@ from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.inertial import Attitude, Gravity
-from slam_init.types.lens_in_use import LensInUse
+from slam_init.types.lens import LensInUse
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
 from slam_init.window.motion import Motion
 from slam_init.window.state import Priors

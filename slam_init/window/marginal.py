@@ -12,45 +12,26 @@ decomposition serves all scales.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from slam_init.types.arrays import Floats
+from slam_init.types.error_fields import FIELD_SCALES_PX, LARGEST_PULL_SIGMAS, ErrorFields
 from slam_init.window.linearization import Linearization
 
-#: Standard deviation of a coefficient of a field, in pixels: from none to a lens without its distortion, in steps of a
-#: factor of two. The root mean square of a coordinate over the image is 2.4 times as large.
-#: Class: assumption.
-FIELD_SCALES_PX: Floats = np.array([0.0, 0.03, 0.06, 0.125, 0.25, 0.5, 1.0, 2.0])
-#: Probability of each scale before the tracks are seen: rectified lenses and good trackers leave a tenth of a pixel;
-#: more than half a pixel is a camera model that does not hold.
-#: Class: assumption.
-FIELD_PRIOR: Floats = np.array([0.2, 0.2, 0.2, 0.2, 0.12, 0.05, 0.02, 0.01])
-#: Fields of the largest scale pull by chance farther than this number of their standard deviations six times in
-#: ten million. Tracks that are held at infinity pull although they tell nothing about a field.
-#: Class: level.
-LARGEST_PULL_SIGMAS = 5.0
 #: The largest share of the information about an unknown that is taken for chance: deviations are twenty times as wide
 #: then, and a share so near to one is itself known within a twentieth at best (tracks are a few hundred).
 #: Class: level.
 _LARGEST_SHARE_BY_CHANCE = 0.95
 #: Of a sum of unknowns in units of their standard deviations: rounding leaves no more, and may leave less than nothing.
 _LEAST_VARIANCE = 1e-14
-FIELD_SCALES_PX.setflags(write=False)
-FIELD_PRIOR.setflags(write=False)
 
 
 @dataclass(frozen=True, eq=False)
 class FieldMarginal:
     """What a fit says for each scale of its fields."""
 
-    #: (S,) Logarithm of the probability of the tracks with fields of each scale, over that without fields.
-    log_evidence: Floats
-    #: (F,) Eigenvalues of the information about the fields that the other unknowns leave.
-    strength: Floats
-    #: (F,) The gradient along their eigenvectors, at most what fields of the largest scale explain.
-    pull: Floats
+    fields: ErrorFields
     #: (X, X) Of the other unknowns without fields.
     covariance: Floats
     #: (X, X) How the other unknowns follow a gradient, without fields: the covariance, unless :meth:`without_chance`
@@ -60,21 +41,16 @@ class FieldMarginal:
     shift: Floats
     #: (X, F) How the other unknowns follow the fields along the eigenvectors.
     coupling: Floats
-    #: (F, F) The eigenvectors, as columns.
-    axes: Floats
 
-    @cached_property
-    def spread(self) -> Floats:
-        """Variances of the coefficients along the eigenvectors for each scale, given the tracks.
-
-        Shapes: returns (S, F).
-        """
-        return _prior_variances(self.strength)
+    @property
+    def log_evidence(self) -> Floats:
+        """(S,) logarithm of the probability of the tracks with fields of each scale, over that without fields."""
+        return self.fields.log_evidence
 
     @property
     def lowered_cost(self) -> Floats:
         """(S,) how much the fields lower the cost."""
-        return np.asarray(self.spread @ self.pull**2)
+        return np.asarray(self.fields.spread @ self.fields.pull**2)
 
     @staticmethod
     def expected_scale_px(weights: Floats) -> float:
@@ -91,8 +67,8 @@ class FieldMarginal:
         """
         follow, fixed = J @ self.coupling, J @ self.covariance @ np.swapaxes(J, -1, -2)
         across = np.swapaxes(follow, -1, -2)
-        shifts = (J @ self.shift)[..., None, :] + (self.spread * self.pull) @ across
-        by_fields = (follow[..., None, :, :] * self.spread[:, None]) @ across[..., None, :, :]
+        shifts = (J @ self.shift)[..., None, :] + (self.fields.spread * self.fields.pull) @ across
+        by_fields = (follow[..., None, :, :] * self.fields.spread[:, None]) @ across[..., None, :, :]
         return np.asarray(shifts), np.asarray(fixed[..., None, :, :] + by_fields)
 
     def without_chance(self, by_chance: Floats) -> FieldMarginal:
@@ -132,10 +108,10 @@ class FieldMarginal:
         * ``J_fields``: Derivatives of the functions by the coefficients of the fields.
         """
         # The sign is that of the coupling: a function falls along an eigenvector by this.
-        follow = J @ self.coupling - J_fields @ self.axes
-        shifts = J @ self.shift + (self.spread * self.pull) @ follow.T
+        follow = J @ self.coupling - J_fields @ self.fields.axes
+        shifts = J @ self.shift + (self.fields.spread * self.fields.pull) @ follow.T
         without = np.einsum("mx,xy,my->m", J, self.covariance, J, optimize=True)
-        return np.asarray(without + follow**2 @ (weights @ self.spread) + weights @ shifts**2)
+        return np.asarray(without + follow**2 @ (weights @ self.fields.spread) + weights @ shifts**2)
 
 
 def marginalize_fields(
@@ -151,25 +127,6 @@ def marginalize_fields(
     covariance = np.asarray(np.linalg.inv(H[np.ix_(other, other)] + 1e-9 * np.eye(int(other.sum()))), np.float64)
     follow = covariance @ H[np.ix_(other, field)]
     left = H[np.ix_(field, field)] - H[np.ix_(field, other)] @ follow
-    eigenvalues, vectors = np.linalg.eigh(0.5 * (left + left.T))
-    strength = np.asarray(np.maximum(eigenvalues, 0.0), np.float64)
-    largest = largest_pull_sigmas * np.sqrt(strength * (1 + FIELD_SCALES_PX.max() ** 2 * strength))
-    pull = np.asarray(np.clip(vectors.T @ (g[field] - follow.T @ g[other]), -largest, largest), np.float64)
+    fields = ErrorFields.of(left, g[field] - follow.T @ g[other], largest_pull_sigmas)
     shift = np.asarray(-covariance @ g[other], np.float64)
-    unknowns = np.log1p(FIELD_SCALES_PX[:, None] ** 2 * strength).sum(axis=1)
-    return FieldMarginal(
-        np.asarray(0.5 * (_prior_variances(strength) @ pull**2 - unknowns)),
-        strength,
-        pull,
-        covariance,
-        covariance,
-        shift,
-        np.asarray(follow @ vectors),
-        np.asarray(vectors),
-    )
-
-
-def _prior_variances(strength: Floats) -> Floats:
-    """Variances (S, F) of the coefficients along the eigenvectors for each scale, given the tracks."""
-    squares = FIELD_SCALES_PX[:, None] ** 2
-    return np.asarray(squares / (1 + squares * strength))
+    return FieldMarginal(fields, covariance, covariance, shift, np.asarray(follow @ fields.axes))

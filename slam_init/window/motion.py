@@ -11,10 +11,10 @@ import numpy as np
 
 from quest.geometry.quaternion import rotation_angle
 from slam_init.types.arrays import Floats, Ints
+from slam_init.types.lens import SAME_LENS, Lens
 from slam_init.types.pose import Pose
 from slam_init.window.carried import CarriedPoints
 from slam_init.window.joint_fit import MAX_STEPS, JointFit, fit_window, start_noise_factor
-from slam_init.window.lens_offset import IN_USE, LensOffset
 from slam_init.window.levels import (
     NEAR_DIRECTION_DEG,
     NEAR_ROTATION_DEG,
@@ -34,7 +34,7 @@ class Motion:
     cam_from_world: dict[int, Pose]
     #: (3,) ``plane . X = 1`` in the world, where most points lie on one plane.
     plane: Floats | None = None
-    lens: LensOffset = IN_USE
+    lens: Lens = SAME_LENS
     #: Where the last fit of the motion ended; None before its first fit.
     points: CarriedPoints | None = None
     #: Whether the motion has not been carried from one window to the next.

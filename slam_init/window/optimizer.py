@@ -14,7 +14,7 @@ from slam_init.window.arguments import (
     Fitted,
     Known,
     Layout,
-    Lens,
+    LensNumbers,
     Limits,
     Observed,
     Sums,
@@ -120,7 +120,7 @@ def evaluate(
     if fill:
         fitted.free[:] = not known.at_infinity
     numbers = unknowns.lens
-    lens = Lens(known.camera, numbers[0], numbers[1], numbers[2] - known.corrected_s, numbers[3:])
+    lens = LensNumbers(known.camera, numbers[0], numbers[1], numbers[2] - known.corrected_s, numbers[3:])
     cost = accumulate(observed, lens, unknowns.scene, layout, equations, fitted, sums, fill, hold)
     if len(equations.gradient) > layout.plane:
         for i in range(len(observed.anchor)):

@@ -27,10 +27,10 @@ import numpy as np
 from quest.estimate import Hypothesis, RelativePose, estimate_relative_pose
 from quest.noise import GATE_SIGMAS
 from slam_init.types.arrays import Bools, Floats, Ints
+from slam_init.types.lens import Lens
 from slam_init.types.pose import Pose
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import JointFit, costs_off_plane, fit_window
-from slam_init.window.lens_offset import LensOffset
 from slam_init.window.levels import (
     FLOOR,
     LARGEST_VOTE,
@@ -177,7 +177,7 @@ def _rotation(search: _Search) -> OtherMotion:
 def _rotation_by(hypotheses: WindowHypotheses, some: Ints) -> JointFit:
     """The camera that only rotates, by some of the tracks, from the stated lens."""
     tracks, rotating = hypotheses.tracks.of_tracks(some), hypotheses.rotation_only.state
-    lens = LensOffset(readout_s=rotating.lens.readout_s)
+    lens = Lens(readout_s=rotating.lens.readout_s)
     R = align_views(tracks.bearings(lens), [hypotheses.motions[0].motion], tracks.frames[:2])
     start = start_at(tracks, R, rotating.t, lens=lens, at_infinity=True)
     return fit_window(tracks, start, hypotheses.rotation_priors, rotation_only=True)

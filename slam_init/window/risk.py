@@ -16,7 +16,7 @@ causes add their probabilities:
 * **floor**: what is not modelled.
 
 A window is judged at each frame: tails hold for any stopping time (:mod:`~slam_init.window.tails`).
-``docs/how/risk.md`` derives all of it.
+``docs/explanation/risk.md`` derives all of it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ import numpy as np
 
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.evidence import Margin
-from slam_init.window.direction_term import DirectionTerm, direction_term
+from slam_init.types.lens import LensPrior
+from slam_init.window.direction_term import DirectionTerm, direction_term, lens_of_best
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.levels import EVEN_ODDS, FLOOR, ON_BODIES, UNDECIDED
 from slam_init.window.motion import OtherMotion
@@ -42,7 +43,7 @@ from slam_init.window.rotation_term import (
     with_errors_in_noise,
     zooming_probability,
 )
-from slam_init.window.uncertainty import CameraEstimate, ExpandedFit, expand, inverse_distances
+from slam_init.window.uncertainty import ExpandedFit, expand, inverse_distances
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +61,8 @@ class WindowRisk:
     depth_sigma: float
     #: Expected standard deviation of the coefficients of the error fields.
     field_px: float
-    #: The focal length, the distortion and the readout by the best motion, or by the camera that only rotates where
-    #: that is likely.
-    camera: CameraEstimate
+    #: The lens by the best motion, or by the camera that only rotates where that is likely.
+    lens: LensPrior
     #: The vote against the nearest rival; None without a rival.
     margin: Margin | None
     #: Log likelihood of the best motion over the rotation-only camera, in nats.
@@ -118,12 +118,20 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
         directions=directions,
         depth_sigma=_depth_sigma(hypotheses, expanded),
         field_px=expanded.marginal.expected_scale_px(expanded.scale_weights),
-        camera=directions.camera if by_rotation.camera is None else by_rotation.camera,
+        lens=directions.lens if by_rotation.lens is None else by_rotation.lens,
         margin=nearest,
         rotation_log_likelihood=by_rotation.gain,
         lasting_in_noise=by_rotation.lasting_in_noise,
         other=other,
     )
+
+
+def likely_lens(hypotheses: WindowHypotheses) -> LensPrior:
+    """The lens by the best motion, or by the camera that only rotates where that is likely."""
+    with single_threaded():
+        expanded = expand(hypotheses.motions[0])
+        _, rotation, lens = rotation_probability(hypotheses, expanded)
+        return lens_of_best(hypotheses, expanded) if lens is None or rotation <= EVEN_ODDS else lens
 
 
 def with_zooming_rotation(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk:
@@ -143,15 +151,15 @@ class _RotationRisk(NamedTuple):
     probability: float
     #: Log likelihood of the best motion over it, in nats.
     gain: float
-    #: Its camera, where it is likely.
-    camera: CameraEstimate | None
+    #: Its lens, where it is likely.
+    lens: LensPrior | None
     #: Whether the errors that a tracker keeps were taken for noise.
     lasting_in_noise: bool
 
 
 def _rotation_risk(hypotheses: WindowHypotheses, expanded: ExpandedFit, direction: float) -> _RotationRisk:
     """The term of the camera that only rotates: with a wrong focal length, with errors that last, or beside bodies."""
-    gain, rotation, camera = rotation_probability(hypotheses, expanded)
+    gain, rotation, lens = rotation_probability(hypotheses, expanded)
     likely = rotation > EVEN_ODDS
     # Another test takes two fits, which a direction that is unknown is not worth.
     lasting_in_noise = rotation > FLOOR and direction <= UNDECIDED and keeps_errors(hypotheses)
@@ -161,7 +169,7 @@ def _rotation_risk(hypotheses: WindowHypotheses, expanded: ExpandedFit, directio
         of_wide = max(of_wide, _beside_bodies(wide))
         lasting_in_noise, rotation = of_wide < rotation, min(of_wide, rotation)
     rotation = max(rotation, _beside_bodies(hypotheses))
-    return _RotationRisk(rotation, gain, camera if likely else None, lasting_in_noise)
+    return _RotationRisk(rotation, gain, lens if likely else None, lasting_in_noise)
 
 
 def _beside_bodies(hypotheses: WindowHypotheses) -> float:

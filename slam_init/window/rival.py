@@ -14,6 +14,7 @@ import numpy as np
 
 from quest.robust.spatial_blocks import regions_of
 from slam_init.types.arrays import Floats
+from slam_init.types.error_fields import FIELD_PRIOR, FIELD_SCALES_PX
 from slam_init.types.evidence import Margin
 from slam_init.window.hypotheses import FAR_BEHIND, WindowHypotheses
 from slam_init.window.joint_fit import fit_window
@@ -24,7 +25,6 @@ from slam_init.window.levels import (
     WRONG_DIRECTION_DEG,
     WRONG_ROTATION_DEG,
 )
-from slam_init.window.marginal import FIELD_PRIOR, FIELD_SCALES_PX
 from slam_init.window.motion import FittedMotion
 from slam_init.window.state import Priors
 from slam_init.window.tails import at_any_look
@@ -138,7 +138,7 @@ def _odds(margin: Margin, left: Floats) -> Floats:
 
 def _cost_with_fields(motion: FittedMotion, priors: Priors, expanded: ExpandedFit, scale_px: float) -> float:
     """The cost of a motion that is fitted with fields of a scale, with the cost of that many unknowns and the scale."""
-    unknowns = float(np.log1p(scale_px**2 * expanded.marginal.strength).sum())
+    unknowns = float(np.log1p(scale_px**2 * expanded.marginal.fields.strength).sum())
     unknowns -= 2 * math.log(float(FIELD_PRIOR[scale_px == FIELD_SCALES_PX][0]))
     if not scale_px:
         return unknowns + motion.fit.cost

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from slam_init.types.arrays import Floats
+from slam_init.types.lens import LensPrior
 from slam_init.window.hypotheses import CERTAIN_SIGMAS, EXPLAINED_BY_FIELDS, WindowHypotheses, with_rotation_anew
 from slam_init.window.levels import CHANCE_GAIN, FLOOR, LENS_ZOOMS, SHARE_OF_BODIES, ZOOM_LEAVES
 from slam_init.window.linearization import linearize_with_fields
@@ -26,7 +27,7 @@ from slam_init.window.tracker_errors import (
     gain_of_turning_errors,
     with_lasting_errors,
 )
-from slam_init.window.uncertainty import CameraEstimate, ExpandedFit, camera_estimate, expand
+from slam_init.window.uncertainty import ExpandedFit, expand, lens_estimate
 from slam_init.window.zooming_rotation import ZoomingRotation, with_zooms
 
 #: Errors whose variance adds as much to that of the noise, as a factor on it. Smaller ones scale what chance gains by
@@ -40,10 +41,10 @@ _OF_NOISE = 0.3
 
 def rotation_probability(
     hypotheses: WindowHypotheses, expanded: ExpandedFit, unexplained: float = 0.0, *, lasting_in_noise: bool = False
-) -> tuple[float, float, CameraEstimate | None]:
-    """Gain over the rotation-only camera (nats), the probability of it if the camera only rotates, and that camera.
+) -> tuple[float, float, LensPrior | None]:
+    """Gain over the rotation-only camera (nats), the probability of it if the camera only rotates, and its lens.
 
-    The camera is None where the gain is certain.
+    The lens is None where the gain is certain.
 
     * ``unexplained``: What the model of that camera leaves, in nats.
     * ``lasting_in_noise``: Of hypotheses of :func:`with_errors_in_noise`.
@@ -68,7 +69,7 @@ def rotation_probability(
     explained = marginal.lowered_cost - expanded.marginal.lowered_cost
     gains = np.maximum(gain - 0.5 * np.maximum(explained, 0.0), 0.0) / dispersion
     probability = float(expanded.scale_weights @ [at_any_look(float(one)) for one in z_of(gains)])
-    return gain, probability, camera_estimate(ExpandedFit(hypotheses.rotation_only, rotation, marginal))
+    return gain, probability, lens_estimate(ExpandedFit(hypotheses.rotation_only, rotation, marginal))
 
 
 def keeps_errors(hypotheses: WindowHypotheses) -> bool:

@@ -8,42 +8,27 @@ import numpy as np
 
 from quest.noise import GATE_SIGMAS
 from slam_init.types.arrays import Bools, Floats, Ints
-from slam_init.types.lens_in_use import CALIBRATED_SIGMA
+from slam_init.types.lens import SAME_LENS, Lens, LensPrior
 from slam_init.window.arguments import FIELD_TERMS
-from slam_init.window.lens_offset import IN_USE, LensOffset
 from slam_init.window.measured_rays import triangulated
 from slam_init.window.tracks import WindowTracks
 
 
 @dataclass(frozen=True)
-class Priors:
+class Priors(LensPrior):
     """What is known before the fit."""
 
-    #: Relative standard deviation of the stated focal length.
-    focal_sigma: float = CALIBRATED_SIGMA
-    #: Standard deviation of the first coefficient of the radial distortion about the stated one.
-    k1_sigma: float = 0.05
     #: Standard deviation of each coefficient of the error field of a view, in pixels; 0 for no field.
     field_sigma_px: float = 0.0
     #: An observation counts as an outlier around this number of standard deviations.
     gate_sigmas: float = GATE_SIGMAS
-    #: Standard deviation of the readout of a rolling shutter about none, in seconds; 0 where it is known, so that the
-    #: rays are corrected already.
-    readout_sigma_s: float = 0.0
-    #: Standard deviation of each coordinate of the principal point about the stated one; 0 where it is known.
-    principal_sigma_px: float = 0.0
-    #: log_scale_mean, k1_mean: What is expected of the focal length and of the distortion, as :class:`WindowState`
-    #: counts them: other than 0 where the camera of the window is an estimate already, and the prior is that of an
-    #: earlier camera.
-    log_scale_mean: float = 0.0
-    k1_mean: float = 0.0
     #: Factor on the probability that the lens changes from view to view.
     lens_changes: float = 1.0
 
     def lens_pulls(self, state: WindowState) -> tuple[float, float]:
         """How far the lens is from what is expected, in standard deviations."""
-        focal = (state.lens.log_scale - self.log_scale_mean) / self.focal_sigma
-        return focal, (state.lens.k1 - self.k1_mean) / self.k1_sigma
+        focal = (state.lens.log_scale - self.mean.log_scale) / self.focal_sigma
+        return focal, (state.lens.k1 - self.mean.k1) / self.k1_sigma
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +42,7 @@ class WindowState:
     rays: Floats
     #: (T,) Along the rays, not negative; not used on the plane.
     inverse_distances: Floats
-    lens: LensOffset
+    lens: Lens
     #: (V, 12) Coefficients of the error fields.
     field: Floats
     #: (3,) ``plane . X = 1`` in the world; None without one.
@@ -84,7 +69,7 @@ def start_at(
     t: Floats,
     plane: Floats | None = None,
     *,
-    lens: LensOffset = IN_USE,
+    lens: Lens = SAME_LENS,
     at_infinity: bool = False,
 ) -> WindowState:
     """A state at given poses: measured rays, and inverse distances by linear least squares.

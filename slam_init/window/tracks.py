@@ -10,10 +10,11 @@ import numpy as np
 
 from slam_init.frontend.rolling_shutter import corrected_pixels, readout_places, turning_flow
 from slam_init.types.arrays import Bools, Floats, Ints
-from slam_init.types.camera import Camera, orthonormal_polynomials
+from slam_init.types.camera import Camera
+from slam_init.types.error_fields import orthonormal_polynomials
 from slam_init.types.frame import Observations
 from slam_init.types.inertial import Attitude, Gravity
-from slam_init.window.lens_offset import LensOffset
+from slam_init.types.lens import Lens
 from slam_init.window.measured_rays import measured_rays
 
 #: A decision needs a well-spread subset of the tracks, not all of them: the standard deviation of the direction falls
@@ -172,7 +173,7 @@ class WindowTracks:
         beyond = self.seen & (np.arange(len(self.seen))[:, None] > self.anchor)
         return float(np.median(self.sigma_px[beyond])) if beyond.any() else self.noise_px
 
-    def bearings(self, lens: LensOffset) -> Floats:
+    def bearings(self, lens: Lens) -> Floats:
         """The measured rays.
 
         Shapes: returns (V, T, 3).
@@ -184,7 +185,7 @@ class WindowTracks:
         rays[~self.seen] = np.nan
         return rays
 
-    def anchor_rays(self, lens: LensOffset) -> Floats:
+    def anchor_rays(self, lens: Lens) -> Floats:
         """The measured rays in the anchor views, see :meth:`bearings`.
 
         Shapes: returns (T, 3).
@@ -192,7 +193,7 @@ class WindowTracks:
         at = (np.maximum(self.anchor, 0)[None], np.arange(len(self.anchor))[None])
         return np.asarray(self._rays_of(self.pixels[at], self.sweep_px_s[at], self.seen[at], lens)[0])
 
-    def _rays_of(self, pixels: Floats, sweep_px_s: Floats, seen: Bools, lens: LensOffset) -> Floats:
+    def _rays_of(self, pixels: Floats, sweep_px_s: Floats, seen: Bools, lens: Lens) -> Floats:
         centre = np.array([self.camera.cx, self.camera.cy])
         moved = pixels - np.array(lens.principal_px)
         if lens.readout_s != self.readout_s:

@@ -27,10 +27,12 @@ from quest.noise import GATE_SIGMAS
 from quest.robust.spatial_blocks import regions_of
 from slam_init.system.linear_algebra import deviations
 from slam_init.types.arrays import Bools, Floats
+from slam_init.types.error_fields import FIELD_PRIOR
+from slam_init.types.lens import LensPrior
 from slam_init.window.joint_fit import JointFit
 from slam_init.window.levels import DOUBTFUL_SIGMAS, REGIONS, TURNING_FACTOR
 from slam_init.window.linearization import Linearization, information_by_chance, linearize_with_fields
-from slam_init.window.marginal import FIELD_PRIOR, FieldMarginal, marginalize_fields
+from slam_init.window.marginal import FieldMarginal, marginalize_fields
 from slam_init.window.motion import FittedMotion
 from slam_init.window.state import WindowState
 
@@ -128,57 +130,6 @@ class MovedByLens:
     directions_deg: Floats
 
 
-@dataclass(frozen=True)
-class ReadoutEstimate:
-    """The readout of a rolling shutter by a fit."""
-
-    #: Along the axis that the camera states.
-    seconds: float
-    #: Standard deviation.
-    sigma_s: float
-
-    @property
-    def told_seconds(self) -> float:
-        """The readout, 0 where the tracks do not tell it from none."""
-        return self.seconds if abs(self.seconds) > GATE_SIGMAS * self.sigma_s else 0.0
-
-
-@dataclass(frozen=True)
-class FocalEstimate:
-    """The focal length by a fit."""
-
-    #: Logarithm of the focal length over that of the window's camera.
-    log_scale: float
-    #: Standard deviation.
-    sigma: float
-
-
-@dataclass(frozen=True)
-class DistortionEstimate:
-    """The radial distortion that the calibration lacks, by a fit."""
-
-    #: Added to the first coefficient of the lens in use.
-    k1: float
-    #: Standard deviation.
-    sigma: float
-
-    @property
-    def suspected(self) -> float | None:
-        """``k1`` where the stated distortion is suspected to be wrong, else None."""
-        told = abs(self.k1) > max(DOUBTFUL_SIGMAS * self.sigma, _LEAST_DISTORTION)
-        return self.k1 if told else None
-
-
-@dataclass(frozen=True)
-class CameraEstimate:
-    """The unknowns of the camera by a fit."""
-
-    focal: FocalEstimate
-    distortion: DistortionEstimate
-    #: None where the readout is no unknown of the fit.
-    readout: ReadoutEstimate | None
-
-
 def expand(motion: FittedMotion) -> ExpandedFit:
     """Expand the cost of a fitted motion, and integrate the error fields out."""
     expanded, by_chance = expand_for_evidence(motion), information_by_chance(motion.fit)
@@ -191,22 +142,34 @@ def expand_for_evidence(motion: FittedMotion) -> ExpandedFit:
     return ExpandedFit(motion.fit, linearization, marginalize_fields(linearization))
 
 
-def camera_estimate(expanded: ExpandedFit, optimism: float = 1.0) -> CameraEstimate:
-    """The unknowns of the camera that a fit found, with the error fields integrated out.
+def lens_estimate(expanded: ExpandedFit, optimism: float = 1.0) -> LensPrior:
+    """The lens that a fit found, with the error fields integrated out; no readout where it is no unknown of the fit.
 
     * ``optimism``: Factor on the standard deviation of the focal length, for what the covariance does not know.
     """
-    fit, linearization, marginal = expanded.fit, expanded.linearization, expanded.marginal
+    linearization, marginal = expanded.linearization, expanded.marginal
     # The focal length stands before the distortion.
     J = np.zeros((1, len(marginal.shift)))
     J[0, linearization.k1_column - 1] = 1.0
     sigma = max(_sigma_of(linearization.k1_column - 1, marginal), float(_scattered_sigmas(expanded, J)))
-    focal = FocalEstimate(fit.state.lens.log_scale, optimism * sigma)
-    distortion = DistortionEstimate(fit.state.lens.k1, _sigma_of(linearization.k1_column, marginal))
-    if linearization.readout_column is None:
-        return CameraEstimate(focal, distortion, None)
-    sigma_s = TURNING_FACTOR * _sigma_of(linearization.readout_column, marginal)
-    return CameraEstimate(focal, distortion, ReadoutEstimate(fit.state.lens.readout_s, sigma_s))
+    readout = linearization.readout_column
+    return LensPrior(
+        focal_sigma=optimism * sigma,
+        k1_sigma=_sigma_of(linearization.k1_column, marginal),
+        readout_sigma_s=0.0 if readout is None else TURNING_FACTOR * _sigma_of(readout, marginal),
+        mean=expanded.fit.state.lens,
+    )
+
+
+def told_readout_s(lens: LensPrior) -> float:
+    """The readout, 0 where the tracks do not tell it from none."""
+    return lens.mean.readout_s if abs(lens.mean.readout_s) > GATE_SIGMAS * lens.readout_sigma_s else 0.0
+
+
+def suspected_k1(lens: LensPrior) -> float | None:
+    """What the stated distortion lacks, where it is suspected to be wrong, else None."""
+    told = abs(lens.mean.k1) > max(DOUBTFUL_SIGMAS * lens.k1_sigma, _LEAST_DISTORTION)
+    return lens.mean.k1 if told else None
 
 
 def _sigma_of(column: int, marginal: FieldMarginal) -> float:
@@ -303,7 +266,7 @@ def moved_by_lens(expanded: ExpandedFit, *, held: bool) -> MovedByLens:
     offsets: list[float] = []
     if held:
         columns += [lin.k1_column - 1, lin.k1_column]
-        offsets += [state.lens.log_scale - priors.log_scale_mean, state.lens.k1 - priors.k1_mean]
+        offsets += [state.lens.log_scale - priors.mean.log_scale, state.lens.k1 - priors.mean.k1]
     if lin.principal_columns is not None:
         columns += [lin.principal_columns.start, lin.principal_columns.start + 1]
         offsets += state.lens.principal_px

@@ -14,11 +14,11 @@ import numpy as np
 
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
+from slam_init.types.error_fields import FIELD_SCALES_PX
 from slam_init.window.arguments import FIELD_TERMS
 from slam_init.window.joint_fit import JointFit
 from slam_init.window.kernels import TUKEY_GATES
 from slam_init.window.levels import SHIFTS, ZOOMS
-from slam_init.window.marginal import FIELD_SCALES_PX
 from slam_init.window.uncertainty import ExpandedFit
 
 #: A lens that zooms shifts a view by its optical axis, over the width of the image: half a pixel of 1280.

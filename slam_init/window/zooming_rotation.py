@@ -18,9 +18,9 @@ import numpy as np
 from quest.algebra import turn
 from slam_init.types.arrays import Floats, evenly_spaced
 from slam_init.types.camera import Camera
+from slam_init.types.lens import Lens
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import fit_window
-from slam_init.window.lens_offset import LensOffset
 from slam_init.window.levels import LARGEST_ZOOM, SHIFTS, ZOOM_LEAVES, ZOOMED_COST, ZOOMS
 from slam_init.window.measured_rays import measured_rays
 from slam_init.window.projection import camera_vector
@@ -109,7 +109,7 @@ def with_zooms(hypotheses: WindowHypotheses) -> ZoomingRotation:
     # A readout would take the place of zooms, so it is that of the best motion.
     priors = replace(hypotheses.priors, readout_sigma_s=0.0)
     t = np.outer(np.arange(len(rotating.state.R)), [1e-9, 0.0, 0.0])
-    lens = LensOffset(readout_s=hypotheses.motions[0].fit.state.lens.readout_s)
+    lens = Lens(readout_s=hypotheses.motions[0].fit.state.lens.readout_s)
     state = start_at(tracks, rotating.state.R, t, lens=lens, at_infinity=True)
     lowest = _alternated(hypotheses, state, priors)
     if lowest.cost > hypotheses.motions[0].fit.cost and lowest.explains_much(hypotheses):

@@ -18,7 +18,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from slam_init.calibration.writing import camera_yaml
+from slam_init.calibration.files import camera_yaml
 from slam_init.compare.rows import TrialRow
 from slam_init.compare.run import compare
 from slam_init.compare.sources import describe_sources

@@ -4,7 +4,8 @@ import continue_with_isam2 as continue_with_isam2_module
 import pytest
 from continue_with_isam2 import continue_with_isam2, main, position_errors
 
-from slam_init.bundle.graph import calibration_key, pose_key
+from slam_init.bundle.graph import pose_key
+from slam_init.bundle.reprojection import calibration_key
 
 pytestmark = pytest.mark.process
 

@@ -9,6 +9,7 @@ import numpy as np
 from make_scene import CONFIG
 
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
+from slam_init.bundle.graph import landmark_key, pose_key
 from slam_init.bundle.least_squares import CAUCHY
 from slam_init.bundle.problem import BundleProblem, BundleSolution
 from slam_init.types.pose import Pose
@@ -23,6 +24,14 @@ ROTATING = [
 ]
 #: Five views of a camera that translates to the side and does not rotate.
 SIDEWAYS = [Pose(np.eye(3), np.array([0.08 * i, 0.0, 0.0])) for i in range(5)]
+
+
+def read_problem(values: gtsam.Values, problem: BundleProblem) -> BundleProblem:
+    """Replace the poses and points of a problem by those of gtsam values."""
+    of_frames = [values.atPose3(pose_key(frame)) for frame in problem.frames]
+    poses = tuple(Pose(one.rotation().matrix(), np.asarray(one.translation())) for one in of_frames)
+    points = np.array([values.atPoint3(landmark_key(track)) for track in problem.track_ids.tolist()])
+    return replace(problem, world_from_cam=poses, points=points.reshape(-1, 3))
 
 
 def disturbed(

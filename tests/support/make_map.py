@@ -9,10 +9,9 @@ from quest.geometry.quaternion import rotation_from_vector
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import PreviewEvidence, WindowEvidence
 from slam_init.types.frame import Frame, Observations
-from slam_init.types.gates import GateName, Stage, at_least, at_most
 from slam_init.types.initial_map import InitialMap, Keyframe, UnitError
 from slam_init.types.pose import Pose, Trajectory
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import GateName, Stage, Verdict, at_least, at_most
 from slam_init.types.result import Attempt, Result
 
 CAMERAS = {

@@ -10,9 +10,9 @@ from make_map import make_poses
 
 from slam_init.bundle.problem import BundleProblem
 from slam_init.config import Config
-from slam_init.frontend.tracks import History
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
+from slam_init.types.history import History
 from slam_init.types.pose import Pose
 
 CAMERA = Camera("pinhole", 640, 480, 500.0, 510.0, 321.5, 238.25)

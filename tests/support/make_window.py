@@ -12,18 +12,18 @@ from quest.geometry.quaternion import rotation_angle, rotation_from_vector
 from sequences_synth.points import PointOptions, PointSequence, make_points
 from slam_init.config import Config
 from slam_init.datasets.points import PointSource
-from slam_init.frontend.tracks import common_tracks
 from slam_init.initializer import Initializer
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
+from slam_init.types.history import common_tracks
+from slam_init.types.lens import SAME_LENS, Lens
 from slam_init.types.pose import Pose
-from slam_init.window.arguments import FIELD_TERMS, Fitted, Layout, Lens, Sums
+from slam_init.window.arguments import FIELD_TERMS, Fitted, Layout, LensNumbers, Sums
 from slam_init.window.arguments import Equations as Arrays
 from slam_init.window.equations import observed_by, unknowns_of
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
 from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
 from slam_init.window.kernels import accumulate
-from slam_init.window.lens_offset import IN_USE, LensOffset
 from slam_init.window.motion import OtherMotion
 from slam_init.window.projection import camera_vector
 from slam_init.window.risk import WindowRisk
@@ -59,7 +59,7 @@ class Window:
         field = np.zeros((len(self.R), 12))
         on_plane = np.full(len(distance), plane is not None)
         rays = in_anchor / distance[:, None]
-        return WindowState(self.R.copy(), self.t.copy(), rays, 1 / distance, IN_USE, field, plane, on_plane)
+        return WindowState(self.R.copy(), self.t.copy(), rays, 1 / distance, SAME_LENS, field, plane, on_plane)
 
     def start(self, seed: int, plane: np.ndarray | None = None, error: float = 0.02) -> WindowState:
         """A state near the truth: rotations off by half of the error (rad), baselines by a share of their length."""
@@ -129,7 +129,7 @@ def camera_of(sequence: PointSequence) -> Camera:
 
 def point_source(scene: str, seed: int = 0, **options: float) -> PointSource:
     """A drawn world with noise and outliers, as a source of tracks."""
-    return PointSource(make_points(scene, seed, PointOptions(**options)))
+    return PointSource.of(make_points(scene, seed, PointOptions(**options)))
 
 
 def pair_and_further(observations: Sequence[Observations], views: int) -> list[Observations]:
@@ -221,7 +221,6 @@ def equations(
     with_field: bool = False,
     with_readout: bool = False,
     with_principal: bool = False,
-    free: np.ndarray | None = None,
 ) -> Equations:
     """The equations at a state, by the compiled loop, without any prior."""
     views, count = tracks.seen.shape
@@ -231,10 +230,8 @@ def equations(
     sums = Sums.empty(views, len(arrays.gradient))
     for array in (*arrays, *fitted[1:], *sums.pairs, *sums.turned):
         array[:] = np.nan  # all that is read must have been written
-    if free is not None:
-        fitted.free[:] = free
     scene, numbers = unknowns_of(state)
-    lens = Lens(camera_vector(tracks.camera), *numbers[:2], numbers[2] - tracks.readout_s, numbers[3:])
+    lens = LensNumbers(camera_vector(tracks.camera), *numbers[:2], numbers[2] - tracks.readout_s, numbers[3:])
     cost = accumulate(observed_by(tracks, gate), lens, scene, layout, arrays, fitted, sums, True, False)
     eliminate(arrays.normal, arrays.gradient, arrays.halves)
     squares = np.sum(fitted.residuals**2, axis=2)
@@ -278,7 +275,7 @@ def moved(
     log_scale, k1 = state.lens.log_scale + float(next_unknowns(1)[0]), state.lens.k1 + float(next_unknowns(1)[0])
     readout_s = state.lens.readout_s + (float(next_unknowns(1)[0]) if with_readout else 0.0)
     x, y = state.lens.principal_px + (next_unknowns(2) if with_principal else np.zeros(2))
-    lens = LensOffset(log_scale, k1, readout_s, (float(x), float(y)))
+    lens = Lens(log_scale, k1, readout_s, (float(x), float(y)))
     plane = None if state.plane is None else state.plane + next_unknowns(3)
     local = -np.einsum("tpq,tqg,g->tp", back[:, :, 1:4], back[:, :, 4:], step)
     tangents = np.array([np.reshape(algebra.tangents(ray), (2, 3)) for ray in state.rays])

@@ -1,6 +1,6 @@
 """The lenses of cameras: how their rays become places in the image, and back.
 
-A :class:`Lens` is a profile, which maps rays of any angle to lens coordinates (u, v), and a distortion of these
+A :class:`LensModel` is a profile, which maps rays of any angle to lens coordinates (u, v), and a distortion of these
 coordinates. The pixel is ``(fx u' + cx, fy v' + cy)`` with the distorted coordinates (u', v'). The inverse of the
 distortion is Newton's method for all models (:mod:`slam_init.types.lenses.undistortion`).
 
@@ -258,7 +258,7 @@ _NODES = 2000
 
 
 @dataclass(frozen=True)
-class Lens:
+class LensModel:
     """A lens in units of the focal length."""
 
     profile: Profile
@@ -464,28 +464,28 @@ def check_coefficients(model: str, coefficients: tuple[float, ...]) -> None:
 
 
 @lru_cache(maxsize=256)
-def lens_of(model: str, coefficients: tuple[float, ...], is_planar: bool = False) -> Lens:
+def lens_of(model: str, coefficients: tuple[float, ...], is_planar: bool = False) -> LensModel:
     """Make the lens of a model."""
     k = coefficients
     if model == "equirectangular":
-        return Lens(Profile.PANORAMA)
+        return LensModel(Profile.PANORAMA)
     if model == "fisheye":
-        return Lens(Profile.EQUIDISTANT, bending=Bending(*k), is_planar=is_planar)
+        return LensModel(Profile.EQUIDISTANT, bending=Bending(*k), is_planar=is_planar)
     if model == "thin-prism-fisheye":
         bending = Bending(n1=k[0], n2=k[1], n3=k[4], n4=k[5], p1=k[2], p2=k[3], s1=k[6], s3=k[7])
-        return Lens(Profile.EQUIDISTANT, bending=bending)
+        return LensModel(Profile.EQUIDISTANT, bending=bending)
     if model == "fov":
-        return Lens(Profile.FIELD_OF_VIEW, (k[0], 0.0, 0.0), Bending(*k[1:]))
+        return LensModel(Profile.FIELD_OF_VIEW, (k[0], 0.0, 0.0), Bending(*k[1:]))
     if model == "omni":
         bending = Bending(n1=k[1], n2=k[2], p1=k[3], p2=k[4]) if len(k) == 5 else STRAIGHT
-        return Lens(Profile.SPHERE, (k[0], 0.0, 1.0), bending)
+        return LensModel(Profile.SPHERE, (k[0], 0.0, 1.0), bending)
     if model == "double-sphere":
-        return Lens(Profile.SPHERE, (k[0], k[1], 1.0), Bending(*k[2:]))
+        return LensModel(Profile.SPHERE, (k[0], k[1], 1.0), Bending(*k[2:]))
     if model == "eucm":
-        return Lens(Profile.SPHERE, (0.0, k[0], k[1]), Bending(*k[2:]))
+        return LensModel(Profile.SPHERE, (0.0, k[0], k[1]), Bending(*k[2:]))
     # OpenCV's order: k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4, of which a model has the first ones.
     k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4 = (*k, *(12 - len(k)) * (0.0,))
-    return Lens(*PERSPECTIVE, Bending(k1, k2, k3, 0.0, k4, k5, k6, p1, p2, s1, s2, s3, s4), is_planar)
+    return LensModel(*PERSPECTIVE, Bending(k1, k2, k3, 0.0, k4, k5, k6, p1, p2, s1, s2, s3, s4), is_planar)
 
 
 def bent_coefficients(model: str, coefficients: tuple[float, ...], k1: float) -> tuple[float, ...]:

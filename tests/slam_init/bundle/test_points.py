@@ -5,11 +5,11 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
-from make_bundle import with_kernel
+from make_bundle import read_problem, with_kernel
 from make_map import CAMERAS
 from make_scene import CAMERA, cloud, problem
 
-from slam_init.bundle.graph import build_graph, pose_key, read_problem
+from slam_init.bundle.graph import build_graph, pose_key
 from slam_init.bundle.least_squares import fit_points, with_lenses
 
 
@@ -35,17 +35,6 @@ def test_an_outlier_pulls_a_point_far_less_than_in_least_squares():
     wrong = replace(exact, pixels=pixels)
     robust, plain = (fitted(CAMERA, wrong, noise_px) for noise_px in (0.5, 60.0))
     assert np.median(errors(robust, exact)) < 0.1 * np.median(errors(plain, exact))
-
-
-def test_no_point_moves_behind_a_camera_or_to_infinity():
-    rng = np.random.default_rng(2)
-    exact = problem(CAMERA, cloud(rng))
-    noisy = replace(exact, pixels=exact.pixels + 40 * rng.normal(size=exact.pixels.shape))
-    found = fitted(CAMERA, noisy, 0.5)
-    assert np.isfinite(found.points).all()
-    for k, pose in enumerate(found.world_from_cam):
-        seen = found.landmarks[found.views == k]
-        assert (pose.inverse().apply(found.points[seen])[:, 2] > 0).all()
 
 
 @pytest.mark.parametrize("model", ["radtan", "fisheye"])

@@ -16,7 +16,7 @@ from slam_init.output.results import tum_text
 from slam_init.types.evidence import FreeFocal
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 from slam_init.types.result import Attempt, Result
 
 

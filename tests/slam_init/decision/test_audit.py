@@ -9,7 +9,7 @@ from make_window import point_source
 from quest import estimate_relative_pose
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init import AuditVerdict, Camera, Pose, SlamInitError, Verdict, audit
-from slam_init.frontend.tracks import common_tracks
+from slam_init.types.history import common_tracks
 from slam_init.window.motion import difference_deg
 
 

@@ -9,7 +9,7 @@ from slam_init.decision.screening import LEAST_PARALLAX_SHARE
 from slam_init.decision.window_rule import WindowRule
 from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.initializer import Initializer
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 from slam_init.types.stopwatch import Stopwatch
 
 #: Fewer tracks than the default, where a law does not ask for more: the fits take as much less time.

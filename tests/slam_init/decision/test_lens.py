@@ -10,15 +10,10 @@ from make_window import WINDOW_CONFIG, point_source, pose_errors_deg, true_motio
 
 from slam_init.decision.lens import followed, priors_of
 from slam_init.initializer import Initializer
-from slam_init.types.lens_in_use import LensInUse
-from slam_init.types.reasons import Verdict
-from slam_init.window.uncertainty import CameraEstimate, DistortionEstimate, FocalEstimate
+from slam_init.types.lens import Lens, LensInUse
+from slam_init.types.refusal import Verdict
 
 UNKNOWN = replace(CAMERA, focal_sigma=0.35, source="prior")
-
-
-def found(log_scale, k1):
-    return CameraEstimate(FocalEstimate(log_scale, 0.01), DistortionEstimate(k1, 0.01), None)
 
 
 def withheld(source, factor):
@@ -38,18 +33,18 @@ def initialized(source, camera):
 def test_a_calibrated_lens_follows_nothing():
     lens = LensInUse.of(CAMERA)
     assert not lens.is_unknown
-    assert followed(lens, found(0.3, 0.1)) is lens
+    assert followed(lens, Lens(0.3, 0.1)) is lens
 
 
 def test_a_lens_that_moves_takes_its_prior_along():
-    lens = followed(LensInUse.of(UNKNOWN), found(0.2, -0.1))
+    lens = followed(LensInUse.of(UNKNOWN), Lens(0.2, -0.1))
     np.testing.assert_allclose(lens.camera.fx, CAMERA.fx * np.exp(0.2))
     assert lens.camera.distortion[0] == -0.1
     priors = priors_of(lens, WINDOW_CONFIG)
-    assert (priors.log_scale_mean, priors.k1_mean, priors.focal_sigma) == (-0.2, 0.1, 0.35)
+    assert (priors.mean.log_scale, priors.mean.k1, priors.focal_sigma) == (-0.2, 0.1, 0.35)
     # Back again, the prior is the first one.
     lens = lens.moved(-0.2, 0.1)
-    assert priors_of(lens, WINDOW_CONFIG).log_scale_mean == pytest.approx(0)
+    assert priors_of(lens, WINDOW_CONFIG).mean.log_scale == pytest.approx(0)
     np.testing.assert_allclose(lens.camera.fx, CAMERA.fx)
 
 

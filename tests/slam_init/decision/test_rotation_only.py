@@ -9,10 +9,8 @@ from make_scene import CAMERA, observe
 
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.decision.rotation_only import with_established_reason
-from slam_init.decision.screening import preview_evidence
-from slam_init.types.gates import GateName, at_most
 from slam_init.types.pose import Pose
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import GateName, Verdict, at_most
 from slam_init.types.result import Attempt
 
 
@@ -23,7 +21,7 @@ def refused(degrees, t, noise_px=0.2, window=None):
     poses = [Pose.identity(), Pose(rotation_from_vector(np.array([0.0, np.radians(degrees), 0.0])), np.array(t))]
     seen = observe(CAMERA, poses, points, noise_px, rng)
     gate = at_most(GateName.RISK, 1.0, 0.005, Verdict.PURE_ROTATION)
-    attempt = Attempt((0, 1), Verdict.PURE_ROTATION, gates=(gate,), preview=preview_evidence(preview_of(seen)))
+    attempt = Attempt((0, 1), Verdict.PURE_ROTATION, gates=(gate,), preview=preview_of(seen).evidence)
     named = with_established_reason(CAMERA, replace(attempt, window=window))
     assert named.gates[0].reason is named.verdict and named.gates[0].value == gate.value
     return named.verdict

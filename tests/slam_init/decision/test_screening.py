@@ -5,10 +5,9 @@ import pytest
 from make_map import make_poses
 from make_scene import CAMERA, CONFIG, cloud, observe
 
-from slam_init.decision.screening import preview_evidence, screen
+from slam_init.decision.screening import screen
 from slam_init.frontend.keyframes import PairPreview
-from slam_init.types.gates import GateName, Stage
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import GateName, Stage, Verdict
 
 NEEDED = CONFIG.keyframes.min_matches
 (CURRENT,) = observe(CAMERA, make_poses(1), cloud(np.random.default_rng(0), 2 * NEEDED), frames=[7])
@@ -16,7 +15,7 @@ FEW = observe(CAMERA, make_poses(1), cloud(np.random.default_rng(0), NEEDED - 1)
 
 
 def pair(reference=3, matches=2 * NEEDED, motion_px=30.0, rotation_deg=2.0, parallax_share=0.5):
-    return PairPreview(reference, 7, matches, 1.0, motion_px, rotation_deg, 5.0, parallax_share, 0.5)
+    return PairPreview(matches, motion_px, rotation_deg, 5.0, parallax_share, 0.5, reference, 7, 1.0)
 
 
 def screened(*pairs, current=CURRENT):
@@ -36,7 +35,7 @@ def test_each_lack_refuses_for_its_own_reason(changed, reason, stage, gate):
     assert (attempt.verdict, attempt.stage, attempt.frames) == (reason, stage, (3, 7))
     assert attempt.failed_gates[0].name is gate
     assert attempt.advice == attempt.failed_gates[0].advice
-    assert attempt.preview == preview_evidence(pair(**changed))
+    assert attempt.preview == pair(**changed).evidence
 
 
 def test_a_rotation_without_parallax_is_left_to_the_window():

@@ -5,7 +5,7 @@ from make_window import WINDOW_CONFIG, errors_deg, finished, point_source
 
 from slam_init.decision import window_map
 from slam_init.initializer import Initializer
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 
 
 def test_a_map_that_bundle_adjustment_moves_away_is_refused_with_the_risk_that_this_makes(monkeypatch):

@@ -19,9 +19,8 @@ from slam_init.decision.window_rule import WindowRule
 from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.initializer import Initializer
 from slam_init.methods import make_initializer
-from slam_init.types.gates import GateName, Stage
 from slam_init.types.pose import Pose
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import GateName, Stage, Verdict
 from slam_init.types.stopwatch import Stopwatch
 from slam_init.window.levels import WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
 

@@ -10,7 +10,7 @@ from make_summary import summarize, write_results
 
 from slam_init.errors import SourceError
 from slam_init.output.result_folder import earlier_result, is_result_folder, read_result, result_text
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import Verdict
 
 
 def written(folder, result):
@@ -33,16 +33,6 @@ def test_a_refusal_is_told_with_its_advice(tmp_path):
     facts = read_result(written(tmp_path / "out", make_result(None, Verdict.PURE_ROTATION)))
     assert (facts["reason"], facts["keyframes"]) == ("pure_rotation", [])
     assert Verdict.PURE_ROTATION.advice in result_text(facts)
-
-
-def test_a_copy_without_the_hidden_folder_is_still_a_result(tmp_path):
-    folder = written(tmp_path / "out", make_result(make_map()))
-    copy = tmp_path / "copy"
-    copy.mkdir()
-    for name in ("summary.json", "config.toml"):
-        (copy / name).write_bytes((folder / name).read_bytes())
-    assert is_result_folder(copy)
-    assert read_result(copy)["landmarks"] == 60
 
 
 @pytest.mark.parametrize("name", ["", "missing", "a\0b", "synth:room"])

@@ -19,8 +19,7 @@ from slam_init.pictures.map_drawing import ABOVE, BEHIND, SIDE, widest_view
 from slam_init.pictures.overview import overview_png
 from slam_init.recording.story import ShownFrame, StoryRecorder
 from slam_init.types.evidence import FreeFocal, Margin
-from slam_init.types.gates import GateName, at_most
-from slam_init.types.reasons import Verdict
+from slam_init.types.refusal import GateName, Verdict, at_most
 from slam_init.types.result import Segment
 
 
