@@ -145,12 +145,10 @@ def chosen_methods(text: str | None, further: Sequence[str] = ()) -> tuple[str, 
     names = (*(text.split(",") if text else ()), *further)
     for name in names:
         method_info(name).check_installed()
-        if names.count(name) > 1:
-            raise ConfigError(f"the method {name} is given twice: give each method once")
         if ":" in name and not is_external(name):
             make_two_view(name)
     labels = [method_label(name) for name in names]
     for label in labels:
         if labels.count(label) > 1:
-            raise ConfigError(f"two methods are named {label}: name one, as in NAME=command:PROGRAM ...")
+            raise ConfigError(f"two methods are named {label}: give each once, or name one, as in NAME=command:PROGRAM")
     return names
