@@ -225,14 +225,14 @@ class Config(Described):
 
 
 def load_config(path: str | os.PathLike[str] | None, overrides: Mapping[str, object] | None = None) -> Config:
-    """Read a TOML file over the defaults, then apply top-level overrides.
+    """Read a TOML file over the defaults, then apply overrides.
 
     Parameters
     ----------
     path : str, path or None
         The file; without one the defaults hold.
     overrides : mapping of str to object, optional
-        Top-level options; those that are None are ignored.
+        Options by their names, as ``seed`` or ``map.noise_px``; those that are None are ignored.
 
     Returns
     -------
@@ -244,7 +244,7 @@ def load_config(path: str | os.PathLike[str] | None, overrides: Mapping[str, obj
         Where the file cannot be read or parsed, or holds an unknown key or a value of the wrong type.
         The name of the method is checked when the method is made.
     """
-    table: dict[str, object] = {}
+    table: dict[str, Any] = {}
     if path is not None:
         path = user_path(path, ConfigError)
         try:
@@ -252,7 +252,10 @@ def load_config(path: str | os.PathLike[str] | None, overrides: Mapping[str, obj
         # ValueError: no TOML, no UTF-8, or an integer of thousands of digits.
         except (ValueError, RecursionError) as error:
             raise ConfigError(f"{path} is not valid TOML: {error}") from None
-    table |= {key: value for key, value in (overrides or {}).items() if value is not None}
+    for name, value in (overrides or {}).items():
+        section, _, option = name.rpartition(".")
+        if value is not None:
+            (table.setdefault(section, {}) if section else table)[option] = value
     where = str(path) if path else "options"
     return _build(Config, table, where=where, prefix="")
 

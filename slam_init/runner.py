@@ -482,8 +482,6 @@ class _Run:
             result,
             SourceRecord(job.source.name, job.source.kind),
             result.map.camera if estimated and result.map is not None else job.camera,
-            job.config.method,
-            job.config.seed,
             ground_truth=parts[0].truth,
             continued=None if continued is None else continued.record(),
             segments=tuple(

@@ -39,6 +39,8 @@ _LEFT, _LEFT_WIDTH, _RIGHT, _RIGHT_WIDTH = 30, 590, 670, 910
 _BOTTOM = 960
 #: Most frames beside one another, and their largest height.
 _MOST_FRAMES, _FRAME_HEIGHT = 3, 150
+#: Largest height of the decision.
+_DECISION_HEIGHT = 420
 #: Room for the title of a map and for the axis of the one above it.
 _TITLE = 72
 #: Most maps of a run that started anew.
@@ -168,7 +170,8 @@ def _draw_column(figure: Figure, top: float, result: Result, summary: Summary, s
         height = min(_LEFT_WIDTH / (aspect / 2 if aspect > WIDE else 2 * aspect), 0.45 * (_BOTTOM - top))
         draw_pair(axes_at(figure, _LEFT, top, _LEFT_WIDTH, height), story.pair, camera.width)
         top += height + 60
-    draw_decision(axes_at(figure, _LEFT + 50, top, _LEFT_WIDTH - 210, _BOTTOM - top), result.attempts)
+    height = min(_BOTTOM - top, _DECISION_HEIGHT)
+    draw_decision(axes_at(figure, _LEFT + 50, top, _LEFT_WIDTH - 210, height), result.attempts)
 
 
 # -- the maps, or why there is none ----------------------------------------------------------------

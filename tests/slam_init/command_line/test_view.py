@@ -4,12 +4,11 @@ import json
 
 import pytest
 from make_map import make_map, make_result
-from make_summary import summarize
+from make_summary import summarize, write_results
 
 import slam_init.recording.viewer as viewer
 from slam_init.cli import main
 from slam_init.errors import ViewerError
-from slam_init.output.results import write_results
 
 RECORDING = b"RRF2 recording"
 PNG = b"\x89PNG\r\n\x1a\n"

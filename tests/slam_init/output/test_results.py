@@ -13,7 +13,7 @@ import pytest
 from evo.tools import file_interface
 from make_map import CAMERAS, make_map, make_result
 from make_scene import CONFIG, cloud, observe, problem
-from make_summary import summarize
+from make_summary import summarize, write_results
 from written import contents
 
 from slam_init.bundle.adjustment import adjust
@@ -21,7 +21,7 @@ from slam_init.bundle.focal import camera_with_focal_factor
 from slam_init.bundle.reprojection import calibration_key
 from slam_init.errors import SourceError
 from slam_init.mapping.map_building import initial_map
-from slam_init.output.results import load_graph, write_results
+from slam_init.output.results import load_graph
 
 
 def write(out, result, **keywords):

@@ -58,7 +58,6 @@ A_MAP, A_FOLDER = "the map is of the type", "is of the type .*: give text, or a 
         (lambda it: slam_init.in_metres(it, None), A_MAP),
         (slam_init.parse_scale, "the scale is of the type .*: give text"),
         (slam_init.prior_camera, r"give \(width, height\)"),
-        (lambda it: slam_init.write_results("out", it, None), "the result is of the type"),
         (lambda it: run_room(start=it or "0"), "start is .*: give an integer from 0 on"),
         (lambda it: run_room(continue_frames=it or "9"), "continue_frames is"),
         (lambda it: run_room(config=it or "x"), "the configuration is of the type"),
