@@ -131,7 +131,8 @@ class MapConfig(_Section, name="map"):
 class AcceptanceConfig(_Section, name="acceptance"):
     """What a map has to reach (:mod:`slam_init.decision.window_rule`)."""
 
-    #: Largest probability that a map is wrong, stated by the joint estimate of all views: one map in 200.
+    #: Largest probability that a map is wrong by the model of the joint estimate of all views: one map in 200. What no
+    #: model has comes on top (:data:`slam_init.types.initial_map.UNMODELLED_RISK`), and nothing lowers it.
     max_risk: float = _within(0.005, 0.0011, 1, "a probability; 0.001 of it is for what is not modelled")
     #: Factor on the probability that focus or a stabilizer changes the lens from view to view, which short baselines
     #: before a plane do not tell from a motion. 0: the focus is fixed and nothing stabilizes the images.

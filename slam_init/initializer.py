@@ -353,8 +353,8 @@ class Initializer:
         It is built when it is asked for, which takes as long as a bundle adjustment. None where no motion is known, or
         where its frames are forgotten.
         """
-        if self.map is not None and self.status.risk is not None:
-            return ProvisionalMap(self.map, self.status.risk)
+        if self.map is not None and self.map.risk is not None:
+            return ProvisionalMap(self.map)
         return self._window.provisional()
 
     @property

@@ -102,15 +102,40 @@ def add_list_methods(parser: argparse._ActionsContainer) -> None:
     parser.add_argument("--list-methods", action=Tells, nargs=0, const=methods, help=text)
 
 
+#: What people call an option elsewhere: the options that are meant, of which a command has one at most.
+_OTHER_NAMES = {
+    **dict.fromkeys(("--calib", "--calibration", "--intrinsics"), ("--camera",)),
+    **dict.fromkeys(("-o", "--output", "--outdir", "--save"), ("--out",)),
+    **dict.fromkeys(("--max-frames", "--frames", "--num-frames", "--limit"), ("--max-frames", "--limit-frames")),
+    **dict.fromkeys(("--skip", "--step", "--stride"), ("--use-every", "--every")),
+    **dict.fromkeys(("--show", "--viewer", "--visualize"), ("--live",)),
+    **dict.fromkeys(("-j", "--threads", "--workers", "--processes"), ("--jobs",)),
+    "--timeout": ("--time-limit",),
+    "--memory": ("--memory-limit",),
+}
+#: SOURCE stands without an option.
+_SOURCE_NAMES = ("--video", "--input", "--source", "--folder", "--dataset", "--sequence")
+#: The option that takes a file, by the end of its name.
+_OPTION_OF_FILE = {".yaml": "--camera", ".yml": "--camera", ".xml": "--camera", ".toml": "--config", ".csv": "--imu"}
+#: Likeness of words that differ by a slip of the fingers: a letter of ten is another one.
+_SLIP = 0.8
+
+
 def _nearest(word: str, known: Sequence[str]) -> str | None:
     """The known word that is spelt most like another one, if any."""
-    return next(iter(get_close_matches(word, known, n=1)), None)
+    return next(iter(get_close_matches(word, known, n=1, cutoff=_SLIP)), None)
 
 
 def _hint(word: str, parser: argparse.ArgumentParser) -> str:
-    """The option that was meant, as the end of a message."""
+    """The option that was meant, by its meaning or by its letters, as the end of a message."""
     options = [option for part in parser._actions for option in part.option_strings]
-    meant = f"--{word}" if f"--{word}" in options else _nearest(word.partition("=")[0], options)
+    name, option = word.partition("=")[0], _OPTION_OF_FILE.get(Path(word).suffix.lower())
+    if not word.startswith("-") and option in options:
+        return f": did you mean {option} {word}?"
+    if name in _SOURCE_NAMES:
+        return f": leave {name} out: SOURCE stands without an option"
+    others = (option for option in _OTHER_NAMES.get(name, ()) if option in options)
+    meant = next(others, None) or _nearest(name, options)
     return f": did you mean {meant}?" if meant else ""
 
 

@@ -172,7 +172,7 @@ class GrowingMap:
             colors=_colors(made, accepted),
             focal_factor=accepted.focal_factor,
             focal_factor_sigma=accepted.focal_factor_sigma,
-            risk=accepted.risk,
+            model_risk=accepted.model_risk,
             gravity=accepted.gravity,
         )
 

@@ -22,8 +22,9 @@ def error_of(words, capsys):
     ("words", "meant"),
     [
         (["run", "x", "--max-frame", "3"], "did you mean --max-frames? (see slam-init run --help)"),
-        (["run", "x", "camera.yaml"], "camera.yaml: did you mean --camera? (see slam-init run --help)"),
-        (["run", "x", "camera"], "did you mean --camera? (see slam-init run --help)"),
+        (["run", "x", "camera.yaml"], "did you mean --camera camera.yaml? (see slam-init run --help)"),
+        (["run", "x", "--calibration", "c.yaml"], "did you mean --camera? (see slam-init run --help)"),
+        (["run", "--video", "x.mp4"], "--video: leave --video out: SOURCE stands without an option"),
         (["video", "x.mp4"], "'video' (choose from"),
         (["rum", "x"], "did you mean run? (see slam-init --help)"),
         (["synth:room"], "did you mean slam-init run synth:room?"),
