@@ -117,8 +117,8 @@ _OTHER_NAMES = {
 _SOURCE_NAMES = ("--video", "--input", "--source", "--folder", "--dataset", "--sequence")
 #: The option that takes a file, by the end of its name.
 _OPTION_OF_FILE = {".yaml": "--camera", ".yml": "--camera", ".xml": "--camera", ".toml": "--config", ".csv": "--imu"}
-#: Likeness of words that differ by a slip of the fingers: a letter of ten is another one.
-_SLIP = 0.8
+#: Least likeness of a word to one that was meant: one of three letters may be another.
+_SLIP = 0.66
 
 
 def _nearest(word: str, known: Sequence[str]) -> str | None:

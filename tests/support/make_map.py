@@ -169,7 +169,7 @@ def make_window_evidence(risk: float) -> WindowEvidence:
         views=3,
         hypotheses=1,
         planar=False,
-        model_risk=risk,
+        risk=risk,
         risk_direction=risk,
         risk_rival=0.0,
         risk_rotation=0.0,
