@@ -17,7 +17,7 @@ turns the camera about an axis that changes, with little or no translation; in `
 The option ``lens`` renders through a wide lens (:mod:`sequences_synth.camera`).
 
 A frame may have a rolling shutter: a pixel in row y is exposed at ``t_frame + readout (y / height - 1/2)``, and the
-pose and the time stamp of a frame are those of its middle row (:mod:`sequences_synth.shutter`).
+pose and the time stamp of a frame are those of its middle row (:mod:`sequences_synth.camera`).
 """
 
 from sequences_synth.options import PointOptions, SynthOptions

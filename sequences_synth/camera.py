@@ -1,4 +1,4 @@
-"""The camera of the synthetic worlds: a pinhole, or one of two lenses.
+"""The camera of the synthetic worlds: a pinhole, or one of two lenses; and its shutter.
 
 The lenses are written from the papers of the models. Each has usual parameters, and a field of view beyond which its
 image is black. The formulas project; a ray of a pixel is found by Newton's method. Coefficients are in the order of
@@ -8,6 +8,15 @@ OpenCV.
 ``radtan``   k1 k2 p1 p2: OpenCV
 ``fisheye``  k1 k2 k3 k4: Kannala and Brandt, PAMI 2006, with odd powers of the angle only
 ===========  ==================================================================================
+
+A rolling shutter exposes the rows or columns of an image one after the other. A pixel (x, y) is exposed at ::
+
+    t_frame + readout * (y / height - 1/2)      direction "down"
+    t_frame - readout * (y / height - 1/2)      direction "up"
+    t_frame + readout * (x / width  - 1/2)      direction "right"
+    t_frame - readout * (x / width  - 1/2)      direction "left"
+
+The time stamp and the true pose of a frame are those of its middle row or column. A readout of 0 is a global shutter.
 """
 
 from __future__ import annotations
@@ -204,3 +213,38 @@ def all_sights(camera: SynthCamera, per_pixel: int) -> Sights:
     x, y = (first + np.arange(per_pixel * side) / per_pixel for side in (camera.width, camera.height))
     u, v, w = sights_of(camera, *np.broadcast_arrays(x[None], y[:, None]))
     return u, v, np.broadcast_to(w[:1, :1], u.shape) if camera.is_pinhole else w
+
+
+# -- the shutter ------------------------------------------------------------------------------------
+
+
+#: The directions in which the rows or columns are read.
+READOUT_DIRECTIONS: tuple[str, ...] = ("down", "up", "right", "left")
+# Those in which columns are read one after the other, and not rows.
+_BY_COLUMNS = ("right", "left")
+
+
+@dataclass(frozen=True)
+class Shutter:
+    """A rolling shutter."""
+
+    #: Time from the first to the last row or column; 0 for a global shutter.
+    readout_s: float
+    #: One of :data:`READOUT_DIRECTIONS`.
+    direction: str
+    #: width, height: Image size in pixels.
+    width: int
+    height: int
+
+    def row_delay_s(self, row: Floats) -> Floats:
+        """Compute the exposure times of rows, or of columns where these are read."""
+        sign = -1.0 if self.direction in ("up", "left") else 1.0
+        lines = self.width if self.direction in _BY_COLUMNS else self.height
+        return np.asarray(sign * self.readout_s * (row / lines - 0.5))
+
+    def delay_s(self, pixels: Floats) -> Floats:
+        """Compute the exposure times of pixels.
+
+        Shapes: ``pixels`` (..., 2).
+        """
+        return self.row_delay_s(pixels[..., 0 if self.direction in _BY_COLUMNS else 1])

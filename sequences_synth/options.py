@@ -9,8 +9,7 @@ from difflib import get_close_matches
 
 import numpy as np
 
-from sequences_synth.camera import LENSES
-from sequences_synth.shutter import READOUT_DIRECTIONS
+from sequences_synth.camera import LENSES, READOUT_DIRECTIONS
 
 # The lowest and the highest value of options, by their names. Beyond the limits of k1, the lens would not be invertible
 # within the image.
@@ -46,7 +45,7 @@ class EffectOptions:
         Coefficient of radial distortion of the true camera, which the stated camera lacks.
     readout_ms : float
         Readout time of the rolling shutter, at most a frame interval; 0 for a global shutter. See
-        :mod:`sequences_synth.shutter`.
+        :mod:`sequences_synth.camera`.
     readout_direction : str
         Order in which rows or columns are read: ``down``, ``up``, ``right`` or ``left``.
     turning_deg_s : float

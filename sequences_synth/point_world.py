@@ -13,10 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sequences_synth.arrays import Bools, Floats, Ints
-from sequences_synth.camera import SynthCamera
+from sequences_synth.camera import Shutter, SynthCamera
 from sequences_synth.options import PointOptions
 from sequences_synth.point_scenes import LAYOUTS, Layout
-from sequences_synth.shutter import Shutter
 from sequences_synth.trajectory import Handling, rotation_from_vector, rotations_from_vectors
 
 # Frequencies of the tremor, periods over the whole path: rotation, translation.

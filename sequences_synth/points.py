@@ -3,7 +3,7 @@
 The scenes have the names of the rendered ones, and depth, planes and motion of the same kind, drawn from a seed. Tracks
 have Gaussian noise. Some tracks are outliers, and on request some lie on bodies that move on their own. On request the
 tracks of a view also have a smooth error in common (:mod:`sequences_synth.tracking_error`), and the camera has a
-rolling shutter (:mod:`sequences_synth.shutter`) or a wrong calibration. Poses are ``world_from_cam`` of the middle row.
+rolling shutter (:mod:`sequences_synth.camera`) or a wrong calibration. Poses are ``world_from_cam`` of the middle row.
 The world frame is the pose at which the camera would start without the tremor of the hand; in the scenes ``handheld``
 and ``handheld-wall`` it is the pose about which the hand turns the camera. The length of the path is given relative to
 the median depth of the scene ::

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sequences_synth.camera import SynthCamera
-from sequences_synth.shutter import Shutter
+from sequences_synth.camera import Shutter, SynthCamera
 from sequences_synth.trajectory import (
     rotation_from_vector,
     rotations_from_vectors,

@@ -56,20 +56,21 @@ class LiveSource:
         self._connect, self._keep_all = connect, keep_all
         self._thread: threading.Thread | None = None
         self._queue: queue.Queue[Frame] = queue.Queue(QUEUE_FRAMES)
-        self._clock = _Clock(keep_all)
+        self._said: list[str] = []
+        self._clock = _Clock(keep_all, self._said)
         self._read: Frame | None = None
-        self._size = (0, 0)
+        self._size: tuple[int, ...] = ()
         self._begun = self._stopped = self._ended = False
         self._received = 0
         self._error: BaseException | None = None
-        self._end_note: str | None = None
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What the user should know: dropped frames, times that are not those of the stream, and how it ended."""
-        dropped = f"{self.dropped} of {self._received} frames were dropped: they came faster than they were processed"
-        ended = () if self._end_note is None else (self._end_note,)
-        return (*(dropped,) * bool(self.dropped), *self._clock.notes, *ended)
+        if not self.dropped:
+            return tuple(self._said)
+        dropped = f"{self.dropped} of {self._received} frames were dropped"
+        return (f"{dropped}: they came faster than they were processed", *self._said)
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Give the frames as they come, until the stream ends or :meth:`stop` is called."""
@@ -88,7 +89,8 @@ class LiveSource:
 
     def stop(self) -> None:
         """End the source as if its data had ended. It may be called from a signal handler."""
-        self._stopped, self._end_note = True, "the source was stopped by the user"
+        self._stopped = True
+        self._said.append("the source was stopped by the user")
 
     def __enter__(self) -> LiveSource:
         return self
@@ -104,15 +106,14 @@ class LiveSource:
         if self._thread is None:
             self._thread = threading.Thread(target=self._receive, name="live source", daemon=True)
             self._thread.start()
-        while not self._stopped:
+        ended = False
+        while not (ended or self._stopped):
             ended = self._ended  # before the queue is looked at: what was received before the end is processed
             with suppress(queue.Empty):
                 self._read = self._queue.get(timeout=0 if ended else _POLL_S)
                 return self._read
-            if ended and self._error is not None:
-                raise self._error
-            if ended:
-                return None
+        if self._error is not None and not self._stopped:
+            raise self._error
         return None
 
     # -- the side of the thread -------------------------------------------------------------------
@@ -123,22 +124,19 @@ class LiveSource:
                 if self._stopped:
                     break
                 self._put(image, stream_s)
-        except SourceError as error:
-            if self._received:  # what was received is of use without the rest
-                self._end_note = f"the source ended: {error}"
+        except BaseException as error:
+            if isinstance(error, SourceError) and self._received:  # what was received is of use without the rest
+                self._said.append(f"the source ended: {error}")
             else:
                 self._error = error
-        except BaseException as error:
-            self._error = error
         self._ended = True
 
     def _put(self, image: Image, stream_s: float | None) -> None:
         """Add an image to the queue; the oldest one makes room, or the sender waits."""
-        index, (height, width) = self._received, image.shape[:2]
-        size = width, height
-        self._size = size if index == 0 else self._size
+        index, size = self._received, image.shape[1::-1]
+        self._size = self._size or size
         if size != self._size:
-            raise SourceError(f"{self.name}: image {index} is {width}x{height}: all sizes must be equal")
+            raise SourceError(f"{self.name}: image {index} is {size[0]}x{size[1]}: all sizes must be equal")
         frame = Frame(index, self._clock.time_of(stream_s), f"frame-{index:06d}", image)
         self._received += 1
         while not self._stopped:
@@ -158,12 +156,12 @@ class _Clock:
 
     * ``nominal``: Whether images without a stated time get one by a nominal rate: where the sender waits, the times of
       arrival are those of the processing.
+    * ``notes``: Gets what the user should know.
     """
 
-    def __init__(self, nominal: bool) -> None:
-        self._nominal, self._stated = nominal, True
+    def __init__(self, nominal: bool, notes: list[str]) -> None:
+        self._nominal, self._stated, self._notes = nominal, True, notes
         self._offset_s = self._stream_s = self._last_s = -1.0
-        self.notes: list[str] = []
 
     def time_of(self, stream_s: float | None) -> float:
         """Time stamp of an image that has just arrived: seconds since 1970, after the one before."""
@@ -183,5 +181,5 @@ class _Clock:
         return self._last_s
 
     def _note(self, text: str) -> None:
-        if text not in self.notes:
-            self.notes.append(text)
+        if text not in self._notes:
+            self._notes.append(text)
