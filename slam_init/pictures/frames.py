@@ -55,8 +55,8 @@ def draw_pair(axes: Axes, pair: ShownPair, width: int) -> None:
     """Draw two images side by side with their matches; wide images one above the other."""
     from matplotlib.collections import LineCollection
 
-    attempt = pair.attempt
-    first, second = (bgr(image)[..., ::-1] for image in pair.images)
+    attempt = pair[2]
+    first, second = (bgr(image)[..., ::-1] for image in pair[:2])
     height, wide = first.shape[0], first.shape[1] > WIDE * first.shape[0]
     gap = np.full((4, first.shape[1], 3) if wide else (height, 4, 3), 255, np.uint8)
     _image(axes, np.concatenate([first, gap, second], axis=0 if wide else 1))

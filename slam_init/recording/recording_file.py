@@ -59,7 +59,7 @@ class RecordingFile:
         import rerun as rr
 
         self._path, self._partial = path, path.with_suffix(UNFINISHED)
-        self._recording, self._open = recording, True
+        self._recording, self.is_open = recording, True
         with self._writing():
             if path.is_dir():
                 raise IsADirectoryError(f"{path} is a folder")
@@ -71,13 +71,13 @@ class RecordingFile:
     def check(self) -> None:
         """Raise an error where the disk is full, or the file is gone."""
         with self._writing():
-            if self._open and not self._partial.exists():
+            if self.is_open and not self._partial.exists():
                 raise FileNotFoundError("the file is gone")
             _check_room(self._path.parent)
 
     def complete(self) -> None:
         """Write the rest, close the file, and give it its name. It may be called twice."""
-        if self._open:
+        if self.is_open:
             try:
                 self.check()
                 self._recording.disconnect()
@@ -88,9 +88,9 @@ class RecordingFile:
 
     def discard(self) -> None:
         """Close the file, and remove it unless it is complete."""
-        if self._open:
+        if self.is_open:
             self._recording.disconnect()
-        self._open = False
+        self.is_open = False
         with suppress(OSError):
             self._partial.unlink(missing_ok=True)
 
