@@ -241,29 +241,19 @@ class GrowingMap:
         problem = self._problem
         self._views = {frame: view for frame, view in self._views.items() if frame in problem.frames}
         self._views[seen.frame] = seen
-        frames, poses = (*problem.frames, seen.frame), (*problem.world_from_cam, self._guess.inverse())
-        tracks, points = self._new_landmarks(seen, dict(zip(frames, poses, strict=True)))
-        views, which = [np.full(len(landmarks), len(frames) - 1)], [landmarks]
-        pixels = [corrected_pixels(self.camera, seen)[features]]
-        for frame, view in self._views.items():
-            _, of_track, of_view = np.intersect1d(tracks, view.track_ids, return_indices=True)
-            views.append(np.full(len(of_track), frames.index(frame)))
-            which.append(len(problem.points) + of_track)
-            pixels.append(corrected_pixels(self.camera, view)[of_view])
+        pixels = corrected_pixels(self.camera, seen)[features]
+        longer = problem.with_view(seen.frame, self._guess.inverse(), landmarks, pixels)
+        tracks, points = self._new_landmarks(seen, dict(zip(longer.frames, longer.world_from_cam, strict=True)))
         longer = replace(
-            problem,
-            frames=frames,
-            world_from_cam=poses,
+            longer,
             points=np.concatenate([problem.points, points]),
             track_ids=np.concatenate([problem.track_ids, tracks]),
         )
-        added = with_lenses(
-            self.camera,
-            replace(
-                longer, views=np.concatenate(views), landmarks=np.concatenate(which), pixels=np.concatenate(pixels)
-            ),
-        )
-        self._adjust(_joined(longer, added), seen)
+        for frame, view in self._views.items():
+            _, of_track, of_view = np.intersect1d(tracks, view.track_ids, return_indices=True)
+            pixels = corrected_pixels(self.camera, view)[of_view]
+            longer = longer.with_observations(longer.frames.index(frame), len(problem.points) + of_track, pixels)
+        self._adjust(with_lenses(self.camera, longer), seen)
 
     def _adjust(self, joined: BundleProblem, seen: Observations) -> None:
         try:
@@ -330,19 +320,6 @@ def _colors(made: InitialMap, accepted: InitialMap) -> Image:
     colors = made.colors.copy()
     colors[at] = accepted.colors[of]
     return colors
-
-
-def _joined(longer: BundleProblem, added: BundleProblem) -> BundleProblem:
-    """A problem with further observations; both have the lenses of theirs."""
-    assert longer.lenses is not None
-    assert added.lenses is not None
-    return replace(
-        longer,
-        views=np.concatenate([longer.views, added.views]),
-        landmarks=np.concatenate([longer.landmarks, added.landmarks]),
-        pixels=np.concatenate([longer.pixels, added.pixels]),
-        lenses=np.concatenate([longer.lenses, added.lenses]),
-    )
 
 
 def _last(problem: BundleProblem, count: int) -> BundleProblem:
