@@ -15,25 +15,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
 from sequences_synth.arrays import Floats
 
-
-class _Usual(NamedTuple):
-    """Usual parameters: focal length over the width of the image, coefficients, largest angle from the axis (deg)."""
-
-    focal: float
-    coefficients: tuple[float, ...]
-    half_field_deg: float
-
-
-_USUAL = {
-    "radtan": _Usual(0.61, (-0.283, 0.074, 1.9e-4, 1.8e-5), 60.0),
-    "fisheye": _Usual(0.3, (0.02, -0.01, 3e-3, -1e-3), 100.0),
-}
+# Usual parameters: focal length over the width of the image, coefficients, largest angle from the axis (deg).
+_USUAL = {"radtan": (0.61, (-0.283, 0.074, 1.9e-4, 1.8e-5), 60.0), "fisheye": (0.3, (0.02, -0.01, 3e-3, -1e-3), 100.0)}
 #: The names of the lenses.
 LENSES = tuple(_USUAL)
 
@@ -138,10 +126,9 @@ class SynthCamera:
 
 def lens_camera(model: str, width: int, height: int) -> SynthCamera:
     """Make a camera with the usual parameters of a model."""
-    usual = _USUAL[model]
-    fx = usual.focal * width
-    centre = (width - 1) / 2, (height - 1) / 2
-    return SynthCamera(width, height, fx, fx, *centre, model, usual.coefficients, math.radians(usual.half_field_deg))
+    focal, coefficients, half_field_deg = _USUAL[model]
+    fx, cx, cy = focal * width, (width - 1) / 2, (height - 1) / 2
+    return SynthCamera(width, height, fx, fx, cx, cy, model, coefficients, math.radians(half_field_deg))
 
 
 def _ray(place: Floats) -> Floats:

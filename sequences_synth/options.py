@@ -181,9 +181,7 @@ class SynthOptions(EffectOptions):
     def __post_init__(self) -> None:
         self._check(_RENDERED_LIMITS)
         if self.readout_direction not in ("down", "up"):
-            raise ValueError(
-                f"readout_direction is {self.readout_direction!r}: images are read by rows: use down or up"
-            )
+            raise ValueError(f"readout_direction is {self.readout_direction!r}: rows are read here: use down or up")
         if self.cut >= self.frames:
             raise ValueError(f"cut is {self.cut}: it must be less than the number of frames, {self.frames}")
         if self.imu and self.cut:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sequences_synth.arrays import Floats
-from sequences_synth.trajectory import Arc, Handling, HandTurning, rotation_from_vector
+from sequences_synth.trajectory import BEND_RAD_S, Handling, HandTurning, arc, rotation_from_vector
 
 # Progress (...) -> vector (..., 3).
 PathFunction = Callable[[Floats], Floats]
@@ -197,8 +197,9 @@ def _handheld(rng: np.random.Generator, handling: Handling) -> Layout:
     """Points at 1 to 4 m around a camera that is turned by hand."""
     turning = HandTurning.draw(rng, handling)
     along = _unit(rng.normal(size=3) * [1.0, 0.6, 0.5])
-    path = Arc.draw(rng, handling, along, _unit(np.cross(along, rng.normal(size=3))))
-    position, rotation = _of_time(path.position, handling), _of_time(turning.rotation_vector, handling)
+    across = _unit(np.cross(along, rng.normal(size=3)))
+    position = _of_time(arc(handling.speed, float(rng.uniform(*BEND_RAD_S)), along, across), handling)
+    rotation = _of_time(turning.rotation_vector, handling)
     return Layout(_cloud(rng), position, rotation, tremor=False, in_depths=True)
 
 
@@ -210,8 +211,8 @@ def _handheld_wall(rng: np.random.Generator, handling: Handling) -> Layout:
     heading = rng.uniform(0, 2 * np.pi)
     along = np.cos(heading) * right + np.sin(heading) * down
     across = np.cos(heading) * down - np.sin(heading) * right
-    path = Arc.draw(rng, handling, along, across)
-    position, rotation = _of_time(path.position, handling), _of_time(turning.rotation_vector, handling)
+    position = _of_time(arc(handling.speed, float(rng.uniform(*BEND_RAD_S)), along, across), handling)
+    rotation = _of_time(turning.rotation_vector, handling)
     wall = _plane(normal, rng.uniform(_NEAR_M, _FAR_M))
     return Layout(wall, position, rotation, tremor=False, in_depths=True)
 

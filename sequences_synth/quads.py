@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from sequences_synth.arrays import Floats
+from sequences_synth.options import SynthOptions
 from sequences_synth.texture import Texture
-from sequences_synth.trajectory import Handling, Jitter
 
 # Largest side of a texture in texels: painting a larger one takes longer than rendering the sequence.
 _MAX_TEXELS = 4096
 # Direction towards the light: from above, and a little from the front left.
 _SUN = np.array([-0.35, -0.5, 0.79])
-# A hand trembles by a fraction of a degree and some millimetres.
-HAND_DEG, _HAND_M = 0.25, 0.004
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,15 +125,7 @@ class Setup:
     seed: tuple[int, ...]
     #: (3, 3) True calibration matrix, pixels.
     K: Floats
-    #: width, height: Image size in pixels.
-    width: int
-    height: int
-    #: Number of frames over which the motion rises to full speed, see :func:`sequences_synth.trajectory.progress`.
-    slow_start: float
-    #: Frames per second, for scenes whose motion is in seconds.
-    fps: float
-    #: How the camera of these scenes is handled.
-    handling: Handling
+    options: SynthOptions
 
     def painter(self, viewpoint: Floats, nearest_m: float) -> Painter:
         """Make a painter whose textures suit this camera.
@@ -148,27 +137,3 @@ class Setup:
     def random_sign(self) -> float:
         """Draw a sign."""
         return float(self.rng.choice([-1.0, 1.0]))
-
-
-def curved_path(start: Floats, along: Floats, bend: Floats) -> Callable[[float], Floats]:
-    """Make a path that is quadratic in the progress p: ``start + p along + p^2 bend``.
-
-    Shapes: ``start, along, bend`` (3,).
-    """
-    return lambda p: start + p * along + p * p * bend
-
-
-def linear_angles(start: Floats, by: Floats) -> Callable[[float], Floats]:
-    """Make angles that are linear in the progress p: ``start + p by``.
-
-    Shapes: ``start, by`` (3,).
-    """
-    return lambda p: start + p * by
-
-
-def hand_jitter(setup: Setup, distance_m: float) -> Jitter:
-    """Draw the tremor of a hand. The position trembles less when the scene is near, as people then move with care.
-
-    * ``distance_m``: Distance to the scene in metres; below 2 m the tremor of the position shrinks in proportion.
-    """
-    return Jitter.draw(setup.rng, HAND_DEG, _HAND_M * min(1.0, distance_m / 2))

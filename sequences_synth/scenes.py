@@ -11,31 +11,54 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
 from sequences_synth.arrays import Floats
 from sequences_synth.options import SynthOptions
-from sequences_synth.quads import HAND_DEG, Painter, Quad, Setup, box, curved_path, hand_jitter, linear_angles
+from sequences_synth.quads import Painter, Quad, Setup, box
+from sequences_synth.rooms import corridor_walls, furnished_room
 from sequences_synth.trajectory import (
+    BEND_RAD_S,
     PROGRESS_RANGE,
-    Arc,
     Handling,
     HandTurning,
     Jitter,
     Path,
+    arc,
     orientation,
     progress,
     rotation_from_vector,
 )
 
+#: What a builder makes of its input: the surfaces, and frame number -> pose world_from_cam (4, 4), metres.
+Built: TypeAlias = tuple[list[Quad], Callable[[float], Floats]]
+
 # -- indoors ---------------------------------------------------------------------------------------
 
 
-# A standing person who looks about level sees no floor nearer than this.
-_LEVEL_GAZE_M = 2.0
+# A hand trembles by a fraction of a degree and some millimetres.
+_HAND_DEG, _HAND_M = 0.25, 0.004
 # Range of the frame at which the translation of `rotate-then-move` starts.
 _FIRST_TRANSLATION_FRAME = (40.0, 50.0)
+
+
+def _carried(
+    setup: Setup, start: Floats, along: Floats, bend: Floats, turn_from: Floats, turn_by: Floats, distance_m: float
+) -> Path:
+    """A path ``start + p along + p^2 bend`` of the progress p, with angles that are linear in it, carried by hand.
+
+    The position trembles less when the scene is near, as people then move with care.
+
+    * ``distance_m``: Distance to the scene; below 2 m the tremor of the position shrinks in proportion.
+    """
+    jitter = Jitter.draw(setup.rng, _HAND_DEG, _HAND_M * min(1.0, distance_m / 2))
+    slow_start = setup.options.slow_start
+    return Path(
+        lambda p: start + p * along + p * p * bend, lambda p: turn_from + p * turn_by, slow_start, jitter=jitter
+    )
 
 
 def room(setup: Setup) -> tuple[list[Quad], Path]:
@@ -48,69 +71,8 @@ def room(setup: Setup) -> tuple[list[Quad], Path]:
     start = np.array([-0.4 * along[0] + rng.uniform(-0.2, 0.2), 0.0, rng.uniform(1.25, 1.6)])
     turn_by = np.radians([side * rng.uniform(-3, 11), rng.uniform(-4, 4), rng.uniform(-4, 4)])
     turn_from = np.radians([rng.uniform(-8, 8), rng.uniform(-10, 0), rng.uniform(-2, 2)])
-    centre, angles = curved_path(start, along, bend), linear_angles(turn_from, turn_by)
-    path = Path(centre, angles, setup.slow_start, jitter=hand_jitter(setup, 3.0))
+    path = _carried(setup, start, along, bend, turn_from, turn_by, 3.0)
     return furnished_room(setup, start), path
-
-
-def furnished_room(setup: Setup, viewpoint: Floats) -> list[Quad]:
-    """Build walls, pictures and boxes around a viewpoint that looks along y. No object is near the camera.
-
-    Shapes: ``viewpoint`` (3,).
-    """
-    rng = setup.rng
-    painter = setup.painter(viewpoint, 1.3)
-    left, right = -rng.uniform(2.3, 3.4), rng.uniform(2.3, 3.4)
-    front, back, top = rng.uniform(4.2, 6.5), -rng.uniform(1.6, 2.5), rng.uniform(2.5, 3.0)
-    quads = _shell(painter, rng, left, right, back, front, top)
-    quads += _pictures(painter, rng, left, right, front, top)
-    for _ in range(int(rng.integers(9, 15))):
-        size = np.array([rng.uniform(0.3, 1.1), rng.uniform(0.3, 0.9), rng.uniform(0.3, 1.3)])
-        y = rng.uniform(1.9, front - 0.4)
-        # Near objects are low: high ones would hide the room.
-        size[2] = min(size[2], 0.35 + 0.3 * y)
-        x = rng.uniform(left + 0.4, right - 0.4)
-        look = str(rng.choice(["print", "print", "wood", "wall"]))
-        quads += box(painter, np.array([x, y, 0.0]), size, rng.uniform(-0.8, 0.8), look)
-    return quads
-
-
-def _shell(
-    painter: Painter, rng: np.random.Generator, left: float, right: float, back: float, front: float, top: float
-) -> list[Quad]:
-    """Floor, ceiling and four walls, each 2 cm too large on every side, so that no ray passes through a corner."""
-    m = 0.02
-    w, d, h = right - left + 2 * m, front - back + 2 * m, top + 2 * m
-    x, y, z = np.array([w, 0, 0]), np.array([0, d, 0]), np.array([0, 0, h])
-    lights = rng.uniform(0.75, 1.0, 4)
-    return [
-        painter.quad(np.array([left - m, front, top + m]), x, -z, "wall", lights[0]),
-        painter.quad(np.array([right + m, back, top + m]), -x, -z, "wall", lights[1]),
-        painter.quad(np.array([left, back - m, top + m]), y, -z, "wall", lights[2]),
-        painter.quad(np.array([right, front + m, top + m]), -y, -z, "wall", lights[3]),
-        painter.quad(np.array([left - m, front + m, 0]), x, -y, "wood", 0.9, nearest_m=_LEVEL_GAZE_M),
-        painter.quad(np.array([left - m, back - m, top]), x, y, "ceiling", 0.85, nearest_m=_LEVEL_GAZE_M),
-    ]
-
-
-def _pictures(
-    painter: Painter, rng: np.random.Generator, left: float, right: float, front: float, top: float
-) -> list[Quad]:
-    """Pictures and cupboards on the far and the side walls."""
-    quads = []
-    down = np.array([0, 0, -1.0])
-    for _ in range(int(rng.integers(4, 7))):
-        w, h, off = rng.uniform(0.5, 1.2), rng.uniform(0.4, 0.9), rng.uniform(0.02, 0.3)
-        corner = np.array([rng.uniform(left + 0.1, right - w - 0.1), front - off, rng.uniform(1.2, top - 0.1)])
-        quads.append(painter.quad(corner, np.array([w, 0, 0]), h * down, "print", rng.uniform(0.8, 1.05)))
-    for side, x in ((1, left), (-1, right)):
-        for _ in range(2):
-            w, h, off = rng.uniform(0.6, 1.2), rng.uniform(0.4, 0.9), rng.uniform(0.02, 0.25)
-            y = rng.uniform(1.5, front - w)
-            start = y if side > 0 else y + w
-            corner = np.array([x + side * off, start, rng.uniform(1.2, top - 0.1)])
-            quads.append(painter.quad(corner, np.array([0, side * w, 0]), h * down, "print", rng.uniform(0.7, 0.95)))
-    return quads
 
 
 def static(setup: Setup) -> tuple[list[Quad], Path]:
@@ -127,8 +89,8 @@ def rotation(setup: Setup) -> tuple[list[Quad], Path]:
     pan = setup.random_sign() * rng.uniform(25, 45)
     turn_from = np.radians([-0.5 * pan, rng.uniform(-8, 0), rng.uniform(-2, 2)])
     turn_by = np.radians([pan, rng.uniform(-8, 8), rng.uniform(-4, 4)])
-    jitter = Jitter.draw(rng, HAND_DEG, 0.0)
-    path = Path(lambda _: start, linear_angles(turn_from, turn_by), setup.slow_start, jitter=jitter)
+    jitter = Jitter.draw(rng, _HAND_DEG, 0.0)
+    path = Path(lambda _: start, lambda p: turn_from + p * turn_by, setup.options.slow_start, jitter=jitter)
     return furnished_room(setup, start), path
 
 
@@ -139,13 +101,13 @@ def rotate_then_move(setup: Setup) -> tuple[list[Quad], Path]:
     start = rotating.centre(0.0)
     move_from = float(rng.uniform(*_FIRST_TRANSLATION_FRAME))
     # Sideways with respect to the heading at the frame at which the translation starts.
-    yaw = rotating.angles(progress(move_from, setup.slow_start))[0]
+    yaw = rotating.angles(progress(move_from, setup.options.slow_start))[0]
     side = setup.random_sign()
     sideways, ahead = side * np.array([np.cos(yaw), np.sin(yaw), 0]), np.array([-np.sin(yaw), np.cos(yaw), 0])
     # The whole translation has to fit into half of the frames.
     along = rng.uniform(1.7, 2.1) * (sideways + rng.uniform(0, 0.3) * ahead)
     bend = np.array([0, 0, rng.uniform(-0.1, 0.1)])
-    return quads, replace(rotating, centre=curved_path(start, along, bend), move_from=move_from)
+    return quads, replace(rotating, centre=lambda p: start + p * along + p * p * bend, move_from=move_from)
 
 
 def corridor(setup: Setup) -> tuple[list[Quad], Path]:
@@ -156,45 +118,15 @@ def corridor(setup: Setup) -> tuple[list[Quad], Path]:
     along = np.array([rng.uniform(-0.08, 0.08), rng.uniform(1.5, 1.9), rng.uniform(-0.05, 0.05)])
     turn_from = np.radians([rng.uniform(-3, 3), rng.uniform(-5, 0), rng.uniform(-1, 1)])
     turn_by = np.radians([rng.uniform(-4, 4), rng.uniform(-2, 2), rng.uniform(-2, 2)])
-    centre, angles = curved_path(start, along, np.zeros(3)), linear_angles(turn_from, turn_by)
-    path = Path(centre, angles, setup.slow_start, jitter=hand_jitter(setup, 2.0))
+    path = _carried(setup, start, along, np.zeros(3), turn_from, turn_by, 2.0)
     painter = setup.painter(start, 1.4)
-    quads = _corridor_walls(painter, rng, half, top, length)
+    quads = corridor_walls(painter, rng, half, top, length)
     for _ in range(int(rng.integers(6, 10))):
         side = setup.random_sign()
         size = np.array([rng.uniform(0.25, 0.5), rng.uniform(0.3, 1.0), rng.uniform(0.3, 1.4)])
         place = np.array([side * (half - 0.5 * size[0]), rng.uniform(3.4, 0.8 * length), 0])
         quads += box(painter, place, size, 0.0, str(rng.choice(["print", "wood"])))
     return quads, path
-
-
-def _corridor_walls(painter: Painter, rng: np.random.Generator, half: float, top: float, length: float) -> list[Quad]:
-    """Walls, floor and ceiling in panels, with some door frames between them.
-
-    Each panel has a texture as fine as its distance requires.
-    """
-    quads = []
-    x, z, m = np.array([2 * half + 0.04, 0, 0]), np.array([0, 0, top + 0.04]), 0.02
-    y0 = -2.0
-    while y0 < length:
-        step = rng.uniform(1.5, 2.6)
-        y, lights = np.array([0, step + 0.01, 0]), rng.uniform(0.75, 1.0, 4)
-        quads += [
-            painter.quad(np.array([-half, y0, top + m]), y, -z, "wall", lights[0]),
-            painter.quad(np.array([half, y0 + step, top + m]), -y, -z, "wall", lights[1]),
-            painter.quad(np.array([-half - m, y0 + step, 0]), x, -y, "wood", lights[2]),
-            painter.quad(np.array([-half - m, y0, top]), x, y, "ceiling", 0.9 * lights[3]),
-        ]
-        y0 += step
-        if y0 > 2.5 and rng.random() < 0.6:
-            depth, width = 0.2, rng.uniform(0.1, 0.25)
-            for side in (-1, 1):
-                post = np.array([side * (half - 0.5 * width), y0, 0])
-                quads += box(painter, post, np.array([width, depth, top]), 0.0, "wood")
-            lintel = np.array([0, y0, top - 0.3])
-            quads += box(painter, lintel, np.array([2 * half, depth, 0.32]), 0.0, "wood", floating=True)
-    quads.append(painter.quad(np.array([-half - m, length, top + m]), x, -z, "print", 0.9))
-    return quads
 
 
 def desk(setup: Setup) -> tuple[list[Quad], Path]:
@@ -212,8 +144,7 @@ def desk(setup: Setup) -> tuple[list[Quad], Path]:
     turn_from = np.array([-side * np.radians(rng.uniform(-4, 4)), pitch, np.radians(rng.uniform(-4, 4))])
     turn_by = np.radians([side * rng.uniform(2, 14), rng.uniform(-3, 3), rng.uniform(-5, 5)])
     start = start - 0.5 * along
-    centre, angles = curved_path(start, along, bend), linear_angles(turn_from, turn_by)
-    path = Path(centre, angles, setup.slow_start, jitter=hand_jitter(setup, 1.0))
+    path = _carried(setup, start, along, bend, turn_from, turn_by, 1.0)
     painter = setup.painter(start, 0.6)
     wide, deep = rng.uniform(1.0, 1.3), rng.uniform(0.75, 0.95)
     quads = [
@@ -260,7 +191,7 @@ def _extent(
     setup: Setup, poses: list[Floats], origin: Floats, u: Floats, v: Floats, normal: Floats
 ) -> tuple[Floats, Floats]:
     """The least and the largest coordinates (a, b) on the plane ``origin + a u + b v`` that corners of views see."""
-    corners = np.array([[x, y, 1] for x in (0, setup.width - 1) for y in (0, setup.height - 1)], float)
+    corners = np.array([[x, y, 1] for x in (0, setup.options.width - 1) for y in (0, setup.options.height - 1)], float)
     rays = corners @ np.linalg.inv(setup.K).T
     spots = []
     for pose in poses:
@@ -295,17 +226,16 @@ def wall(setup: Setup) -> tuple[list[Quad], Path]:
     start = np.array([0, 0, 1.5]) - 0.5 * along
     turn_by = np.radians([rng.uniform(-8, 8), rng.uniform(-5, 5), rng.uniform(-6, 6)])
     turn_from = np.radians([rng.uniform(-3, 3), rng.uniform(-3, 3), rng.uniform(-3, 3)])
-    centre, angles = curved_path(start, along, bend), linear_angles(turn_from, turn_by)
-    path = Path(centre, angles, setup.slow_start, jitter=hand_jitter(setup, distance))
+    path = _carried(setup, start, along, bend, turn_from, turn_by, distance)
     return [_plane(setup, path, origin, u, v, "wall", 0.75 * distance)], path
 
 
-def _flight(setup: Setup, turn_deg: float, tilt_deg: float | None = None) -> tuple[list[Quad], Path]:
-    """A drone over flat ground; heading and velocity turn by ``turn_deg`` in 100 frames.
+def flight(setup: Setup, turn_deg: float = 0.0, tilt_deg: float | None = None) -> Built:
+    """Build the flight of a drone over flat ground; heading and velocity turn by ``turn_deg`` in 100 frames.
 
-    By default the drone climbs a little, and the camera is 0 to 30 degrees off the vertical in any direction. With
-    ``tilt_deg`` the flight is level, and the camera is tilted by this angle from the vertical, along or across the
-    direction of flight.
+    Two poses explain the views of a straight flight, and later views do not decide; in a turn they do. By default the
+    drone climbs a little, and the camera is 0 to 30 degrees off the vertical in any direction. With ``tilt_deg`` the
+    flight is level, and the camera is tilted by this angle from the vertical, along or across the direction of flight.
     """
     rng = setup.rng
     height = rng.uniform(15, 35)
@@ -330,31 +260,16 @@ def _flight(setup: Setup, turn_deg: float, tilt_deg: float | None = None) -> tup
         return np.array([*(reach * flat), height + climb * p])
 
     roll = np.radians(rng.uniform(-2, 2))
-    angles = linear_angles(np.array([yaw, pitch, roll]), np.array([turn, 0, 0]))
+    turn_from, turn_by = np.array([yaw, pitch, roll]), np.array([turn, 0, 0])
     jitter = Jitter.draw(rng, _GIMBAL_DEG, _GIMBAL_M)
-    path = Path(centre, angles, setup.slow_start, jitter=jitter)
+    path = Path(centre, lambda p: turn_from + p * turn_by, setup.options.slow_start, jitter=jitter)
     u, v = np.array([np.cos(yaw), np.sin(yaw), 0]), np.array([np.sin(yaw), -np.cos(yaw), 0])
     return [_plane(setup, path, np.zeros(3), u, v, "ground", 0.9 * height)], path
 
 
-def nadir(setup: Setup) -> tuple[list[Quad], Path]:
-    """Build a straight flight over flat ground. Two poses explain its views, and later views do not decide."""
-    return _flight(setup, 0.0)
-
-
-def nadir_turn(setup: Setup) -> tuple[list[Quad], Path]:
-    """Build a flight in a turn over flat ground. Later views decide between the two poses."""
-    return _flight(setup, setup.random_sign() * float(setup.rng.uniform(45, 90)))
-
-
-def tilted(tilt_deg: float) -> Callable[[Setup], tuple[list[Quad], Path]]:
-    """Make the builder of a straight level flight over flat ground with a tilted camera.
-
-    * ``tilt_deg``: Angle between the optical axis and the normal of the ground. The camera is tilted forward in half of
-      the worlds, and to the left or right in the others.
-    * Returns: Setup -> the one quad of the ground, as a list, and the path.
-    """
-    return lambda setup: _flight(setup, 0.0, tilt_deg)
+def nadir_turn(setup: Setup) -> Built:
+    """Build a flight in a turn over flat ground."""
+    return flight(setup, setup.random_sign() * float(setup.rng.uniform(45, 90)))
 
 
 # -- hand-held -------------------------------------------------------------------------------------
@@ -367,42 +282,46 @@ _LARGEST_RADIUS_M = 0.4
 # Range of the distance of the wall, metres; largest angle between its normal and the axis about which the camera
 # oscillates; and largest tilt of the optical axis from that axis.
 _WALL_M, _WALL_DEG, _WALL_TILT_DEG = (1.2, 3.5), 12.0, 15.0
+# The angular speed of hand-held turning is a root mean square over this time. It does not depend on the number of
+# frames, so that a longer sequence continues the path of a shorter one.
+_HANDLING_S = 10.0
 # The wall fills the views of this many seconds.
 _WALL_S = 120.0
 
 
-@dataclass(frozen=True, eq=False)
-class HandPath:
-    """The path of a camera that is turned by hand, or steadily."""
+def _held(
+    setup: Setup, start: Floats, turning: Callable[[Floats], Floats], position: Callable[[Floats], Floats]
+) -> Callable[[float], Floats]:
+    """Frame number -> pose of a camera that is turned by hand, or steadily.
 
-    #: Frames per second.
-    fps: float
-    #: (4, 4) Pose world_from_cam about which the camera is turned, metres.
-    start: Floats
-    #: Time (N,) in seconds -> rotation vector (N, 3), radians.
-    turning: Callable[[Floats], Floats]
-    #: Translation in the axes of ``start``.
-    arc: Arc
-    #: Unit of the arc.
-    depth_m: float
+    Shapes: ``start`` (4, 4).
 
-    def world_from_cam(self, frame: float) -> Floats:
-        """Compute the pose at a frame.
+    * ``start``: Pose about which the camera is turned.
+    * ``turning, position``: Time in seconds -> rotation vector and translation, in the axes of ``start``.
+    """
 
-        Shapes: returns (4, 4).
-        """
-        time_s = np.array(frame / self.fps)
-        pose = self.start.copy()
-        pose[:3, :3] = pose[:3, :3] @ rotation_from_vector(self.turning(time_s))
-        pose[:3, 3] += self.start[:3, :3] @ (self.depth_m * self.arc.position(time_s))
+    def world_from_cam(frame: float) -> Floats:
+        time_s = np.array(frame / setup.options.fps)
+        pose = start.copy()
+        pose[:3, :3] = pose[:3, :3] @ rotation_from_vector(turning(time_s))
+        pose[:3, 3] += start[:3, :3] @ position(time_s)
         return pose
 
+    return world_from_cam
 
-def _arc(setup: Setup, along: Floats, across: Floats, depth_m: float) -> Arc:
+
+def _turning(setup: Setup, largest_tilt_deg: float = np.inf) -> Callable[[Floats], Floats]:
+    """A turning by hand, of which the angular speed does not depend on the number of frames."""
+    handling = Handling(_HANDLING_S, setup.options.turning_deg_s, setup.options.speed)
+    return HandTurning.draw(setup.rng, handling, largest_tilt_deg).rotation_vector
+
+
+def _arc(setup: Setup, along: Floats, across: Floats, depth_m: float) -> Callable[[Floats], Floats]:
     """An arc that bends enough to stay within the largest radius."""
-    drawn = Arc.draw(setup.rng, setup.handling, along, across)
-    least = setup.handling.speed * depth_m / _LARGEST_RADIUS_M
-    return Arc(drawn.speed, max(drawn.bend_rad_s, least), along, across)
+    speed = setup.options.speed
+    bend_rad_s = max(float(setup.rng.uniform(*BEND_RAD_S)), speed * depth_m / _LARGEST_RADIUS_M)
+    position = arc(speed, bend_rad_s, along, across)
+    return lambda time_s: depth_m * position(time_s)
 
 
 def _stand(rng: np.random.Generator, pitch_deg: float) -> Floats:
@@ -413,32 +332,30 @@ def _stand(rng: np.random.Generator, pitch_deg: float) -> Floats:
     return pose
 
 
-def handheld(setup: Setup) -> tuple[list[Quad], HandPath]:
+def handheld(setup: Setup) -> Built:
     """Build the furnished room, seen by a camera that is turned by hand and moves little or not at all."""
     start = _stand(setup.rng, 5.0)
-    turning = HandTurning.draw(setup.rng, setup.handling)
+    turning = _turning(setup)
     # Sideways, and then backwards: the furniture stands ahead.
     side = setup.random_sign()
-    arc = _arc(setup, np.array([side, 0.0, 0.0]), np.array([0.0, 0.0, -1.0]), _ROOM_DEPTH_M)
-    path = HandPath(setup.fps, start, turning.rotation_vector, arc, _ROOM_DEPTH_M)
-    return furnished_room(setup, start[:3, 3]), path
+    position = _arc(setup, np.array([side, 0.0, 0.0]), np.array([0.0, 0.0, -1.0]), _ROOM_DEPTH_M)
+    return furnished_room(setup, start[:3, 3]), _held(setup, start, turning, position)
 
 
-def pan(setup: Setup) -> tuple[list[Quad], HandPath]:
+def pan(setup: Setup) -> Built:
     """Build the furnished room, seen by a camera that turns steadily about the vertical axis and never translates."""
     start = _stand(setup.rng, 0.0)
     # The y axis of the camera points down.
-    rate_rad_s = np.radians(setup.handling.turning_deg_s) * np.array([0.0, setup.random_sign(), 0.0])
-    still = Arc(0.0, 1.0, np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
-    path = HandPath(setup.fps, start, lambda time_s: time_s[..., None] * rate_rad_s, still, _ROOM_DEPTH_M)
+    rate_rad_s = np.radians(setup.options.turning_deg_s) * np.array([0.0, setup.random_sign(), 0.0])
+    path = _held(setup, start, lambda time_s: time_s * rate_rad_s, lambda _: np.zeros(3))
     return furnished_room(setup, start[:3, 3]), path
 
 
-def handheld_wall(setup: Setup) -> tuple[list[Quad], HandPath]:
+def handheld_wall(setup: Setup) -> Built:
     """Build one wall, seen by a hand-held camera that oscillates about an axis that points to the wall."""
     rng = setup.rng
     start = _stand(rng, 0.0)
-    turning = HandTurning.draw(rng, setup.handling, _WALL_TILT_DEG)
+    turning = _turning(setup, _WALL_TILT_DEG)
     distance = rng.uniform(*_WALL_M)
     axis = rng.uniform(0, 2 * np.pi)
     leaning = np.radians(rng.uniform(3.0, _WALL_DEG)) * np.array([np.cos(axis), np.sin(axis), 0.0])
@@ -447,10 +364,10 @@ def handheld_wall(setup: Setup) -> tuple[list[Quad], HandPath]:
     in_cam = start[:3, :3].T
     along = in_cam @ (np.cos(heading) * right + np.sin(heading) * down)
     across = in_cam @ (np.cos(heading) * down - np.sin(heading) * right)
-    path = HandPath(setup.fps, start, turning.rotation_vector, _arc(setup, along, across, distance), distance)
+    path = _held(setup, start, turning, _arc(setup, along, across, distance))
     # The quad holds every point of the wall that the corners of a view meet.
     origin = start[:3, 3] + distance * start[:3, 2]
-    poses = [path.world_from_cam(float(frame)) for frame in np.linspace(0, _WALL_S * setup.fps, 1500)]
+    poses = [path(float(frame)) for frame in np.linspace(0, _WALL_S * setup.options.fps, 1500)]
     low, high = _extent(setup, poses, origin, right, down, normal)
     # A lens with a barrel distortion and the gaps between the instants need some more.
     painter = setup.painter(start[:3, 3], 0.8 * distance)
@@ -460,18 +377,14 @@ def handheld_wall(setup: Setup) -> tuple[list[Quad], HandPath]:
 # -- all -------------------------------------------------------------------------------------------
 
 
-# The angular speed of hand-held turning is a root mean square over this time. It does not depend on the number of
-# frames, so that a longer sequence continues the path of a shorter one.
-_HANDLING_S = 10.0
-
-
 @dataclass(frozen=True, eq=False)
 class World:
     """A scene and the path of the camera through it."""
 
     #: All surfaces.
     quads: tuple[Quad, ...]
-    path: Path | HandPath
+    #: Frame number, not necessarily whole -> pose (4, 4), metres.
+    world_from_cam: Callable[[float], Floats]
     #: (float, float) The exposure changes slowly as a sine: its phase at frame 0 and its advance per frame, radians.
     exposure_phase: tuple[float, float]
 
@@ -482,26 +395,24 @@ def build_world(name: str, entropy: tuple[int, ...], K: Floats, options: SynthOp
     Shapes: ``K`` (3, 3).
     """
     rng = np.random.default_rng(entropy)
-    handling = Handling(_HANDLING_S, options.turning_deg_s, options.speed)
-    setup = Setup(rng, entropy, K, options.width, options.height, options.slow_start, options.fps, handling)
-    quads, path = _BUILDERS[name](setup)
+    quads, world_from_cam = _BUILDERS[name](Setup(rng, entropy, K, options))
     phase = (float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(0.03, 0.09)))
-    return World(tuple(quads), path, phase)
+    return World(tuple(quads), world_from_cam, phase)
 
 
-_BUILDERS: dict[str, Callable[[Setup], tuple[list[Quad], Path | HandPath]]] = {
+_BUILDERS: dict[str, Callable[[Setup], Built]] = {
     "room": room,
     "wall": wall,
-    "nadir": nadir,
+    "nadir": flight,
     "nadir-turn": nadir_turn,
     "corridor": corridor,
     "desk": desk,
     "rotation": rotation,
     "rotate-then-move": rotate_then_move,
     "static": static,
-    "tilted-15": tilted(15.0),
-    "tilted-30": tilted(30.0),
-    "tilted-45": tilted(45.0),
+    "tilted-15": partial(flight, tilt_deg=15.0),
+    "tilted-30": partial(flight, tilt_deg=30.0),
+    "tilted-45": partial(flight, tilt_deg=45.0),
     "handheld": handheld,
     "handheld-wall": handheld_wall,
     "pan": pan,

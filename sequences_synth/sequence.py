@@ -45,7 +45,7 @@ class Sensor:
 
         Shapes: returns (4, 4).
         """
-        return self.world.path.world_from_cam(frame)
+        return self.world.world_from_cam(frame)
 
     def view(self, frame: int) -> View:
         """Render a sharp frame.
@@ -193,11 +193,11 @@ class SynthSequence:
         """
         if not self.options.imu:
             return None
-        path, fps = self.sensors[0].world.path, self.options.fps
+        pose, fps = self.sensors[0].pose, self.options.fps
         last_s = float(self.timestamps_s[-1]) + _MARGIN_S
         times_s = np.arange(-_MARGIN_S, last_s, 1 / _INERTIAL_HZ)
         rng = stream(self.seed, b"inertial sensor ", self.name)
-        return measure(lambda time_s: path.world_from_cam(time_s * fps), times_s, rng)
+        return measure(lambda time_s: pose(time_s * fps), times_s, rng)
 
     def _sensor(self, index: int) -> tuple[Sensor, int]:
         """The sensor of a frame, and the frame number on its path."""

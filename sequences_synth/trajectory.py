@@ -114,7 +114,7 @@ class Path:
         pose[:3, 3] = self.centre(moved)
         return pose
 
-    def world_from_cam(self, frame: float) -> Floats:
+    def __call__(self, frame: float) -> Floats:
         """Compute the pose at a frame.
 
         Shapes: returns (4, 4).
@@ -179,8 +179,8 @@ _RATE_HZ = 60.0
 _SCALINGS = 12
 # A rotation vector of more than 2 rad comes near half a turn, where the speed no longer grows with its amplitude.
 _LARGEST_RAD = 2.0
-# The path bends by this much in a second, radians.
-_BEND_RAD_S = (0.2, 0.8)
+#: The path of a hand bends by this much in a second, radians.
+BEND_RAD_S = (0.2, 0.8)
 
 
 @dataclass(frozen=True)
@@ -257,31 +257,19 @@ class HandTurning:
         return turning
 
 
-@dataclass(frozen=True, eq=False)
-class Arc:
-    """An arc of a circle that is travelled at a constant speed."""
+def arc(speed: float, bend_rad_s: float, along: Floats, across: Floats) -> Callable[[Floats], Floats]:
+    """Make an arc of a circle that is travelled at a constant speed.
 
-    #: Median depths per second; exactly no translation where it is 0.
-    speed: float
-    #: Angular velocity of the direction of motion.
-    bend_rad_s: float
-    #: along, across: (3,) Orthonormal: direction of the first velocity, and direction to which the path bends.
-    along: Floats
-    across: Floats
+    Shapes: ``along, across`` (3,).
 
-    @staticmethod
-    def draw(rng: np.random.Generator, handling: Handling, along: Floats, across: Floats) -> Arc:
-        """Draw the bend of an arc.
+    * ``speed``: Per second; exactly no translation where it is 0.
+    * ``bend_rad_s``: Angular velocity of the direction of motion.
+    * ``along, across``: Orthonormal: direction of the first velocity, and direction to which the path bends.
+    * Returns: Time (...) in seconds -> camera centre (..., 3).
+    """
 
-        Shapes: ``along, across`` (3,).
-        """
-        return Arc(handling.speed, float(rng.uniform(*_BEND_RAD_S)), along, across)
+    def position(time_s: Floats) -> Floats:
+        angle = bend_rad_s * np.asarray(time_s)[..., None]
+        return np.asarray(speed / bend_rad_s * (np.sin(angle) * along + (1 - np.cos(angle)) * across))
 
-    def position(self, time_s: Floats) -> Floats:
-        """Compute the camera centre.
-
-        Shapes: returns (..., 3).
-        """
-        angle = self.bend_rad_s * np.asarray(time_s)[..., None]
-        radius = self.speed / self.bend_rad_s
-        return np.asarray(radius * (np.sin(angle) * self.along + (1 - np.cos(angle)) * self.across))
+    return position

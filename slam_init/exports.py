@@ -30,7 +30,7 @@ def export(
     folder : str or path
         A folder that is new, empty, or was written by an earlier call.
     formats : collection of str
-        ``scene`` (COLMAP, nerfstudio, Gaussian splatting): see ``docs/going-on.md``.
+        ``scene`` (COLMAP, nerfstudio, Gaussian splatting): see ``docs/how-to/continue.md``.
     images : Source or mapping of int to (H, W) or (H, W, 3) array_like, optional
         The images of the keyframes and of the located frames, by absolute index: grey or BGR, as the initializer got
         them. A source is read again.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import get_args
 
@@ -15,7 +15,7 @@ from slam_init.calibration.choosing import GivenCamera, camera_of_metadata, came
 from slam_init.config import Config, config_toml
 from slam_init.datasets.gyroscope import Gyroscope, StepRotations, gyroscope_of
 from slam_init.datasets.inertial import InertialSensor, inertial_of
-from slam_init.datasets.live.address import without_password
+from slam_init.datasets.live import without_password
 from slam_init.datasets.track_source import KnowsTracks
 from slam_init.errors import ConfigError, OutputError, SlamInitError, SourceError, check_type
 from slam_init.evaluation.metrics import compare_with_groundtruth, scale_error
@@ -27,7 +27,7 @@ from slam_init.mapping.follower import Continuation, FrameTracker, follow
 from slam_init.mapping.reduction import Reduction
 from slam_init.methods import make_initializer
 from slam_init.methods.external_command import is_external
-from slam_init.methods.registry import FrontEnd, method_info
+from slam_init.methods.registry import method_info
 from slam_init.methods.self_calibration import LONGEST_STRETCH, by_all_frames, calibrate, combine
 from slam_init.output.colmap import colmap_note
 from slam_init.output.folder import OutputFolder
@@ -37,9 +37,10 @@ from slam_init.output.provenance import InputHash, provenance_of
 from slam_init.output.records import SegmentRecord, SourceRecord
 from slam_init.output.results import publish_results
 from slam_init.output.summary import Summary, summary_of
-from slam_init.pictures.overview import StoryRecorder, overview_png
-from slam_init.recording.recorder import Recorder, Several
+from slam_init.pictures.overview import overview_png
+from slam_init.recording.recorder import Recorder
 from slam_init.recording.rerun_recorder import RerunRecorder
+from slam_init.recording.story import StoryRecorder
 from slam_init.scale.find import find_scale
 from slam_init.scale.metric_map import in_metres, scaled_keyframes
 from slam_init.scale.requests import KnownBoard, KnownMarkers, MeasuredMotion, ScaleRequest
@@ -67,7 +68,6 @@ def run(
     max_frames: int | None = None,
     continue_frames: int | None = None,
     progress: bool = False,
-    notes: tuple[str, ...] = (),
     overview: bool = True,
     viewer: str | None = None,
     scale: ScaleRequest | None = None,
@@ -99,20 +99,18 @@ def run(
         number of frames that are read after the first map: all by default.
     progress : bool
         Show a progress bar on stderr.
-    notes : tuple of str
-        Notes for the user; the result contains them.
     overview : bool
         Draw ``overview.png``. An interrupted run has none.
     viewer : str, optional
         Address of a Rerun viewer that shows the recording while it is made, as of
-        :func:`slam_init.recording.live_viewer.viewer_url`. It needs ``out``.
+        :func:`slam_init.recording.viewer.viewer_url`. It needs ``out``.
     scale : ScaleRequest, optional
         What is known of the size of the scene (:mod:`slam_init.scale.requests`): the maps are then in metres.
     restart : bool
         Whether to start anew where a map is lost (:mod:`slam_init.mapping.follower`). The result lists all maps.
     imu : bool or InertialSensor
         Whether to use the gyroscope of the source, if it has one (:mod:`slam_init.datasets.gyroscope`); or the sensor
-        of a file (:func:`slam_init.datasets.inertial_file.read_inertial_file`), whose record is that of the scale too.
+        of a file (:func:`slam_init.datasets.inertial.read_inertial_file`), whose record is that of the scale too.
     export : collection of str
         Formats of other tools that the maps are written in as well, as of :func:`slam_init.export`. It needs ``out``.
 
@@ -138,12 +136,11 @@ def run(
             continue
         if not isinstance(number, int | np.integer) or number < least:
             raise SlamInitError(f"{name} is {number!r:.40}: give an integer from {least} on")
-    if not isinstance(notes, tuple | list) or not all(isinstance(note, str) for note in notes):
-        raise SlamInitError(f"notes is {notes!r:.40}: give a tuple of texts")
     if scale is not None:
         check_type(scale, get_args(ScaleRequest), "the scale", "parse_scale(TEXT), as in parse_scale('height:1.65')")
     if not isinstance(imu, bool):
-        check_type(imu, InertialSensor, "imu", "True, or read_inertial_file(FILE) (slam_init.datasets.inertial_file)")
+        check_type(imu, InertialSensor, "imu", "True, or read_inertial_file(FILE) (slam_init.datasets.inertial)")
+    notes: tuple[str, ...] = ()
     method_info(config.method)  # an unknown method is an error before anything is written
     if is_external(config.method):
         if restart or scale is not None or export:
@@ -151,7 +148,7 @@ def run(
         # Further frames would be read for nothing.
         most = config.external.max_frames
         if max_frames is None or max_frames > most:
-            notes = (*notes, f"the external program gets at most {most} frames (external.max_frames)")
+            notes = (f"the external program gets at most {most} frames (external.max_frames)",)
         max_frames = min(max_frames or most, most)
     check_formats(export, source)
     camera = camera_of_source(source, camera, start)
@@ -161,17 +158,12 @@ def run(
         source, camera, config, start, max_frames, continue_frames, progress, notes, scale, restart, described, imu
     )
     if out is None:
-        done = job.run(Recorder())
-        if (again := calibrated_by_motion(job, done)) is not None:
-            done = again.run(Recorder())
+        done, _ = _finished(job, None, viewer, overview=overview)
         return done.result, done.summary
     with OutputFolder(out, "run") as folder:
         try:
-            done, picture = _recorded(job, folder, viewer, overview=overview)
-            if (again := calibrated_by_motion(job, done)) is not None:
-                done, picture = _recorded(again, folder, viewer, overview=overview)
-            if export:
-                _stage_exports(folder, done, export, source)
+            done, picture = _finished(job, folder, viewer, overview=overview)
+            _stage_exports(folder, done, export, source)
             toml = config_toml(config)
             publish_results(folder, done.result, done.summary, toml, done.located, picture, done.descriptors)
         except SlamInitError:
@@ -183,17 +175,31 @@ def run(
     return done.result, done.summary
 
 
-def _recorded(job: Job, folder: OutputFolder, viewer: str | None, *, overview: bool) -> tuple[Finished, bytes | None]:
-    """Run a job with its recording; returns its picture as well, where it is wanted."""
+def _finished(
+    job: Job, folder: OutputFolder | None, viewer: str | None, *, overview: bool
+) -> tuple[Finished, bytes | None]:
+    """Run a job, and once more with the camera that all its frames tell, where no window tells the focal length.
+
+    * Returns: The run and its picture, where it is wanted.
+    """
+    done = _recorded(job, folder, viewer, overview=overview)
+    again = calibrated_by_motion(job, done[0])
+    return done if again is None else _recorded(again, folder, viewer, overview=overview)
+
+
+def _recorded(
+    job: Job, folder: OutputFolder | None, viewer: str | None, *, overview: bool
+) -> tuple[Finished, bytes | None]:
+    if folder is None:
+        return _Run(job, Recorder()).finished(), None
     truth, config = job.source.groundtruth, job.config
     seen = reduction_of(job.source, job.camera).camera
     with RerunRecorder(folder.staging / RECORDING, seen, job.source.name, truth, config.seed, viewer) as recorder:
-        # An external program tells neither tracks nor attempts: there is no story to draw.
-        drawn = overview and not is_external(config.method)
-        story = StoryRecorder(recorder.images) if drawn else None
-        done = job.run(recorder if story is None else Several(recorder, story))
+        done = _Run(job, recorder).finished()
         recorder.summary(done.summary)
-    return done, None if story is None else _drawn(done.result, done.summary, story, truth)
+    # An external program tells neither tracks nor attempts: there is no story to draw.
+    drawn = overview and not is_external(config.method)
+    return done, _drawn(done.result, done.summary, recorder.story, truth) if drawn else None
 
 
 def _stage_exports(folder: OutputFolder, done: Finished, export: Collection[str], source: Source) -> None:
@@ -207,7 +213,7 @@ def _stage_exports(folder: OutputFolder, done: Finished, export: Collection[str]
 def _drawn(result: Result, summary: Summary, story: StoryRecorder, truth: Trajectory | None) -> bytes | None:
     """Draw the overview; None with a warning where this fails, since the results of a run must not be lost by it."""
     try:
-        return overview_png(result, summary, story.story(), truth)
+        return overview_png(result, summary, story, truth)
     except Exception as error:
         warnings.warn(f"{OVERVIEW} was not drawn: {error}", RuntimeWarning, stacklevel=2)
         return None
@@ -239,6 +245,8 @@ class _Part:
 
     result: Result
     first_frame: int
+    #: Number of frames that were read.
+    frames: int
     continued: Continuation | None
     descriptors: Descriptors | None
     truth: GroundTruthErrors | None
@@ -291,93 +299,143 @@ class Job:
     described: bool
     imu: bool | InertialSensor
 
-    def run(self, recorder: Recorder) -> Finished:
-        """Process the frames, and summarize the run."""
-        hashed = InputHash(self.camera)
-        memory = FrameMemory(_IMAGE_BYTES if isinstance(self.scale, KnownMarkers | KnownBoard) else _FEW_IMAGE_BYTES)
-        if self._record is not None:
-            hashed.inertial(self._record)
-        reduction = reduction_of(self.source, self.camera)
-        initializer = make_initializer(self.config.method, reduction.camera, self.config, recorder)
-        front = _Front(initializer, self, hashed, recorder, reduction)
-        goes_on = self.restart or self.continue_frames
-        frames = self.source.frames(start=self.start, max_frames=None if goes_on else self.max_frames)
-        frames = memory.reading(reduction.frames(hashed.reading(frames)))
-        parts = self._parts(front, front.turns.reading(frames), memory)
-        result = _whole(parts, self.restart)
-        # What a source has to tell may change with each frame.
-        notes = (*self.notes, *notes_of(self.source), *self.camera.notes, *reduction.notes)
-        focal_notes = (*_metadata_notes(self.source, self.camera), *_focal_notes(result, self.camera))
-        notes = (*notes, *focal_notes, *front.turns.notes, *result.notes)
-        if result.map is not None and (note := colmap_note(result.map.camera)):
-            notes = (*notes, note)
-        result = replace(result, notes=notes)
-        summary = self._summary(result, parts, hashed)
-        descriptors = tuple(part.descriptors for part in parts if part.descriptors is not None)
-        motion = initializer.motion if isinstance(initializer, Initializer) else None
-        return Finished(result, summary, parts[0].located, descriptors, motion)
-
-    def _parts(self, front: _Front, frames: Iterator[Frame], memory: FrameMemory) -> list[_Part]:
-        """One part, or one for each map."""
-        counted = _Counted(frames)
-        parts = [self._part(front, counted, memory, self.start, None)]
-        after_first = counted.count - (parts[0].continued.frames if parts[0].continued is not None else 0)
-        while (lost_at := parts[-1].lost_at) is not None and len(parts) < MAX_SEGMENTS:
-            left = None if self.continue_frames is None else self.continue_frames - (counted.count - after_first)
-            if left is not None and left <= 0:
-                break
-            front.reset(lost_at)
-            parts.append(self._part(front, counted, memory, lost_at, left))
-        return parts
-
-    def _part(self, front: _Front, frames: _Counted, memory: FrameMemory, first_frame: int, left: int | None) -> _Part:
-        """Process frames until there is a map and, if asked for, until it is lost; at most ``left`` frames."""
-        before = frames.count
-        limits = (self.max_frames, None if left is None else front.initializer.frames_read + left)
-        most = min((limit for limit in limits if limit), default=None)
-        # A run hands its map over at once, but for frames that are asked for.
-        grows = self.config.refine_frames is not None
-        result = _initialize(front, frames, self._available(first_frame), most, self.progress, grows)
-        result = replace(result, segments=())
-        if result.map is None:
-            return _Part(front.reduction.enlarged(result), first_frame, None, None, None)
-        images = {k.frame: memory[k.frame] for k in result.map.keyframes if k.frame in memory}
-        descriptors = describe_landmarks(result.map, images) if self.described else None
-        count = self.continue_frames if left is None else left - (frames.count - before)
-        map_, continued = result.map, None
-        if self.restart or count:
-            continued = follow(
-                map_, front.tracker, frames, count, front.recorder,
-                until_lost=self.restart, keep_grown=self._by_motion,
-            )  # fmt: skip
-        if continued is not None and continued.ended_by is not None:
-            result = replace(result, notes=(*result.notes, f"the continuation ended early: {continued.ended_by}"))
-        if self.scale is not None:
-            result, continued = self._in_metres(self.scale, map_, result, continued, images, front.recorder)
-        result = front.reduction.enlarged(result)
-        return _Part(result, first_frame, continued, descriptors, self._errors(result, continued))
-
     @property
-    def _by_motion(self) -> bool:
+    def by_motion(self) -> bool:
+        """Whether the scale is found from an inertial sensor."""
         return isinstance(self.scale, MeasuredMotion)
 
     @property
-    def _record(self) -> InertialRecord | None:
-        """What the scale is found from."""
-        if not self._by_motion:
+    def record(self) -> InertialRecord | None:
+        """What that scale is found from."""
+        if not self.by_motion:
             return None
         return self.imu.record if isinstance(self.imu, InertialSensor) else inertial_of(self.source)
 
     @property
     def gyroscope(self) -> Gyroscope | None:
-        """What measures the rotations between frames."""
+        """What measures the rotations between frames, if it is to be used."""
+        if not self.imu:
+            return None
         return self.imu.gyroscope if isinstance(self.imu, InertialSensor) else gyroscope_of(self.source)
 
-    def _available(self, first_frame: int) -> int | None:
+    def available(self, first_frame: int) -> int | None:
         """Number of frames from a frame on; None where nobody knows it."""
         left = getattr(self.source, "left", None)
         length = length_of(self.source)
         return left(first_frame) if left is not None else None if length is None else max(length - first_frame, 0)
+
+
+class _Run:
+    """One pass over the frames of a job."""
+
+    def __init__(self, job: Job, recorder: Recorder) -> None:
+        self.job, self.recorder = job, recorder
+        self.hashed = InputHash(job.camera)
+        if job.record is not None:
+            self.hashed.inertial(job.record)
+        self.memory = FrameMemory(
+            _IMAGE_BYTES if isinstance(job.scale, KnownMarkers | KnownBoard) else _FEW_IMAGE_BYTES
+        )
+        self.reduction = reduction_of(job.source, job.camera)
+        self.initializer = make_initializer(job.config.method, self.reduction.camera, job.config, recorder)
+        self.tracker: FrameTracker = self.initializer.tracker
+        if isinstance(job.source, KnowsTracks):
+            self.tracker = _GivenTracks(job.source, job.camera, self.hashed)
+        # Other methods take no rotations.
+        self.turns = StepRotations(job.gyroscope if isinstance(self.initializer, Initializer) else None)
+        goes_on = job.restart or job.continue_frames
+        frames = job.source.frames(start=job.start, max_frames=None if goes_on else job.max_frames)
+        self.frames = self.turns.reading(self.memory.reading(self.reduction.frames(self.hashed.reading(frames))))
+
+    def finished(self) -> Finished:
+        """Process the frames, and summarize the run."""
+        job, parts = self.job, self._parts()
+        result = _whole(parts, job.restart)
+        # What a source has to tell may change with each frame.
+        notes = (*job.notes, *notes_of(job.source), *job.camera.notes, *self.reduction.notes)
+        focal_notes = (*_metadata_notes(job.source, job.camera), *_focal_notes(result, job.camera))
+        notes = (*notes, *focal_notes, *self.turns.notes, *result.notes)
+        if result.map is not None and (note := colmap_note(result.map.camera)):
+            notes = (*notes, note)
+        result = replace(result, notes=notes)
+        descriptors = tuple(part.descriptors for part in parts if part.descriptors is not None)
+        motion = self.initializer.motion if isinstance(self.initializer, Initializer) else None
+        return Finished(result, self._summary(result, parts), parts[0].located, descriptors, motion)
+
+    def _parts(self) -> list[_Part]:
+        """One part, or one for each map."""
+        parts, left = [self._part(self.job.start, None)], self.job.continue_frames
+        if left is not None and parts[0].continued is not None:
+            left -= parts[0].continued.frames
+        while (lost_at := parts[-1].lost_at) is not None and len(parts) < MAX_SEGMENTS and (left is None or left > 0):
+            self._reset(lost_at)
+            parts.append(self._part(lost_at, left))
+            if left is not None:
+                left -= parts[-1].frames
+        return parts
+
+    def _part(self, first_frame: int, left: int | None) -> _Part:
+        """Process frames until there is a map and, if asked for, until it is lost; at most ``left`` frames."""
+        job, before = self.job, self.initializer.frames_read
+        limits = (job.max_frames, None if left is None else before + left)
+        most = min((limit for limit in limits if limit), default=None)
+        result = replace(self._initialized(job.available(first_frame), most), segments=())
+        read = self.initializer.frames_read - before
+        if result.map is None:
+            return _Part(self.reduction.enlarged(result), first_frame, read, None, None, None)
+        images = {k.frame: self.memory[k.frame] for k in result.map.keyframes if k.frame in self.memory}
+        descriptors = describe_landmarks(result.map, images) if job.described else None
+        count = job.continue_frames if left is None else left - read
+        map_, continued = result.map, None
+        if job.restart or count:
+            continued = follow(
+                map_, self.tracker, self.frames, count, self.recorder, until_lost=job.restart, keep_grown=job.by_motion
+            )
+            read += continued.frames
+        if continued is not None and continued.ended_by is not None:
+            result = replace(result, notes=(*result.notes, f"the continuation ended early: {continued.ended_by}"))
+        if job.scale is not None:
+            result, continued = self._in_metres(job.scale, map_, result, continued, images)
+        result = self.reduction.enlarged(result)
+        return _Part(result, first_frame, read, continued, descriptors, self._errors(result, continued))
+
+    def _initialized(self, available: int | None, max_frames: int | None) -> Result:
+        """Process frames until there is a map, and until it has grown by the frames that the configuration asks for."""
+        from tqdm import tqdm
+
+        # A run hands its map over at once, but for frames that are asked for.
+        grows = self.job.config.refine_frames is not None
+        total = min((limit for limit in (available, max_frames) if limit is not None), default=None)
+        # No time that is left: nobody knows the frame of the map, and the first frames may compile. They tell so within
+        # the first second, before there is a bar.
+        shown = "{l_bar}{bar}| {n_fmt}/{total_fmt} [{elapsed}]"
+        with tqdm(total=total, disable=not self.job.progress, leave=False, bar_format=shown, delay=1.0) as bar:
+            for frame in self.frames:
+                status = self._process(frame)
+                bar.set_description(live_text(status), refresh=False)
+                bar.update()
+                if (status and not (grows and status.refining)) or self.initializer.frames_read == max_frames:
+                    break
+        return self.initializer.finish()
+
+    def _process(self, frame: Frame) -> Status:
+        """Process a frame: its given tracks, or its image with the rotation that a gyroscope measured before it."""
+        if isinstance(self.tracker, _GivenTracks):
+            observations = self.tracker.track(frame)
+            self.recorder.frame(frame, observations)
+            return self.initializer.process_tracks(observations)
+        if self.turns.latest is None or not isinstance(self.initializer, Initializer):
+            return self.initializer.process(frame)
+        rotation, sigma_rad = self.turns.latest
+        self.hashed.turned(rotation, sigma_rad)
+        return self.initializer.process(frame, rotation=rotation, rotation_sigma_rad=sigma_rad)
+
+    def _reset(self, since: int) -> None:
+        """Start anew with the tracks from a frame on, which the initializer did not get where they are given."""
+        for observed in list(self.tracker.history):
+            if observed.frame >= since:
+                self.initializer.history.put(observed)
+        self.initializer.reset(since)
 
     def _in_metres(
         self,
@@ -386,49 +444,46 @@ class Job:
         result: Result,
         continued: Continuation | None,
         images: Mapping[int, Image],
-        recorder: Recorder,
     ) -> tuple[Result, Continuation | None]:
         """Find the scale of a map, and change its unit if there is one."""
-        located = () if continued is None else continued.keyframes
-        truth = self.source.groundtruth
-        grown = None if continued is None else continued.grown
-        scale = find_scale(
-            map_, request, images=images, located=located, groundtruth=truth, imu=self._record, grown=grown
-        )
+        located, grown = ((), None) if continued is None else (continued.keyframes, continued.grown)
+        truth, record = self.job.source.groundtruth, self.job.record
+        scale = find_scale(map_, request, images=images, located=located, groundtruth=truth, imu=record, grown=grown)
         if scale.metres_per_unit is None:
             return replace(result, scale=scale), continued
         map_ = in_metres(map_, scale)
-        recorder.scaled(scale)
+        self.recorder.scaled(scale)
         if continued is not None:
             continued = replace(continued, keyframes=scaled_keyframes(located, scale.metres_per_unit))
         return replace(result, map=map_, hypotheses=(map_,), scale=scale), continued
 
     def _errors(self, result: Result, continued: Continuation | None) -> GroundTruthErrors | None:
         """The errors of a map against the ground truth."""
-        if result.map is None or self.source.groundtruth is None:
+        truth = self.job.source.groundtruth
+        if result.map is None or truth is None:
             return None
-        errors, scale = compare_with_groundtruth(result.map.keyframes, self.source.groundtruth), result.map.scale
+        errors, scale = compare_with_groundtruth(result.map.keyframes, truth), result.map.scale
         if errors is None or scale is None or scale.origin == ScaleOrigin.GROUNDTRUTH:
             return errors
         located = () if continued is None else continued.keyframes
-        return replace(errors, scale_error=scale_error((*result.map.keyframes, *located), self.source.groundtruth))
+        return replace(errors, scale_error=scale_error((*result.map.keyframes, *located), truth))
 
-    def _summary(self, result: Result, parts: Sequence[_Part], hashed: InputHash) -> Summary:
+    def _summary(self, result: Result, parts: Sequence[_Part]) -> Summary:
         """Summarize the run, with its errors against the ground truth and its provenance."""
+        job, continued = self.job, parts[0].continued
         options: dict[str, Json] = {
-            "start": self.start, "max_frames": self.max_frames, "continue_frames": self.continue_frames,
-            "restart": self.restart, "imu": bool(self.imu),
-            "scale": None if self.scale is None else plain_fields(self.scale),
+            "start": job.start, "max_frames": job.max_frames, "continue_frames": job.continue_frames,
+            "restart": job.restart, "imu": bool(job.imu),
+            "scale": None if job.scale is None else plain_fields(job.scale),
         }  # fmt: skip
-        continued = parts[0].continued
         command = [without_password(word) for word in sys.argv]
         estimated = result.map is not None and result.map.camera.source == "estimated"
         return summary_of(
             result,
-            SourceRecord(self.source.name, self.source.kind),
-            result.map.camera if estimated and result.map is not None else self.camera,
-            self.config.method,
-            self.config.seed,
+            SourceRecord(job.source.name, job.source.kind),
+            result.map.camera if estimated and result.map is not None else job.camera,
+            job.config.method,
+            job.config.seed,
             ground_truth=parts[0].truth,
             continued=None if continued is None else continued.record(),
             segments=tuple(
@@ -436,7 +491,7 @@ class Job:
                 for number, (segment, part) in enumerate(zip(result.segments, parts, strict=False), start=1)
                 if part.continued is not None
             ),
-            provenance=provenance_of(command, plain_fields(self.config) | options, hashed),
+            provenance=provenance_of(command, plain_fields(job.config) | options, self.hashed),
         )
 
 
@@ -477,43 +532,6 @@ def _whole(parts: Sequence[_Part], restart: bool) -> Result:
     return replace(first, notes=(*first.notes, *dict.fromkeys(notes)), segments=segments)
 
 
-class _Front:
-    """An initializer, and what gives the tracks of its frames."""
-
-    def __init__(
-        self, initializer: FrontEnd, job: Job, hashed: InputHash, recorder: Recorder, reduction: Reduction
-    ) -> None:
-        self.initializer = initializer
-        self.reduction = reduction
-        self.recorder = recorder
-        self._hashed = hashed
-        self.tracker: FrameTracker = initializer.tracker
-        if isinstance(job.source, KnowsTracks):
-            self.tracker = _GivenTracks(job.source, job.camera, hashed)
-        # Other methods take no rotations.
-        used = bool(job.imu) and isinstance(initializer, Initializer)
-        self.turns = StepRotations(job.gyroscope if used else None)
-
-    def process(self, frame: Frame) -> Status:
-        """Process a frame: its given tracks, or its image with the rotation that a gyroscope measured before it."""
-        if isinstance(self.tracker, _GivenTracks):
-            observations = self.tracker.track(frame)
-            self.recorder.frame(frame, observations)
-            return self.initializer.process_tracks(observations)
-        if self.turns.latest is None or not isinstance(self.initializer, Initializer):
-            return self.initializer.process(frame)
-        rotation, sigma_rad = self.turns.latest
-        self._hashed.turned(rotation, sigma_rad)
-        return self.initializer.process(frame, rotation=rotation, rotation_sigma_rad=sigma_rad)
-
-    def reset(self, since: int) -> None:
-        """Start anew with the tracks from a frame on, which the initializer did not get where they are given."""
-        for observed in list(self.tracker.history):
-            if observed.frame >= since:
-                self.initializer.history.put(observed)
-        self.initializer.reset(since)
-
-
 class _GivenTracks:
     """Gives the tracks of a source in the place of a tracker, and adds them to the hash of the input."""
 
@@ -530,22 +548,6 @@ class _GivenTracks:
         self.history.put(observations)
         self.history.forget(keep=())
         return observations
-
-
-class _Counted:
-    """An iterator of frames that counts them."""
-
-    def __init__(self, frames: Iterator[Frame]) -> None:
-        self._frames = frames
-        self.count = 0
-
-    def __iter__(self) -> _Counted:
-        return self
-
-    def __next__(self) -> Frame:
-        frame = next(self._frames)
-        self.count += 1
-        return frame
 
 
 def reduction_of(source: Source, camera: Camera) -> Reduction:
@@ -574,26 +576,6 @@ def _focal_notes(result: Result, stated: Camera) -> tuple[str, ...]:
         return ()
     # A number of a person or of metadata is off by some per cent; the motion corrects it within its deviation.
     return (f"the {stated.source} focal length, {known}, was combined with the motion: {found.focal_px:.0f} px",)
-
-
-def _initialize(
-    front: _Front, frames: Iterator[Frame], available: int | None, max_frames: int | None, progress: bool, grows: bool
-) -> Result:
-    """Process frames until there is a map, and until it has grown by the frames that the configuration asks for."""
-    from tqdm import tqdm
-
-    total = min((limit for limit in (available, max_frames) if limit is not None), default=None)
-    # No time that is left: nobody knows the frame of the map, and the first frames may compile. They tell so within
-    # the first second, before there is a bar.
-    shown = "{l_bar}{bar}| {n_fmt}/{total_fmt} [{elapsed}]"
-    with tqdm(total=total, disable=not progress, leave=False, bar_format=shown, delay=1.0) as bar:
-        for frame in frames:
-            status = front.process(frame)
-            bar.set_description(live_text(status), refresh=False)
-            bar.update()
-            if (status and not (grows and status.refining)) or front.initializer.frames_read == max_frames:
-                break
-    return front.initializer.finish()
 
 
 def live_text(status: Status) -> str:

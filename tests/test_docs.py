@@ -1,5 +1,7 @@
-"""The tutorials run as they stand, every file that a command writes and every name of the reference is documented."""
+"""The tutorials run as they stand, links lead somewhere, and the documents stay within their bounds."""
 
+import ast
+import importlib
 import inspect
 import pkgutil
 import re
@@ -10,7 +12,7 @@ import pytest
 from makers import maker
 from paths import ROOT
 
-from slam_init.cli.main import main
+from slam_init.cli.main import main, make_parser
 
 pytestmark = pytest.mark.docs
 
@@ -56,6 +58,7 @@ def pages():
     """The pages that people read: names and texts."""
     for page in (
         ROOT / "README.md",
+        ROOT / "AGENTS.md",
         ROOT / "CONTRIBUTING.md",
         ROOT / "SECURITY.md",
         ROOT / "quest" / "README.md",
@@ -65,8 +68,8 @@ def pages():
 
 
 def of_this_commit(text):
-    """The lines of a page that name no commit: a program of an earlier one may be gone."""
-    return "\n".join(line for line in text.splitlines() if "commit" not in line.lower())
+    """The lines of a page that name no program of the history: such a program is gone."""
+    return "\n".join(line for line in text.splitlines() if "in the history" not in line)
 
 
 def test_each_file_and_each_program_that_a_page_names_is_there():
@@ -77,23 +80,85 @@ def test_each_file_and_each_program_that_a_page_names_is_there():
             assert (ROOT / place).exists() or (ROOT / f"{place}.py").exists(), f"{place} on {page}"
 
 
-def test_the_page_of_the_numbers_is_that_of_the_code_and_every_number_of_the_decision_has_a_class():
+#: A commit as pages name it.
+HEX = re.compile(r"\b(?=[0-9a-f]*[0-9])(?=[0-9a-f]*[a-f])[0-9a-f]{7,8}\b")
+
+
+def anchors(text):
+    """The anchors of the headings of a page, as GitHub and the site make them."""
+    plain = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+    for heading in re.findall(r"^#+ (.*)$", plain, re.MULTILINE):
+        shown = re.sub(r"[^\w\s-]", "", heading.replace("`", ""))
+        yield re.sub(r"\s", "-", shown.strip().lower())
+
+
+def test_each_link_leads_to_a_file_and_to_a_heading_of_it():
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    for page, text in (*pages(), ("CHANGELOG.md", changelog)):
+        plain = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+        for target in re.findall(r"\]\(([^)\s]+)\)", plain):
+            place, _, anchor = target.partition("#")
+            if re.match(r"[a-z]+:", target):
+                continue
+            file = ((ROOT / page).parent / place).resolve() if place else ROOT / page
+            assert file.exists(), f"{target} on {page}"
+            if anchor and file.suffix == ".md":
+                assert anchor in set(anchors(file.read_text(encoding="utf-8"))), f"{target} on {page}"
+
+
+def test_the_documents_stay_within_their_bounds():
+    words = {page: len(text.split()) for page, text in pages() if page.startswith("docs/")}
+    assert len(words) <= 30 and sum(words.values()) <= 30_000 and max(words.values()) <= 3_000
+    assert words["docs/explanation/risk.md"] <= 2_500 and words["docs/measurements/tried.md"] <= 1_500
+    terms = (DOCS / "reference" / "terms.md").read_text(encoding="utf-8").splitlines()
+    assert sum(line.startswith("| ") for line in terms) - 2 <= 40
+    assert 450 <= len((ROOT / "README.md").read_text(encoding="utf-8").split()) <= 600
+
+
+def test_each_measurement_states_command_data_and_commit_and_no_other_page_names_a_commit():
+    for page, text in pages():
+        if not page.startswith("docs/measurements/"):
+            assert HEX.findall(text) == [], page
+        elif page != "docs/measurements/tried.md":
+            head = r"^\* Command: .+\n\* Data: .+\n\* Commit: [0-9a-f]{8}, 2\d{3}-\d\d-\d\d"
+            heads = re.findall(head, text, re.MULTILINE)
+            assert heads and len(heads) == text.count("* Commit:"), page
+
+
+def test_every_number_of_the_decision_is_on_its_page_and_has_a_class():
     numbers = maker("numbers_page")
-    assert numbers.PAGE.read_text(encoding="utf-8") == numbers.page(), "run python docs/make/numbers_page.py"
+    page = numbers.page()
     found = [number for file in numbers.files() for number in numbers.numbers(file)]
     assert {number.kind for number in found} == {"", *numbers.CLASSES}
     named = {name for number in found for name in number.names}
+    assert all(f"`{name}`" in page for number in found if number.kind for name in number.names)
     assert {name for more in numbers.MORE.values() for name in more} <= named, "correct MORE of docs/make"
     decide = [number for number in found if number.file.startswith(("slam_init/decision/", numbers.LEVELS))]
     assert [number.names for number in decide if not number.kind] == []
     assert len(decide) > 50 and all(len(number.reason) > 20 for number in found if number.kind)
 
 
-def test_the_python_of_all_pages_is_python():
+def test_the_python_of_all_pages_is_python_and_imports_what_is_there():
     for page in DOCS.rglob("*.md"):
         for language, line, text in blocks(page):
             if language == "python":
-                compile("\n" * line + text, str(page), "exec")
+                for node in ast.walk(ast.parse("\n" * line + text, str(page))):
+                    if isinstance(node, ast.ImportFrom) and str(node.module).startswith(("slam_init", "quest")):
+                        module = importlib.import_module(str(node.module))
+                        assert all(hasattr(module, name.name) for name in node.names), f"{node.module} on {page}"
+
+
+def test_the_commands_of_all_pages_are_commands():
+    parser = make_parser()
+    for page, text in pages():
+        for block in re.findall(r"^```(?:sh|console)\n(.*?)^```$", text, re.MULTILINE | re.DOTALL):
+            for line in block.replace("\\\n", " ").splitlines():
+                words = shlex.split(line.removeprefix("$ "), comments=True)
+                if words[:1] == ["slam-init"] and "&&" not in words:
+                    try:
+                        parser.parse_args(words[1:])
+                    except SystemExit as end:
+                        assert end.code in (0, None), f"{line} on {page}"
 
 
 def shown_in_the_reference():

@@ -36,7 +36,7 @@ def test_the_python_of_the_readme_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     exec(python_of(ROOT / "README.md"), {})
     printed = capsys.readouterr().out
-    assert "initialized after" in printed and re.search(r"^world_from_cam \(\d+, 4, 4\) points", printed, re.MULTILINE)
+    assert "initialized after" in printed and re.search(r"^frame 1: static_camera: ", printed, re.MULTILINE)
     assert (tmp_path / "start" / "handover.npz").exists()
 
 

@@ -1,4 +1,4 @@
-"""Draws the figures of the pages below "How it decides": ``python docs/make/figures.py``.
+"""Draws the figures of the pages of ``docs/explanation``: ``python docs/make/figures.py``.
 
 * ``quest-eigenproblem.svg``: the normals of the epipolar planes, and what the eigenproblem of five matches gives.
 * ``planar-ambiguity.svg``: the two motions of a plane, and the residuals of both in two views and in a third one.
@@ -135,7 +135,7 @@ def _planar_ambiguity() -> Any:
         scene = _unit(m) * depth[:, None]
         scale = np.median(depth) / np.median(np.linalg.norm(points, axis=1))
         scene, t = scene / scale, t / scale
-        color, name = ((BLUE, "the motion"), (ORANGE, "its twin"))[place]
+        color, name = ((BLUE, "the motion"), (ORANGE, "the second motion"))[place]
         axes[place].scatter(scene[:, 0], scene[:, 2], s=5, color=color)
         for R_, t_, label in ((np.eye(3), np.zeros(3), "1"), (R, t, "2")):
             _draw_camera(axes[place], R_, t_, label)
@@ -146,7 +146,7 @@ def _planar_ambiguity() -> Any:
         residuals.append(_located(scene, noisy, *third))
     axes[2].bar([0, 1], [0.3, 0.3], color=GREY, width=0.35, label="in the two views")
     axes[2].bar([0.36, 1.36], residuals, color=[BLUE, ORANGE], width=0.35, label="in a third view")
-    axes[2].set_xticks([0.18, 1.18], ["motion", "twin"])
+    axes[2].set_xticks([0.18, 1.18], ["motion", "second"])
     axes[2].set(yscale="log", ylabel="residual (px, median)", ylim=(0.1, 100))
     for x, value in zip((0.36, 1.36), residuals, strict=True):
         axes[2].text(x, value * 1.15, f"{value:.1f}", ha="center", fontsize=8)
@@ -202,6 +202,7 @@ def _risk() -> Any:
 
     figure, axes = plt.subplots(1, 2, figsize=(9, 3.2), sharey=True)
     terms = {"direction": BLUE, "rival": ORANGE, "rotation": GREEN, "moving": GREY}
+    names = {"rival": "other motion"}
     for place, name in enumerate(("synth:rotate-then-move?slow_start=60", "synth:nadir-turn?slow_start=60")):
         source = open_source(name)
         assert source.camera is not None
@@ -220,9 +221,10 @@ def _risk() -> Any:
         frames, values = frames[first:], np.maximum(np.array(rows[first:]), 1e-6)
         axes[place].plot(frames, values[:, 0], "o-", color="black", lw=1.6, ms=3.5, label="risk")
         for column, (term, color) in enumerate(terms.items(), start=1):
-            axes[place].plot(frames, values[:, column], color=color, lw=1.1, label=term)
+            axes[place].plot(frames, values[:, column], color=color, lw=1.1, label=names.get(term, term))
         axes[place].axhline(0.005, color=RED, ls="--", lw=1, label="bound 0.005")
         axes[place].set(yscale="log", xlabel="frame", ylim=(7e-7, 1.6))
+        axes[place].locator_params(axis="x", integer=True)
         axes[place].set_title(f"{name}: map after frame {frames[-1]}", fontsize=8.5)
     axes[0].set_ylabel("probability")
     axes[1].legend(fontsize=7.5, frameon=False, loc="lower left", ncols=2)

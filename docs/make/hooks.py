@@ -5,6 +5,7 @@
 * Documents elsewhere in the repository (measured tables, README of quest, CONTRIBUTING, ...) become pages as they are.
 * A link to a file of the repository that is no page becomes its path, since the site does not hold the sources.
 * LaTeX becomes MathML, which browsers show without a script.
+* A measurement says so where the core has changed since its commit.
 * A page that would fetch something from another host fails a strict build.
 """
 
@@ -14,12 +15,15 @@ import html
 import logging
 import posixpath
 import re
+import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-import reference_pages  # beside this file: mkdocs puts the folder of a hook on the path while it loads the hook
+import numbers_page  # beside this file: mkdocs puts the folder of a hook on the path while it loads the hook
+import reference_pages
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
@@ -30,19 +34,37 @@ log = logging.getLogger("mkdocs.hooks.slam_init")
 
 #: Documents of the repository that are pages of the site: file -> page.
 DOCUMENTS = {
+    "AGENTS.md": "agents.md",
     "CONTRIBUTING.md": "contributing.md",
     "SECURITY.md": "security.md",
     "CHANGELOG.md": "changelog.md",
     "quest/README.md": "quest.md",
 }
 #: Pages that are made from the code: module -> page.
-OF_CODE = {"slam_init/cli/parser.py": "reference/command-line.md", "slam_init/config.py": "reference/options.md"}
+OF_CODE = {
+    "slam_init/cli/parser.py": "reference/command-line.md",
+    "slam_init/config.py": "reference/options.md",
+    "slam_init/types/refusal.py": "reference/reasons.md",
+    "slam_init/output/summary.py": "reference/summary.md",
+    "slam_init/window/levels.py": "reference/numbers.md",
+}
 MEASURED = ("tests/benchmarks/measured", "tests/benchmarks/quest/measured")
+#: The code that decides on a pose of two views, and on a map: a measurement may change with it.
+CORE_OF_QUEST = ("quest/*.py",)
+CORE = (
+    *CORE_OF_QUEST,
+    *(f"slam_init/{folder}/*.py" for folder in ("window", "decision", "bundle", "mapping", "frontend")),
+)
+#: Measurements of two views.
+OF_QUEST = ("measurements/two-views.md", "tests/benchmarks/quest/", "tests/benchmarks/measured/real_pairs.md")
 
 _LINK = re.compile(r"(?P<image>!?)\[(?P<text>[^\]\[]*)\]\((?P<target>[^)\s]+)\)")
 _FENCE = re.compile(r"^(```.*?^```)$", re.DOTALL | re.MULTILINE)
 _MATH = re.compile(r'<(span|div) class="arithmatex">\\([(\[])(.*?)\\[)\]]</\1>', re.DOTALL)
 _ROLE = re.compile(r":(?:class|func|mod|attr|meth|data|exc):<code>~?([^<]+)</code>")
+#: The commit of a section of ``docs/measurements``, and the first one that a measured table names.
+_COMMIT = re.compile(r"^\* Commit: ([0-9a-f]{7,40}).*$", re.MULTILINE)
+_NAMED_COMMIT = re.compile(r"\bcommit:? `?([0-9a-f]{7,40})\b", re.IGNORECASE)
 _FETCHED = re.compile(
     r"""<(?:script|img|iframe|source|video)\b[^>]*\bsrc=["'](?:https?:)?//|<link\b(?![^>]*rel=["']canonical)"""
     r"""[^>]*\bhref=["'](?:https?:)?//|url\(["']?(?:https?:)?//""",
@@ -74,8 +96,10 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Lead links that leave the folder to their page, or show the path."""
+    """Lead links that leave the folder to their page, or show the path; say where a measurement is old."""
     uri = page.file.src_uri
+    if uri.startswith("measurements/"):
+        markdown = _COMMIT.sub(lambda head: f"{head[0]}.{_age(head[1], uri)}", markdown)
     origin = _origins().get(uri, f"docs/{uri}")
 
     def led(match: re.Match[str]) -> str:
@@ -119,6 +143,27 @@ def on_post_page(output: str, page: Page, config: MkDocsConfig) -> str:
     return output
 
 
+def _age(commit: str, place: str) -> str:
+    """What a measurement of a commit says of its age; nothing where the core has not changed since."""
+    core = CORE_OF_QUEST if place.startswith(OF_QUEST) else CORE
+    last, _, date = _git("log", "-1", "--format=%h %as", "--", *core).partition(" ")
+    if not last or not _git("rev-parse", "--verify", "--quiet", f"{commit}^{{commit}}"):
+        return ""  # no repository, or a shallow copy
+    if _git("merge-base", last, commit) == _git("rev-parse", last):
+        return ""
+    return f" **Older than the core**, which has changed since, last on {date}."
+
+
+@cache
+def _git(*arguments: str) -> str:
+    """What git prints, or nothing where it fails."""
+    try:
+        run = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=False)
+    except OSError:
+        return ""
+    return run.stdout.strip() if run.returncode == 0 else ""
+
+
 def _origins() -> dict[str, str]:
     """Page -> file of the repository, for pages whose file is outside of docs/."""
     measured = {f"measured/{file.name}": f"{folder}/{file.name}" for folder in MEASURED for file in _tables(folder)}
@@ -150,13 +195,16 @@ def _made() -> Iterator[tuple[str, str]]:
     yield "reference/options.md", reference_pages.options()
     yield "reference/reasons.md", reference_pages.reasons()
     yield "reference/summary.md", reference_pages.summary()
+    yield "reference/numbers.md", numbers_page.page()
     for page, origin in _origins().items():
         text = (ROOT / origin).read_text(encoding="utf-8")
         if page.startswith("measured/"):
             name = Path(origin).stem.replace("_", " ")
             # One heading of the first level, which is the title in the navigation.
             text = re.sub(r"^# ", "## ", text, flags=re.MULTILINE) if text.startswith("# ") else text
-            text = f"# {name.capitalize()}\n\nThe file `{origin}` of the repository.\n\n{text}"
+            commit = _NAMED_COMMIT.search(text)
+            age = _age(commit[1] if commit else _git("log", "-1", "--format=%h", "--", origin), origin)
+            text = f"# {name.capitalize()}\n\nThe file `{origin}` of the repository.{age}\n\n{text}"
         yield page, text
 
 

@@ -61,7 +61,7 @@ def _pictures() -> list[Any]:
             # A rotation has no map; its best translation is drawn by chance.
             provisional = initializer.provisional if status.window.risk_rotation < 1 else None
             if provisional is not None and not status:
-                canvas.show_map(provisional.map, f"best map so far: risk {provisional.risk:.2g}", accepted=False)
+                canvas.show_map(provisional.map, f"best candidate: risk {provisional.risk:.2g}", accepted=False)
         if status and initializer.map is not None:
             canvas.show_map(initializer.map, f"map: {len(initializer.map.points)} landmarks", accepted=True)
         words = "map" if status else str(status.reason).replace("_", " ")
@@ -112,7 +112,7 @@ class _Canvas:
         self._risks: tuple[list[int], list[float]] = ([], [])
         (self._line,) = self._risk.plot([], [], "o-", color="black", ms=3, lw=1.2)
         self._title = self._figure.text(0.01, 0.945, "", fontsize=14, weight="bold")
-        self._advice = self._figure.text(0.57, 0.945, "", fontsize=10, color="#444")
+        self._advice = self._figure.text(0.57, 0.945, "", fontsize=9, color="#444")
         self._blank_map("no map yet")
 
     def _blank_map(self, title: str) -> None:

@@ -1,7 +1,7 @@
-"""Writes ``docs/reference/numbers.md``: every number that decides on a map, from the comments above the numbers.
+"""The page of the numbers: every number that decides on a map, from the comments above the numbers.
 
-A number is on the page if its ``#:`` comment names a class, or if :data:`MORE` does. A test compares the page with the
-code, so that it cannot go stale: run ``python docs/make/numbers_page.py`` after a change.
+A number is on the page if its ``#:`` comment names a class, or if :data:`MORE` does. The site makes the page when it
+is built; ``python docs/make/numbers_page.py`` prints it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "docs" / "reference" / "numbers.md"
 LEVELS = "slam_init/window/levels.py"
 CLASSES = ("definition", "geometry", "level", "measured", "assumption", "budget")
 
@@ -156,34 +155,36 @@ def files() -> Iterator[str]:
 
 
 def page() -> str:
-    """Write the page."""
+    """Write the page: of each number the first sentence of its comment."""
     title = "# Numbers that decide"
     intro = ast.get_docstring(ast.parse((ROOT / LEVELS).read_text(encoding="utf-8"))) or ""
     classes = re.findall(r"^\* .*$", intro, re.MULTILINE)
     lines = [
         title,
         "",
-        "Made by `python docs/make/numbers_page.py` from the comments in the code; a test compares the two. A map is "
-        "accepted where its risk is at most `acceptance.max_risk`, an option. Options are for users "
-        "([`slam_init/config.py`](../../slam_init/config.py)); the numbers of this page are for those who change the "
-        "decision. Each has a class:",
+        "Made from the comments in the code. Options are for users ([their page](options.md)). The numbers of this "
+        "page are for those who change the decision. The comment in the code has the whole reason. Each number has a "
+        "class:",
         "",
         *classes,
-        "",
-        "Numbers that change the time of a fit but not its result stand beside the fit, and not here.",
     ]
     place = ("", "")
     for number in (number for file in files() for number in numbers(file) if number.kind):
         if (number.file, number.section) != place:
             if number.file != place[0]:
-                lines += ["", f"## [`{number.file}`](../../{number.file})"]
+                lines += ["", f"## `{number.file}`"]
             if number.section:
                 lines += ["", f"### {number.section[0].upper()}{number.section[1:]}"]
             lines += ["", "| number | value | unit | class | reason |", "| --- | --- | --- | --- | --- |"]
             place = (number.file, number.section)
         names = ", ".join(f"`{name}`" for name in number.names)
-        lines.append(f"| {names} | {number.value} | {number.unit} | {number.kind} | {_cell(number.reason)} |")
+        reason = _cell(_first_sentence(number.reason))
+        lines.append(f"| {names} | {number.value} | {number.unit} | {number.kind} | {reason} |")
     return "\n".join(lines) + "\n"
+
+
+def _first_sentence(text: str) -> str:
+    return re.split(r"(?<=\.) (?=[A-Z])", text, maxsplit=1)[0]
 
 
 def _cell(text: str) -> str:
@@ -191,5 +192,4 @@ def _cell(text: str) -> str:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
-    print(PAGE)
+    print(page(), end="")

@@ -19,27 +19,14 @@ from sequences_synth import make_sequence
 from sequences_synth.render import render
 from slam_init.datasets import open_source
 from slam_init.initializer import Initializer
-from slam_init.pictures.overview import (
-    ABOVE,
-    ESTIMATE,
-    FAINT,
-    INK,
-    INLIER,
-    OUTLIER,
-    SIDE,
-    TRACK,
-    VERDICT_COLORS,
-    Story,
-    StoryRecorder,
-    canvas,
-    draw_frame,
-    draw_map,
-    draw_pair,
-    pixels_of,
-    write,
-)
+from slam_init.pictures.canvas import ESTIMATE, FAINT, INK, INLIER, OUTLIER, TRACK, canvas, pixels_of, write
+from slam_init.pictures.decision import VERDICT_COLORS
+from slam_init.pictures.frames import draw_frame, draw_pair
+from slam_init.pictures.map_drawing import ABOVE, SIDE, draw_map
+from slam_init.recording.story import StoryRecorder
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
+from slam_init.types.initial_map import InitialMap
 from slam_init.types.refusal import Verdict
 from slam_init.types.result import Result
 
@@ -70,27 +57,27 @@ def main() -> None:
     assert room.camera is not None
     found, story, _ = _run(room.camera, room.frames())
     camera, frames = _wall()
-    decided, twins_story, twins = _run(camera, frames)
-    assert found and decided and twins is not None, "the scenes are chosen so that they initialize"
+    decided, wall_story, both = _run(camera, frames)
+    assert found and decided and both is not None, "the scenes are chosen so that they initialize"
     with canvas(_WIDTH_PX, _HEIGHT_PX) as figure:
         _draw_room(figure, found, story, room.camera)
-        _draw_wall(figure, twins, decided, twins_story, camera)
+        _draw_wall(figure, both, decided, wall_story, camera)
         rgb = pixels_of(figure)
     out.parent.mkdir(parents=True, exist_ok=True)
     _write(out, rgb)
     print(f"{out}: {out.stat().st_size / 1000:.0f} kB")
 
 
-def _run(camera: Camera, frames: Iterable[Frame]) -> tuple[Result, Story, Result | None]:
+def _run(camera: Camera, frames: Iterable[Frame]) -> tuple[Result, StoryRecorder, Result | None]:
     """Process frames until there is a map; return the last result with two undecided maps besides."""
-    recorder, twins = StoryRecorder(), None
+    recorder, both = StoryRecorder(), None
     initializer = Initializer(camera, recorder=recorder)
     for frame in frames:
         if initializer.process(frame):
             break
         if len(initializer.result.hypotheses) == 2:
-            twins = initializer.result
-    return initializer.finish(), recorder.story(), twins
+            both = initializer.result
+    return initializer.finish(), recorder, both
 
 
 def _wall() -> tuple[Camera, Iterator[Frame]]:
@@ -113,7 +100,7 @@ def _wall() -> tuple[Camera, Iterator[Frame]]:
     return camera, frames()
 
 
-def _draw_room(figure: Figure, result: Result, story: Story, camera: Camera) -> None:
+def _draw_room(figure: Figure, result: Result, story: StoryRecorder, camera: Camera) -> None:
     """Above: a frame with its tracks, the pair and the map."""
     assert result.map is not None and story.pair is not None
     title = figure.add_axes((0.015, 0.93, 0.97, 0.06))
@@ -132,28 +119,35 @@ def _draw_room(figure: Figure, result: Result, story: Story, camera: Camera) -> 
     known = np.isin(last.track_ids, result.map.track_ids)
     draw_frame(figure.add_axes((0.015, 0.56, 0.2, 0.31)), last, story.frames[0], camera.width, known)
     draw_pair(figure.add_axes((0.23, 0.56, 0.40, 0.31)), story.pair, camera.width)
-    draw_map(figure.add_axes((0.645, 0.545, 0.165, 0.325)), result.map, ABOVE, "the map from above")
-    draw_map(figure.add_axes((0.82, 0.545, 0.165, 0.325)), result.map, SIDE, "from the side")
+    _draw_map(figure, (0.645, 0.545, 0.165, 0.325), result.map, ABOVE, "the map from above")
+    _draw_map(figure, (0.82, 0.545, 0.165, 0.325), result.map, SIDE, "from the side")
 
 
-def _draw_wall(figure: Figure, twins: Result, decided: Result, story: Story, camera: Camera) -> None:
+def _draw_map(figure: Figure, box: tuple[float, float, float, float], map_: InitialMap, view: str, title: str) -> None:
+    """A small view of a map, without room for the numbers of its axes."""
+    axes = figure.add_axes(box)
+    draw_map(axes, map_, view, title)
+    axes.set(xticks=[], yticks=[], xlabel="")
+
+
+def _draw_wall(figure: Figure, both: Result, decided: Result, story: StoryRecorder, camera: Camera) -> None:
     """Below: the pair on a wall, and the maps of both motions."""
     assert story.pair is not None
     title = figure.add_axes((0.015, 0.43, 0.97, 0.06))
     title.axis("off")
     color = VERDICT_COLORS[Verdict.AMBIGUOUS_PLANE]
     title.plot([-0.008, -0.008], [0.0, 0.95], color=color, linewidth=6, transform=title.transAxes, clip_on=False)
-    kept, accepted = twins.frames_read, decided.frames_to_init
+    kept, accepted = both.frames_read, decided.frames_to_init
     words = f"A wall allows two maps: both are kept after {kept} frames, and after {accepted} one is accepted"
     write(title, 0.0, 0.95, words, 17, INK, "bold")
     draw_pair(figure.add_axes((0.015, 0.055, 0.40, 0.31)), story.pair, camera.width)
-    for k, (map_, name) in enumerate(zip(twins.hypotheses, "AB", strict=True)):
+    for k, (map_, name) in enumerate(zip(both.hypotheses, "AB", strict=True)):
         left = 0.43 + 0.285 * k
-        draw_map(figure.add_axes((left, 0.055, 0.135, 0.31)), map_, ABOVE, f"map {name} from above")
-        draw_map(figure.add_axes((left + 0.138, 0.055, 0.135, 0.31)), map_, SIDE, "from the side")
+        _draw_map(figure, (left, 0.055, 0.135, 0.31), map_, ABOVE, f"map {name} from above")
+        _draw_map(figure, (left + 0.138, 0.055, 0.135, 0.31), map_, SIDE, "from the side")
     note = figure.add_axes((0.43, 0.0, 0.555, 0.05))
     note.axis("off")
-    write(note, 0.0, 0.85, "points: landmarks   |   blue: first and last camera", 9.5, FAINT)
+    write(note, 0.0, 0.85, "points: landmarks   |   blue: cameras", 9.5, FAINT)
 
 
 def _write(out: Path, rgb: np.ndarray[tuple[int, ...], np.dtype[np.uint8]]) -> None:

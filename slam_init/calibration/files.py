@@ -1,6 +1,6 @@
-"""Readers of camera calibrations in the common formats, which are detected by their content.
+"""Readers of camera calibrations in the common formats, which are detected by their content; and a writer of one.
 
-The formats are the tables of :mod:`slam_init.calibration.formats`; ``docs/lenses.md`` lists them.
+The formats are the tables of :mod:`slam_init.calibration.formats`; ``docs/how-to/camera.md`` lists them.
 """
 
 from __future__ import annotations
@@ -59,13 +59,11 @@ def load_camera(
         If the file is missing, not a calibration, or an impossible one. The message is one line that names file and
         key.
     """
-    given = user_path(path, CalibrationError)
-    text = os.fspath(path)
+    path, text = user_path(path, CalibrationError), os.fspath(path)
     if text in AUTO or text.startswith(NUMBERS):
         if image_size is None:
             raise CalibrationError(f"--camera {text!r} needs the size of the images")
         return prior_camera(image_size) if text in AUTO else camera_of_number(text, image_size)
-    path = given
     if _NUMBER.fullmatch(text) and not path.exists():
         degrees = f", or fov={text} for degrees" if float(text) <= FIELDS_DEG[1] else ""
         raise CalibrationError(f"--camera {text}: say f={text} for a focal length in pixels{degrees}")
@@ -73,7 +71,7 @@ def load_camera(
         raise CalibrationError(f"--camera {text!r}: give a file, f=1250 (pixels) or fov=72 (degrees)")
     data = read_regular(path, _MAX_BYTES, _WHAT, CalibrationError)
     with at_place(path):
-        content = parse_arrays(data) if data.startswith(_ZIP) else content_of_text(_text(data))
+        content = parse_arrays(data) if data.startswith(_ZIP) else content_of_text(as_text(data))
     return camera_of(str(path), content, image_size, orientation)
 
 
@@ -97,21 +95,20 @@ def _check(camera: Camera, image_size: tuple[int, int] | None, orientation: int 
     grid = np.stack(np.meshgrid(np.linspace(0, camera.width - 1, 21), np.linspace(0, camera.height - 1, 21)), axis=-1)
     reached = float(np.isfinite(camera.bearings(grid.reshape(-1, 2))).all(axis=1).mean())
     if reached < _MIN_REACHED:
-        raise CalibrationError(
-            f"distortion {list(camera.distortion)} gives rays for {100 * reached:.0f} % of the image only: "
-            "check the coefficients and their order"
-        )
+        problem = f"distortion {list(camera.distortion)} gives rays for {100 * reached:.0f} % of the image only"
+        raise CalibrationError(f"{problem}: check the coefficients and their order")
 
 
 def load_yaml(path: str | os.PathLike[str]) -> dict[str, object]:
     """Read a YAML file by the safe loader; empty where there is no mapping at its top."""
     data = read_regular(path, _MAX_BYTES, _WHAT, CalibrationError)
     with at_place(path):
-        content = parse_yaml(_text(data))
+        content = parse_yaml(as_text(data))
     return content if isinstance(content, dict) else {}
 
 
-def _text(data: bytes) -> str:
+def as_text(data: bytes) -> str:
+    """Decode a file, or tell in one line why it is no text."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -121,3 +118,21 @@ def _text(data: bytes) -> str:
     if not text.strip():
         raise CalibrationError("the file is empty")
     return text
+
+
+def camera_yaml(camera: Camera) -> str:
+    """Write a calibration."""
+    lines = [
+        "# pixel centres at integer coordinates; distortion as in OpenCV",
+        "model: pinhole" if camera.model != "fisheye" else "model: fisheye",
+        f"width: {camera.width}",
+        f"height: {camera.height}",
+        *(f"{name}: {float(getattr(camera, name))!r}" for name in ("fx", "fy", "cx", "cy")),
+        f"distortion_model: {'none' if camera.model == 'pinhole' else camera.model}",
+        f"distortion: [{', '.join(repr(float(value)) for value in camera.distortion)}]",
+    ]
+    if camera.focal_sigma is not None:
+        lines.append(f"focal_sigma: {float(camera.focal_sigma)!r}  # relative standard deviation of fx and fy")
+    if camera.readout_ms is not None:
+        lines += [f"readout_ms: {float(camera.readout_ms)!r}", f"readout_direction: {camera.readout_direction}"]
+    return "\n".join(lines) + "\n"

@@ -27,7 +27,7 @@ _DISTORTION = ("distortion", "distcoeffs", "dist_coeffs", "dist", "d", "d1")
 # the displacement into the principal point and the poses.
 _MAX_SKEW_PX = 1.0
 
-_WRITE = "write a YAML with model, width, height, fx, fy, cx, cy, distortion (docs/lenses.md)"
+_WRITE = "write a YAML with model, width, height, fx, fy, cx, cy, distortion (docs/how-to/camera.md)"
 _OKVIS = (
     "a list of cameras, the form of OKVIS: write a YAML with resolution (image_dimension), intrinsics (focal_length, "
     "principal_point), distortion_model (distortion_type) and distortion_coefficients of one camera"
@@ -117,10 +117,8 @@ def _distortion_list(section: Section) -> list[float]:
 def _without_skew(camera: Camera, skew: float) -> Camera:
     moved_px = abs(skew) * camera.height / camera.fy
     if moved_px >= _MAX_SKEW_PX:
-        raise CalibrationError(
-            f"a skew of {skew:g} px moves pixels by {moved_px:.1f} px over the image, and no model here has one: "
-            "calibrate without a skew"
-        )
+        problem = f"a skew of {skew:g} px moves pixels by {moved_px:.1f} px over the image"
+        raise CalibrationError(f"{problem}, and no model here has one: calibrate without a skew")
     note = f"the skew of the calibration is left out: it moves pixels by {moved_px:.2f} px over the image"
     return replace(camera, notes=(note,)) if skew else camera
 
@@ -269,9 +267,7 @@ def _ost(text: str) -> Content:
     if len(matrix) > 9:
         raise CalibrationError("several cameras: keep the lines of the one that took the images")
     if len(distortion) == 4:
-        raise CalibrationError(
-            "four distortion coefficients without a model, as ROS writes for a fisheye: give ost.yaml, which states it"
-        )
+        raise CalibrationError("four coefficients without a model, as of a fisheye: give ost.yaml, which states it")
     found: dict[str, object] = {side: content[side][0] for side in ("width", "height") if side in content}
     return found | {"K": matrix, "D": distortion}
 
@@ -282,9 +278,7 @@ def _rows(text: str) -> Content:
     if len(values) == 9 and not (values[3] or values[6] or values[7]):
         return {"K": values}
     if len(values) not in (4, 8, 9):
-        raise CalibrationError(
-            f"{len(values)} numbers: expected fx fy cx cy, perhaps with k1 k2 p1 p2 k3, or a matrix of 3x3"
-        )
+        raise CalibrationError(f"{len(values)} numbers: expected fx fy cx cy [k1 k2 p1 p2 [k3]], or a matrix of 3x3")
     return {"calibration": values}
 
 
@@ -336,25 +330,14 @@ def _metashape(calibration: Element) -> Content:
     kind = str(section.values.get("type", section.values.get("projection", "frame")))
     unread = ["p3", "p4", "k4"][: 2 if kind == "fisheye" else 3]  # k4 is no coefficient of OpenCV's polynomial
     if kind not in ("frame", "fisheye") or any(section.number(name, 0.0) for name in unread):
-        raise CalibrationError(
-            f"Metashape's type {kind} with {', '.join(unread)} is not read: use frame or fisheye, and 0 for these"
-        )
+        problem = f"Metashape's type {kind} with {', '.join(unread)}"
+        raise CalibrationError(f"{problem}: use frame or fisheye, and 0 for these")
+    f, b1, skew, cx, cy = section.number("f"), *(section.number(name, 0.0) for name in ("b1", "b2", "cx", "cy"))
+    K = [f + b1, skew, (width - 1) / 2 + cx, 0, f, (height - 1) / 2 + cy, 0, 0, 1]
     values = {name: section.number(name, 0.0) for name in ("k1", "k2", "k3", "k4")}
     p1, p2 = section.number("p2", 0.0), section.number("p1", 0.0)
     model = "radtan" if kind == "frame" else "thin_prism_fisheye" if p1 or p2 else "fisheye"
-    return {
-        "model": model,
-        "width": width,
-        "height": height,
-        "skew": section.number("b2", 0.0),
-        "p1": p1,
-        "p2": p2,
-        "fx": section.number("f") + section.number("b1", 0.0),
-        "fy": section.number("f"),
-        **values,
-        "cx": (width - 1) / 2 + section.number("cx", 0.0),
-        "cy": (height - 1) / 2 + section.number("cy", 0.0),
-    }
+    return {"model": model, "resolution": [width, height], "K": K, "p1": p1, "p2": p2, **values}
 
 
 def _lines(text: str) -> list[str]:

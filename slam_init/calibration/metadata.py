@@ -1,16 +1,13 @@
 """The focal length that a photograph or a video states in its metadata.
 
-Three statements lead to pixels, for an image of ``W`` pixels along its longer side and ``D`` along its diagonal:
+Two statements lead to pixels, for an image of ``W`` pixels along its longer side and ``D`` along its diagonal:
 
-``35mm-equivalent``
+35-mm equivalent
     ``F`` mm on a film of 36 x 24 mm show the same. By the definition (CIPA DCG-001) "the same" is the diagonal,
     ``f = F D / 43.27``; some makers compare widths, ``f = F W / 36``. For images of 3:2 both are equal, for 4:3 they
     differ by 4 %. The mean of both is taken.
-``plane-resolution``
+resolution of the focal plane
     The focal length in mm times the stated number of sensor pixels per mm.
-``sensor-table``
-    The focal length in mm over the size of the sensor, by maker and model in the data base of lensfun. Its crop factors
-    compare diagonals.
 
 The standard deviation has these parts, each that of a uniform distribution or half of a difference:
 
@@ -36,13 +33,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, TypeAlias
 
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.system.regular_file import check_inside, open_regular, user_path
 
-#: The statement that a focal length comes from.
-Origin: TypeAlias = Literal["35mm-equivalent", "plane-resolution", "sensor-table"]
+#: A focal length in pixels, with the relative standard deviation of what is known besides the nominal value.
+_Statement: TypeAlias = tuple[float, float]
 
 _JPEG = b"\xff\xd8"
 #: The size, the tags, depth maps and profiles of colours are before the pixels of a JPEG, in so many bytes.
@@ -88,24 +85,13 @@ class MetadataFocal:
     focal_px: float
     #: Its standard deviation.
     sigma_px: float
-    #: ``35mm-equivalent``, ``plane-resolution`` or ``sensor-table``.
-    origin: Origin
-
-
-@dataclass(frozen=True)
-class _Statement:
-    """A focal length in pixels, with the relative standard deviation of what is known besides the nominal value."""
-
-    focal_px: float
-    sigma: float
-    origin: Origin
 
 
 def focal_from_metadata(path: str | os.PathLike[str], size: tuple[int, int]) -> MetadataFocal | None:
     """Read the focal length that a file states.
 
     * ``path``: A photograph (JPEG, TIFF, PNG or WebP), a video, or a folder of photographs or with a subfolder
-      ``images``. The sensor table is used if lensfunpy is installed, the extra ``exif``.
+      ``images``.
     * ``size``: Width and height of the images that are used, in pixels. They may have been resized, and turned.
     * Returns: None where the metadata tell no focal length, where the images were cut to another format, or where the
       first and the last photograph of a folder have different ones (a zoom).
@@ -145,17 +131,16 @@ def _of_file(path: Path, size: tuple[int, int]) -> MetadataFocal | None:
 def _best(found: Iterable[_Statement], size: tuple[int, int]) -> MetadataFocal | None:
     """The surest of several statements; less sure where they contradict each other."""
     least, most = (limit * max(size) for limit in _RANGE)
-    possible = [one for one in found if least <= one.focal_px <= most]
+    possible = [(focal_px, sigma) for focal_px, sigma in found if least <= focal_px <= most]
     if not possible:
         return None
-    best = min(possible, key=lambda one: one.sigma)
-    sigma_px = math.hypot(best.sigma, _NOMINAL) * best.focal_px
-    for other in possible:
-        difference_px = abs(other.focal_px - best.focal_px)
+    best_px, best_sigma = min(possible, key=lambda one: one[1])
+    sigma_px = math.hypot(best_sigma, _NOMINAL) * best_px
+    for other_px, sigma in possible:
         # Both have the same nominal focal length, so its error is no part of their difference.
-        if difference_px > _CONTRADICTION * math.hypot(best.sigma, other.sigma) * best.focal_px:
-            sigma_px = max(sigma_px, difference_px)
-    return MetadataFocal(best.focal_px, sigma_px, best.origin)
+        if abs(other_px - best_px) > _CONTRADICTION * math.hypot(best_sigma, sigma) * best_px:
+            sigma_px = max(sigma_px, abs(other_px - best_px))
+    return MetadataFocal(best_px, sigma_px)
 
 
 # -- photographs -----------------------------------------------------------------------------------
@@ -222,40 +207,20 @@ def _statements(tags: Mapping[int, Any], size: tuple[int, int]) -> Iterator[_Sta
         if abs(_aspect(taken[0], taken[1]) / _aspect(*size) - 1) > _ASPECT_TOLERANCE:
             return  # the image was cut, nobody knows where
         scale = max(size) / max(taken[0], taken[1])
-    film_mm = _number(tags.get(_FOCAL_35MM))
-    if film_mm is not None:
-        yield _film_statement(film_mm, 0.5, size, "35mm-equivalent")
-    focal_mm = _number(tags.get(_FOCAL_MM))
-    if focal_mm is None:
-        return
-    zoomed_mm = focal_mm * max(1.0, _number(tags.get(_ZOOM)) or 1.0)
-    plane, unit_mm = _number(tags.get(_PLANE_X)), _UNIT_MM.get(int(_number(tags.get(_PLANE_UNIT)) or 2))
-    if plane is not None and unit_mm is not None and taken[0] is not None:
-        yield _Statement(zoomed_mm * plane / unit_mm * scale, 0.01, "plane-resolution")
-    crop = _crop_factor(_text(tags.get(_MAKE)), _text(tags.get(_MODEL)))
-    if crop is not None:
-        yield _film_statement(zoomed_mm * crop, 0.0, size, "sensor-table")
+    if (film_mm := _number(tags.get(_FOCAL_35MM))) is not None:
+        yield _film_statement(film_mm, size)
+    focal_mm, plane = _number(tags.get(_FOCAL_MM)), _number(tags.get(_PLANE_X))
+    unit_mm = _UNIT_MM.get(int(_number(tags.get(_PLANE_UNIT)) or 2))
+    if focal_mm is not None and plane is not None and unit_mm is not None and taken[0] is not None:
+        zoom = max(1.0, _number(tags.get(_ZOOM)) or 1.0)
+        yield focal_mm * zoom * plane / unit_mm * scale, 0.01
 
 
-def _film_statement(film_mm: float, rounded_mm: float, size: tuple[int, int], origin: Origin) -> _Statement:
+def _film_statement(film_mm: float, size: tuple[int, int]) -> _Statement:
     by_diagonal = film_mm * math.hypot(*size) / _FILM_DIAGONAL_MM
     by_width = film_mm * max(size) / _FILM_WIDTH_MM
     mean = (by_diagonal + by_width) / 2
-    sigma = math.hypot(2 * rounded_mm * _UNIFORM / film_mm, abs(by_diagonal - by_width) / 2 / mean)
-    return _Statement(mean, max(sigma, 0.01), origin)
-
-
-def _crop_factor(maker: str, model: str) -> float | None:
-    """Film diagonal over sensor diagonal, by the data base of lensfun; None where it is not installed or silent."""
-    if not model:
-        return None
-    try:
-        import lensfunpy
-    except ImportError:
-        return None
-    cameras = lensfunpy.Database().find_cameras(maker or None, model, loose_search=False)
-    factors = {float(one.crop_factor) for one in cameras}
-    return _number(factors.pop()) if len(factors) == 1 else None
+    return mean, max(math.hypot(_UNIFORM / film_mm, abs(by_diagonal - by_width) / 2 / mean), 0.01)
 
 
 # -- videos ----------------------------------------------------------------------------------------
@@ -282,7 +247,7 @@ def _video_statement(film_mm: float, size: tuple[int, int]) -> _Statement:
     crop = (1 + _LARGEST_CROP) / 2
     crop_sigma = (_LARGEST_CROP - 1) * _UNIFORM / crop
     sigma = math.sqrt((_UNIFORM / film_mm) ** 2 + ambiguity**2 + crop_sigma**2)
-    return _Statement(crop * mean, sigma, "35mm-equivalent")
+    return crop * mean, sigma
 
 
 # -- values of strangers ---------------------------------------------------------------------------

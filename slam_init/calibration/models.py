@@ -93,10 +93,8 @@ def _model_named(name: str, key: str) -> str:
     found = _MODELS.get(re.sub("[ -]", "_", name.strip().lower()))
     if found is None:
         known = ", ".join(one.replace("_", "-") for one in _NAMES)
-        raise CalibrationError(
-            f"{key} is {name[:40]!r}: use one of {known}, or a name of theirs in docs/lenses.md; leave the line out if "
-            "it does not state a lens"
-        )
+        give = f"use one of {known}, or a name of theirs in docs/how-to/camera.md"
+        raise CalibrationError(f"{key} is {name[:40]!r}: {give}; leave the line out if it does not state a lens")
     return found
 
 
@@ -143,11 +141,9 @@ def check_centre(camera: Camera) -> None:
     off = max(abs(camera.cx - (width - 1) / 2), abs(camera.cy - (height - 1) / 2)) / max(width, height)
     if off > _MAX_CENTRE_OFFSET:
         likely = f"{round(2 * camera.cx + 1)}x{round(2 * camera.cy + 1)}"
-        raise CalibrationError(
-            f"the principal point ({camera.cx:g}, {camera.cy:g}) is that of images of about {likely}, and these are "
-            f"{width}x{height}: if they are resized, scale fx, fy, cx, cy; if they are cropped, subtract the corner of "
-            "the crop from cx and cy; if it is right, state the size (Camera.from_K, or in the file)"
-        )
+        problem = f"the principal point ({camera.cx:g}, {camera.cy:g}) is that of images of about {likely}"
+        give = "scale fx, fy, cx, cy (resized), subtract the corner from cx, cy (cropped), or state the size"
+        raise CalibrationError(f"{problem}, and these are {width}x{height}: {give}")
 
 
 def _simplest_opencv(k: list[float]) -> tuple[str, list[float]]:
@@ -158,9 +154,7 @@ def _simplest_opencv(k: list[float]) -> tuple[str, list[float]]:
         return "thin-prism", (k + 4 * [0.0])[:12]
     if any(k[5:8]):
         if len(k) < 8:
-            raise CalibrationError(
-                f"{len(k)} distortion coefficients: give 4 or 5 for radial-tangential, 8 for rational_polynomial"
-            )
+            raise CalibrationError(f"{len(k)} distortion coefficients: give 4, 5 or 8 (rational_polynomial)")
         return "rational", k[:8]
     k = (k[:5] + [0.0] * 4)[: max(4, min(len(k), 5))]
     if len(k) == 5 and k[4] == 0:

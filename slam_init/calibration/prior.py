@@ -66,9 +66,7 @@ def camera_of_number(text: str, image_size: tuple[int, int]) -> Camera:
             raise CalibrationError(f"--camera {text!r}: give the focal length in pixels, as in f=1250")
         return camera_with_focal(image_size, value, _NUMBER_SIGMA, "stated")
     if not FIELDS_DEG[0] <= value <= FIELDS_DEG[1]:
-        raise CalibrationError(
-            f"--camera {text!r}: give the degrees across the longer side of the image, from {FIELDS_DEG[0]:g} to "
-            f"{FIELDS_DEG[1]:g}, as in fov=72"
-        )
+        give = f"give the degrees across the longer side of the image, from {FIELDS_DEG[0]:g} to {FIELDS_DEG[1]:g}"
+        raise CalibrationError(f"--camera {text!r}: {give}, as in fov=72")
     focal_px = 0.5 * max(image_size) / math.tan(math.radians(0.5 * value))
     return camera_with_focal(image_size, focal_px, _NUMBER_SIGMA, "stated")

@@ -6,7 +6,7 @@ import argparse
 import json
 from dataclasses import replace
 
-from slam_init.cli.parser import DONE, DOUBTFUL, WRONG, Commands
+from slam_init.cli.parser import DONE, DOUBTFUL, WRONG, Commands, add_command
 from slam_init.errors import CalibrationError, SlamInitError, SourceError
 from slam_init.system.process_io import tell
 from slam_init.system.regular_file import user_path
@@ -18,12 +18,11 @@ _OTHER_IMAGES = (
 
 def add_audit(commands: Commands) -> None:
     """Add the command."""
-    audit = commands.add_parser("audit", help="state the risk that a map from anywhere is wrong", allow_abbrev=False)
-    audit.description = (
+    description = (
         "State the risk that a map from anywhere is wrong, term by term, and what would tell. Exit codes: 0 sound, 3 "
         "doubtful, 4 wrong, 2 bad input."
     )
-    audit.set_defaults(command=_audit)
+    audit = add_command(commands, "audit", _audit, "state the risk that a map from anywhere is wrong", description)
     audit.add_argument(
         "map",
         metavar="MAP",

@@ -6,9 +6,8 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from slam_init.cli.parser import DONE, NOT_INITIALIZED, OUT_HELP, Commands, number
+from slam_init.cli.parser import DONE, NOT_INITIALIZED, OUT_HELP, Commands, add_command, number
 from slam_init.cli.source_options import add_source, chosen_camera, opened_source
-from slam_init.output.names import CALIBRATION_FILES
 from slam_init.system.process_io import tell
 
 if TYPE_CHECKING:
@@ -19,12 +18,11 @@ _DEFAULT_OUT = "slam-init-calibration"
 
 def add_calibrate(commands: Commands) -> None:
     """Add the command."""
-    calibrate = commands.add_parser("calibrate", help="estimate the focal length from a video", allow_abbrev=False)
-    calibrate.description = (
+    description = (
         "Estimate focal length and radial distortion from all stretches of a video that tell them; write camera.yaml "
         "with standard deviations. Turn the camera while it moves. A calibration of the source is not used."
     )
-    calibrate.set_defaults(command=_calibrate)
+    calibrate = add_command(commands, "calibrate", _calibrate, "estimate the focal length from a video", description)
     add_source(calibrate, default=None, camera="auto")
     calibrate.add_argument("--start", type=number(0), default=0, metavar="K", help="skip the first K frames")
     calibrate.add_argument("--max-frames", type=number(1), metavar="N", help="read at most N frames")
@@ -36,11 +34,11 @@ def _calibrate(arguments: argparse.Namespace) -> int:
     """``slam-init calibrate``."""
     from slam_init.output.folder import OutputFolder, chosen_folder
 
-    out = chosen_folder(arguments.out, "calibrate", CALIBRATION_FILES, [arguments.source])
+    out = chosen_folder(arguments.out, "calibrate", [arguments.source])
 
     import json
 
-    from slam_init.calibration.writing import camera_yaml
+    from slam_init.calibration.files import camera_yaml
     from slam_init.config import Config
     from slam_init.methods.self_calibration import calibrate
     from slam_init.output.plain_json import plain

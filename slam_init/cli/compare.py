@@ -7,7 +7,16 @@ import os
 import shlex
 import sys
 
-from slam_init.cli.parser import DONE, OUT_HELP, Commands, UsageError, add_list_methods, number
+from slam_init.cli.parser import (
+    DONE,
+    OUT_HELP,
+    Commands,
+    UsageError,
+    add_command,
+    add_list_methods,
+    number,
+    refuse_changed,
+)
 from slam_init.cli.source_options import (
     add_camera,
     add_mask,
@@ -19,23 +28,21 @@ from slam_init.cli.source_options import (
 from slam_init.system.process_io import tell
 
 _DEFAULT_COMPARISON = "slam-init-compare"
-#: A suite fixes these options.
-_FIXED = ("every", "use_every", "fps", "mask", "camera", "min_left", "limit_frames", "seed")
-#: The options on which the results depend.
-_DEFAULTS = dict.fromkeys((*_FIXED, "suite", "methods", "topic", "truth_topic")) | {
-    "every": 10, "use_every": 1, "min_left": 3, "limit_frames": 150, "seed": 0,
+#: A suite fixes these options, which have these defaults.
+_FIXED = {
+    "every": 10, "use_every": 1, "fps": None, "mask": None, "camera": None, "min_left": 3, "limit_frames": 150,
+    "seed": 0,
 }  # fmt: skip
 
 
 def add_compare(commands: Commands) -> None:
     """Add the command."""
-    compare = commands.add_parser("compare", help="compare methods on the same trials", allow_abbrev=False)
-    compare.description = (
+    description = (
         "Run methods on the same tracks from many starts; write tables, statistics and a report. The wait of a trial "
         "is the number of frames after its start until the first correct map; a trial without one counts as its limit. "
         "slam_init/compare/judging.py tells how each sequence is judged."
     )
-    compare.set_defaults(command=_compare)
+    compare = add_command(commands, "compare", _compare, "compare methods on the same trials", description)
     compare.add_argument(
         "sources",
         metavar="SOURCE",
@@ -46,7 +53,8 @@ def add_compare(commands: Commands) -> None:
     compare.add_argument(
         "--suite",
         choices=("drawn", "rendered"),
-        help="in place of sources: frozen worlds, starts and seeds, so that figures can be cited (docs/results.md)",
+        help="in place of sources: frozen worlds, starts and seeds, so that figures can be cited "
+        "(docs/measurements/simulated.md)",
     )
     compare.add_argument("--methods", metavar="A,B", help="of slam-init run --method (default: all that are installed)")
     compare.add_argument(
@@ -55,7 +63,7 @@ def add_compare(commands: Commands) -> None:
         action="append",
         default=[],
         help="a further method; may be repeated. NAME=command:'PROGRAM {images} {times} {camera} {out}' is an external "
-        "program (docs/tutorials/add-a-method.md)",
+        "program (docs/tutorials/compare.md)",
     )
     add_list_methods(compare)
     compare.add_argument(
@@ -95,19 +103,17 @@ def _compare(arguments: argparse.Namespace) -> int:
     """``slam-init compare``."""
     _check_suite(arguments)
     from slam_init.output.folder import chosen_folder
-    from slam_init.output.names import COMPARE_FILES
 
     view = calibrated_view_of(arguments, arguments.use_every)
     inputs = [*arguments.sources, *(file for file in (view.mask, view.camera) if file is not None)]
-    out = chosen_folder(arguments.out, "compare", COMPARE_FILES, inputs)
+    out = chosen_folder(arguments.out, "compare", inputs)
 
     from slam_init.compare.report import main_table
-    from slam_init.compare.run import check_packages, chosen_methods, compare
+    from slam_init.compare.run import chosen_methods, compare
     from slam_init.compare.sources import describe_sources
     from slam_init.compare.suites import SUITES
     from slam_init.compare.trials import Plan, Settings
 
-    check_packages()
     frozen = SUITES[arguments.suite] if arguments.suite else None
     sources = frozen.worlds if frozen else [with_topics(arguments, source) for source in arguments.sources]
     settings = Settings(
@@ -130,23 +136,12 @@ def _compare(arguments: argparse.Namespace) -> int:
         backend=arguments.backend,
         jobs=arguments.jobs or os.cpu_count() or 1,
         progress=sys.stderr.isatty(),
-        command=_command(arguments),
+        command=shlex.join(["slam-init", *sys.argv[1:]]),
         frozen=frozen,
     )
     told = "".join(f"{note}\n" for note in notes)
     tell(f"{main_table(summary)}\n\n{told}report: {out / 'report.html'}\n")
     return DONE
-
-
-def _command(arguments: argparse.Namespace) -> str:
-    """A command that gives the same results. It names only the folders that the user typed."""
-    words = ["slam-init", "compare", *arguments.sources]
-    for name, default in _DEFAULTS.items():
-        if getattr(arguments, name) != default:
-            words += [f"--{name.replace('_', '-')}", str(getattr(arguments, name))]
-    for method in arguments.method:
-        words += ["--method", method]
-    return shlex.join([*words, *(["--audit"] if arguments.audit else [])])
 
 
 def _check_suite(arguments: argparse.Namespace) -> None:
@@ -157,6 +152,4 @@ def _check_suite(arguments: argparse.Namespace) -> None:
         return
     if arguments.sources:
         raise UsageError(f"--suite {arguments.suite} has its own sources: leave {arguments.sources[0]} out")
-    for name in _FIXED:
-        if getattr(arguments, name) != _DEFAULTS[name]:
-            raise UsageError(f"--suite {arguments.suite} fixes --{name.replace('_', '-')}: leave it out")
+    refuse_changed(arguments, _FIXED, f"--suite {arguments.suite} fixes")

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
-from dataclasses import asdict
 
-from slam_init.cli.parser import DONE, Commands
+from slam_init.cli.parser import DONE, Commands, add_command
 from slam_init.cli.source_options import add_source, chosen_camera, opened_source
 from slam_init.system.process_io import tell
 from slam_init.system.regular_file import user_path
@@ -14,12 +13,11 @@ from slam_init.system.regular_file import user_path
 
 def add_info(commands: Commands) -> None:
     """Add the command."""
-    info = commands.add_parser("info", help="tell what a sequence or the folder of a run holds", allow_abbrev=False)
-    info.description = (
+    description = (
         "Tell what a sequence holds. For the folder of a run: the verdict and its reason, the keyframes, the files, "
         "the version and the command."
     )
-    info.set_defaults(command=_info)
+    info = add_command(commands, "info", _info, "tell what a sequence or the folder of a run holds", description)
     add_source(info, default=None, results=True)
     info.add_argument("--json", action="store_true", help="print it as JSON")
 
@@ -36,7 +34,7 @@ def _info(arguments: argparse.Namespace) -> int:
         from slam_init.datasets.describe import describe, describe_text
 
         source = opened_source(arguments, 0)
-        info = describe(source, chosen_camera(arguments, source, 0))
-        facts, text = asdict(info), describe_text(info)
+        facts = describe(source, chosen_camera(arguments, source, 0))
+        text = describe_text(facts)
     tell(json.dumps(facts, indent=2, allow_nan=False) + "\n" if arguments.json else text)
     return DONE

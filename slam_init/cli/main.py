@@ -14,21 +14,23 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
+import slam_init
 from slam_init.cli.audit import add_audit
 from slam_init.cli.calibrate import add_calibrate
 from slam_init.cli.compare import add_compare
 from slam_init.cli.info import add_info
-from slam_init.cli.parser import BAD_INPUT, INTERRUPTED, Parser, Tells, UsageError
+from slam_init.cli.parser import BAD_INPUT, INTERRUPTED, Parser, Tells
 from slam_init.cli.run import add_run
 from slam_init.cli.synth import add_synth
 from slam_init.cli.view import add_view
 from slam_init.errors import SlamInitError, plain_line
-from slam_init.system.process_io import complain, fill_closed_streams, interrupts_noted, native_stderr_silenced
+from slam_init.system.process_io import complain, fill_closed_streams, interrupts_noted, silence_native_stderr
 
 
 def entry_point() -> NoReturn:
     """The console script."""
     fill_closed_streams()
+    silence_native_stderr()
     code = main()
     if code > INTERRUPTED:
         # Where an interrupt comes inside ``exec``, Python ends by SIGINT later, whatever the exit code.
@@ -54,8 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 arguments = parser.parse_args(argv)
                 if "command" not in arguments:
                     parser.error("no COMMAND: give one")
-                with native_stderr_silenced():
-                    code: int = arguments.command(arguments)
+                code: int = arguments.command(arguments)
             except Exception:
                 # An extension module that is interrupted while it is imported raises an ImportError instead.
                 if signals:
@@ -96,10 +97,4 @@ def make_parser() -> Parser:
 
 
 def _version_text() -> str:
-    # Looked up only when it is asked for, as the look-up costs more than the parser.
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return f"slam-init {version('slam-init')}\n"
-    except PackageNotFoundError:
-        raise UsageError("the version is known once the package is installed: pip install .") from None
+    return f"slam-init {slam_init.__version__}\n"

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import math
 import re
-from collections.abc import Callable, Sequence
-from itertools import takewhile
+from collections.abc import Callable, Mapping, Sequence
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
@@ -57,13 +58,26 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Raise what is wrong with the arguments."""
         if wrong := re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message):
-            meant = _meant(wrong[1], re.findall(r"[\w-]+", wrong[2]))
+            meant = _nearest(wrong[1], re.findall(r"[\w-]+", wrong[2]))
             if "COMMAND" in message and wrong[1] and (Path(wrong[1]).exists() or ":" in wrong[1]):
                 meant = f"{self.prog} run {wrong[1]}"
             message += f": did you mean {meant}?" if meant else ""
         if len(message) > _LONGEST:  # a number of 5,000 digits
             message = f"{message[: _LONGEST // 2]}...{message[-_LONGEST // 4 :]}"
         raise UsageError(f"{message} (see {self.prog} --help)")
+
+
+def add_command(
+    commands: Commands, name: str, run: Callable[[argparse.Namespace], int], help_: str, description: str
+) -> Parser:
+    """Add a command.
+
+    * ``run``: Takes the arguments, and returns the exit code.
+    * ``help_``: The line in the list of the commands.
+    """
+    parser = commands.add_parser(name, help=help_, description=description, allow_abbrev=False)
+    parser.set_defaults(command=run)
+    return parser
 
 
 class Tells(argparse.Action):
@@ -105,6 +119,11 @@ _SOURCE_NAMES = ("--video", "--input", "--source", "--folder", "--dataset", "--s
 _OPTION_OF_FILE = {".yaml": "--camera", ".yml": "--camera", ".xml": "--camera", ".toml": "--config", ".csv": "--imu"}
 
 
+def _nearest(word: str, known: Sequence[str]) -> str | None:
+    """The known word that is spelt most like another one, if any."""
+    return next(iter(get_close_matches(word, known, n=1)), None)
+
+
 def _hint(word: str, parser: argparse.ArgumentParser) -> str:
     """The option that was meant, as the end of a message."""
     options = [option for part in parser._actions for option in part.option_strings]
@@ -114,30 +133,25 @@ def _hint(word: str, parser: argparse.ArgumentParser) -> str:
     if name in _SOURCE_NAMES:
         return f": leave {name} out: SOURCE stands without an option"
     others = (option for option in _OTHER_NAMES.get(name, ()) if option in options)
-    meant = next(others, None) or _meant(name, options)
+    meant = next(others, None) or _nearest(name, options)
     return f": did you mean {meant}?" if meant else ""
 
 
-def _meant(word: str, known: Sequence[str]) -> str | None:
-    """The name that was meant, if any: one with a slip of the fingers."""
-    return next((name for name in known if _is_slip(word, name)), None)
+def refuse_changed(arguments: argparse.Namespace, defaults: Mapping[str, object], why: str) -> None:
+    """Refuse options that have other values than these defaults; ``why`` is said before the name of the option."""
+    for name, default in defaults.items():
+        if getattr(arguments, name) != default:
+            raise UsageError(f"{why} --{name.replace('_', '-')}: leave it out")
 
 
-def _is_slip(word: str, name: str) -> bool:
-    """Whether a letter was added, left out or replaced, or two neighbours were exchanged: the meaning is the same."""
-    same = takewhile(lambda pair: pair[0] == pair[1], zip(word, name, strict=False))
-    first = len(list(same))
-    a, b = word[first:], name[first:]
-    return word != name and (a[1:] == b or a == b[1:] or a[1:] == b[1:] or (a[1::-1], a[2:]) == (b[:2], b[2:]))
-
-
-def number(least: float, kind: type[float] = int) -> Callable[[str], float]:
-    """Make what reads the value of an option that has a smallest value."""
+def number(least: float, kind: type[float] = int, most: float = math.inf) -> Callable[[str], float]:
+    """Make what reads the value of an option that has a smallest and a largest value."""
 
     def read(text: str) -> float:
         value = kind(text)
-        if not value >= least:  # nor is NaN
-            raise argparse.ArgumentTypeError(f"{text} is too small: it must be at least {least}")
+        if not least <= value <= most:  # nor is NaN
+            bounds = f"at least {least}" if most == math.inf else f"from {least} to {most}"
+            raise argparse.ArgumentTypeError(f"{text} is out of range: it must be {bounds}")
         return value
 
     read.__name__ = kind.__name__

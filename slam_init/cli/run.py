@@ -6,17 +6,19 @@ import argparse
 import sys
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
-from slam_init.cli.parser import DONE, NOT_INITIALIZED, Commands, UsageError, add_list_methods, number
-from slam_init.cli.source_options import (
-    BY_IMU,
-    SENSORS,
-    add_source,
-    chosen_camera,
-    opened_source,
-    with_gravity,
+from slam_init.cli.parser import (
+    DONE,
+    NOT_INITIALIZED,
+    Commands,
+    UsageError,
+    add_command,
+    add_list_methods,
+    number,
+    refuse_changed,
 )
+from slam_init.cli.source_options import BY_IMU, SENSORS, add_source, chosen_camera, opened_source, with_gravity
 from slam_init.system.process_io import tell
 from slam_init.system.regular_file import user_path
 
@@ -24,23 +26,19 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
     from pathlib import Path
 
-    from _typeshed import DataclassInstance
-
     from slam_init.config import Config
     from slam_init.output.summary import Summary
     from slam_init.types.frame import Source
     from slam_init.types.result import Result
 
-_Section = TypeVar("_Section", bound="DataclassInstance")
 _DEFAULT_SOURCE = "synth:room"
 _DEFAULT_OUT = "slam-init-out"
 
 
 def add_run(commands: Commands) -> None:
     """Add the command."""
-    run = commands.add_parser("run", help="initialize from a sequence", allow_abbrev=False)
-    run.description = "Read frames until a map is found; write it, and a recording of how, to a folder."
-    run.set_defaults(command=_run)
+    description = "Read frames until a map is found; write it, and a recording of how, to a folder."
+    run = add_command(commands, "run", _run, "initialize from a sequence", description)
     add_source(run, default=_DEFAULT_SOURCE)
     frames = run.add_argument_group("first and last frame")
     frames.add_argument("--start", type=number(0), default=0, metavar="K", help="skip the first K frames")
@@ -149,7 +147,6 @@ def add_run(commands: Commands) -> None:
 def _run(arguments: argparse.Namespace) -> int:
     """``slam-init run``."""
     from slam_init.output.folder import chosen_folder
-    from slam_init.output.names import RUN_FILES
     from slam_init.scale.requests import parse_scale
 
     arguments.export = arguments.export.split(",") if arguments.export is not None else ()
@@ -159,7 +156,7 @@ def _run(arguments: argparse.Namespace) -> int:
         arguments.config = user_path(arguments.config)
     read = (arguments.images, arguments.camera, arguments.mask, arguments.imu, arguments.config, arguments.gravity)
     inputs = [arguments.source, *(file for file in read if file not in (None, True, BY_IMU))]
-    out = chosen_folder(arguments.out, "run", RUN_FILES, inputs)
+    out = chosen_folder(arguments.out, "run", inputs)
 
     from slam_init.datasets.live import is_live
     from slam_init.output.report import report_text
@@ -173,7 +170,7 @@ def _run(arguments: argparse.Namespace) -> int:
     replaced = earlier_result(out)
     arguments.sensor = None
     if isinstance(arguments.imu, str):
-        from slam_init.datasets.inertial_file import read_inertial_file
+        from slam_init.datasets.inertial import read_inertial_file
 
         arguments.sensor = read_inertial_file(arguments.imu)
     if arguments.live is not None:
@@ -196,18 +193,19 @@ def _config(arguments: argparse.Namespace) -> Config:
     """The configuration of the file, with the values that the command line gives."""
     from slam_init.config import load_config
 
-    def changed(section: _Section, **values: Any) -> _Section:
-        return replace(section, **{name: value for name, value in values.items() if value is not None})
+    def given(**values: Any) -> dict[str, Any]:
+        return {name: value for name, value in values.items() if value is not None}
 
     overrides = {"method": arguments.method, "seed": arguments.seed, "refine_frames": arguments.refine_frames}
     config = load_config(arguments.config, overrides)
     return replace(
         config,
-        acceptance=changed(
-            config.acceptance, max_depth_sigma=arguments.max_depth_sigma, min_parallax_deg=arguments.min_parallax
+        acceptance=replace(
+            config.acceptance,
+            **given(max_depth_sigma=arguments.max_depth_sigma, min_parallax_deg=arguments.min_parallax),
         ),
-        map=changed(config.map, refine_focal=arguments.refine_focal or None),
-        tracking=changed(config.tracking, matcher=arguments.matcher),
+        map=replace(config.map, **given(refine_focal=arguments.refine_focal or None)),
+        tracking=replace(config.tracking, **given(matcher=arguments.matcher)),
     )
 
 
@@ -235,12 +233,8 @@ def _run_live(arguments: argparse.Namespace, config: Config, out: Path) -> tuple
     from slam_init.recording.rerun_recorder import load_rerun
     from slam_init.system.process_io import first_interrupt_calls
 
-    if arguments.every != 1 or arguments.fps is not None or arguments.mask is not None:
-        raise UsageError("--every, --fps and --mask are for sources that are read from files")
-    if arguments.gravity is not None:
-        raise UsageError("--gravity is for sources that are read from files: leave it out")
-    if arguments.images is not None:
-        raise UsageError("--images is for a source of matches, and a live source has images: leave it out")
+    stored = {"every": 1, "fps": None, "mask": None, "gravity": None, "images": None}
+    refuse_changed(arguments, stored, "a live source is not read from files, and takes no")
     source = open_live(arguments.source, keep_all=arguments.no_drop)
     load_rerun()  # before the stream is opened, so that no frame waits for it
     load_all()
@@ -275,9 +269,6 @@ def _run_on(
     if isinstance(source, KnowsTracks) and arguments.matcher is not None:
         raise UsageError(f"--matcher matches images, and {source.name} has tracks of its own: leave it out")
 
-    from slam_init.cli.loading import load_libraries
-
-    load_libraries(pictures=not arguments.no_overview)
     from slam_init.runner import run
 
     with interrupts or nullcontext():

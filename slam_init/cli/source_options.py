@@ -97,7 +97,7 @@ def with_topics(arguments: argparse.Namespace, source: str) -> str:
     if arguments.topic is None and arguments.truth_topic is None:
         return source
     from slam_init.datasets import detect_kind
-    from slam_init.datasets.ros import BagName
+    from slam_init.datasets.ros.topics import BagName
 
     try:
         if not detect_kind(source).startswith("ros"):
@@ -120,9 +120,9 @@ def with_gravity(arguments: argparse.Namespace, source: TimedSource) -> TimedSou
     """Give the frames of a source the gravity that is asked for."""
     if arguments.gravity is None:
         return source
-    from slam_init.datasets.gravity import GravitySource, at_rest, read_gravity
     from slam_init.datasets.inertial import inertial_of
     from slam_init.datasets.track_source import KnowsTracks
+    from slam_init.datasets.views import GravitySource, at_rest, read_gravity
 
     if isinstance(source, KnowsTracks):
         raise UsageError(f"{arguments.source} has tracks of its own: --gravity is for sources of images")

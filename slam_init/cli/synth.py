@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import argparse
 
-from slam_init.cli.parser import DONE, Commands, number
+from slam_init.cli.parser import DONE, Commands, add_command, number
 from slam_init.errors import ConfigError
 from slam_init.system.process_io import tell
 
 
 def add_synth(commands: Commands) -> None:
     """Add the command."""
-    synth = commands.add_parser("synth", help="write a synthetic sequence", allow_abbrev=False)
-    synth.description = "Render a synthetic sequence into a folder in the layout of TUM RGB-D."
-    synth.set_defaults(command=_synth)
+    description = "Render a synthetic sequence into a folder in the layout of TUM RGB-D."
+    synth = add_command(commands, "synth", _synth, "write a synthetic sequence", description)
     synth.add_argument(
         "scene",
         metavar="NAME",

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 from pathlib import Path
 
-from slam_init.cli.parser import DONE, Commands, UsageError
+from slam_init.cli.parser import DONE, Commands, UsageError, add_command, number
 from slam_init.errors import OutputError, SourceError, ViewerError
 from slam_init.system.process_io import tell
-from slam_init.system.regular_file import check_inside, user_path
+from slam_init.system.regular_file import check_inside, open_regular, user_path
 
 _DEFAULT_DIR = "slam-init-out"
 _DEFAULT_PNG = "slam-init-view.png"
+_DEFAULT_SIZE = "1280x720"
 _PNG = b"\x89PNG\r\n\x1a\n"
 #: Sides of a window in pixels: smaller ones show no view, and graphics drivers refuse larger ones.
 _SMALLEST, _LARGEST = 320, 8192
@@ -22,9 +24,8 @@ _MOST_FRAMES = 100
 
 def add_view(commands: Commands) -> None:
     """Add the command."""
-    view = commands.add_parser("view", help="open the recording of a run", allow_abbrev=False)
-    view.description = "Open the recording of a run in the rerun viewer, serve it to a browser, or write screenshots."
-    view.set_defaults(command=_view)
+    description = "Open the recording of a run in the rerun viewer, serve it to a browser, or write screenshots."
+    view = add_command(commands, "view", _view, "open the recording of a run", description)
     view.add_argument(
         "folder",
         metavar="DIR",
@@ -41,9 +42,13 @@ def add_view(commands: Commands) -> None:
         const=_DEFAULT_PNG,
         help=f"write a PNG without a display (default: {_DEFAULT_PNG})",
     )
-    view.add_argument("--port", type=int, metavar="N", help="of --web (default: 9090)")
-    view.add_argument("--at", metavar="FRAMES", help="of --screenshot: frames as in 3,9; one file each (default: last)")
-    view.add_argument("--size", metavar="WxH", help="of --screenshot, in pixels (default: 1280x720)")
+    view.add_argument("--port", type=number(1, most=65535), metavar="N", help="of --web (default: 9090)")
+    view.add_argument(
+        "--at", type=_frames, metavar="FRAMES", help="of --screenshot: frames as in 3,9; one file each (default: last)"
+    )
+    view.add_argument(
+        "--size", type=_size, metavar="WxH", help=f"of --screenshot, in pixels (default: {_DEFAULT_SIZE})"
+    )
 
 
 def _view(arguments: argparse.Namespace) -> int:
@@ -52,17 +57,15 @@ def _view(arguments: argparse.Namespace) -> int:
         raise UsageError("--at and --size belong to --screenshot")
     if arguments.port is not None and not arguments.web:
         raise UsageError("--port belongs to --web")
-    if arguments.port is not None and not 0 < arguments.port < 65536:
-        raise UsageError(f"--port is {arguments.port}: give one from 1 to 65535")
-    frames = _frames(arguments.at)
-    size = _size(arguments.size)
     recording = _recording(user_path(arguments.folder))
 
     from slam_init.recording.viewer import WEB_PORT, check_recording, has_display, serve, show
 
     check_recording(recording)
     if arguments.screenshot is not None:
-        _write_screenshots(recording, user_path(arguments.screenshot), frames, size)
+        _write_screenshots(
+            recording, user_path(arguments.screenshot), arguments.at or [-1], arguments.size or _DEFAULT_SIZE
+        )
     elif arguments.web:
         tell("open the address that the viewer prints in a browser on this machine; Ctrl+C ends\n")
         serve(recording, arguments.port or WEB_PORT)
@@ -91,23 +94,19 @@ def _recording(path: Path) -> Path:
     raise SourceError(f"{path} holds no recording: give the --out folder of slam-init run")
 
 
-def _frames(text: str | None) -> list[int]:
-    if text is None:
-        return [-1]
-    if not re.fullmatch(r"\d{1,9}(,\d{1,9})*", text):
-        raise UsageError(f"--at is {text!r}: give frames as in 3 or 3,9")
-    frames = sorted({int(part) for part in text.split(",")})
-    if len(frames) > _MOST_FRAMES:
-        raise UsageError(f"--at has {len(frames)} frames: give at most {_MOST_FRAMES}")
+def _frames(text: str) -> list[int]:
+    frames = sorted({int(part) for part in text.split(",") if re.fullmatch(r"\d{1,9}", part)})
+    if not re.fullmatch(r"\d+(,\d+)*", text) or not 0 < len(frames) <= _MOST_FRAMES:
+        raise argparse.ArgumentTypeError(f"{text!r}: give at most {_MOST_FRAMES} frames, as in 3 or 3,9")
     return frames
 
 
-def _size(text: str | None) -> str:
-    if text is None:
-        return "1280x720"
+def _size(text: str) -> str:
     match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
     if match is None or not all(_SMALLEST <= int(side) <= _LARGEST for side in match.groups()):
-        raise UsageError(f"--size is {text!r}: give WIDTHxHEIGHT, each from {_SMALLEST} to {_LARGEST}, as in 1280x720")
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: give WIDTHxHEIGHT, each from {_SMALLEST} to {_LARGEST}, as in 1280x720"
+        )
     return text
 
 
@@ -130,11 +129,7 @@ def _check_target(file: Path) -> None:
     """Refuse a file that is no picture, before the viewer is started."""
     if not file.parent.is_dir():
         raise OutputError(f"{file}: there is no folder {file.parent}: make it first")
-    if not file.exists() and not file.is_symlink():
-        return
-    try:
-        picture = file.is_file() and not file.is_symlink() and file.open("rb").read(len(_PNG)) == _PNG
-    except OSError as error:
-        raise OutputError(f"{file} cannot be replaced ({error.strerror}): give another name") from None
-    if not picture:
-        raise OutputError(f"{file} exists and is no PNG file: give another name")
+    if os.path.lexists(file):
+        with open_regular(file, OutputError) as earlier:
+            if earlier.read(len(_PNG)) != _PNG:
+                raise OutputError(f"{file} exists and is no PNG file: give another name")

@@ -134,7 +134,7 @@ def table_of(rows: Iterable[TrialRow]) -> DataFrame:
     """
     from pandas import DataFrame
 
-    table = DataFrame.from_records([row.values() for row in rows], columns=list(COLUMNS))
+    table = DataFrame(list(rows), columns=list(COLUMNS))
     table = table.astype({name: float for name in COLUMNS if name not in (*_TEXTS, *_FLAGS)})
     criteria = {group: criteria_of(group) for group in table["group"].unique()}
     levels = {group: "points" if group.startswith(POINTS) else "image" for group in criteria}

@@ -49,10 +49,9 @@ def replay(source: TimedSource | PointSource, text: str, start: int, folder: str
     * ``folder``: Folder of the stored tracks. The tracks are computed and stored if they are not there yet. A source of
       points knows its tracks and does not use the folder, nor does a source of given tracks.
     """
-    from slam_init.datasets.points import PointSource
     from slam_init.datasets.track_source import TrackSource
 
-    if isinstance(source, PointSource | TrackSource):
+    if isinstance(source, TrackSource):
         yield from (Step(observations) for observations in source.observations(start))
         return
     with ZipFile(_stored(source, text, folder)) as archive:

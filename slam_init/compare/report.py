@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
 from io import StringIO
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,6 @@ import numpy as np
 from slam_init.compare.figures import DIRECTION_SIGMAS, LEVELS, PARTS, ROTATION_SIGMAS, Figures
 from slam_init.compare.statistics import Interval
 from slam_init.methods.external_command import method_label
-from slam_init.output.tables import fitted_tables
 from slam_init.types.arrays import Floats
 from slam_init.types.refusal import in_words
 
@@ -35,6 +34,14 @@ _STATIC = (
     ("none", "none", 0, 1), ("error", "error", 0, 1), ("expected reason %", "reason_accuracy", 1, 100),
     ("focal error suspected %", "suspicion_rate", 1, 100), ("focal error reported %", "report_rate", 1, 100),
 )  # fmt: skip
+_WAITS = (("trials", "trials", 0, 1), ("sequences", "sequences", 0, 1), ("frames", "difference_frames", 2, 1))
+_RELIABILITY = (
+    ("maps", "maps", 0, 1), ("mean stated risk %", "mean_risk", 3, 100), ("expected false", "expected_false", 3, 1),
+    ("false", "false", 0, 1), ("false %", "false_rate", 1, 100), ("direction covered %", "direction", 1, 100),
+    ("rotation covered %", "rotation", 1, 100),
+)  # fmt: skip
+#: A terminal shows at least this number of columns.
+_TERMINAL_WIDTH = 120
 #: Colour of letters and lines that can be read on a light and on a dark page.
 _GREY = "#808890"
 
@@ -63,33 +70,36 @@ def shown(figures: Figures) -> Figures:
 def main_table(summary: Figures) -> str:
     """Return the main table of each part of a comparison.
 
-    * Returns: Tables in markdown: for each part the methods, and for a moving camera the paired differences of the
-      wait. Then the reliability of the stated risk, if a method states one.
+    * Returns: For each part the methods, and for a moving camera the paired differences of the wait. Then the
+      reliability of the stated risk, if a method states one.
     """
     tables = []
     for part, by_method in summary["parts"].items():
         columns = _STATIC if part.endswith("static") else _MOVING
-        rows = [
-            [method, *(figure_text(shown(figures)[name], digits, factor) for _, name, digits, factor in columns)]
-            for method, figures in by_method.items()
-        ]
-        tables.append(fitted_tables([PARTS[part], *(heading for heading, *_ in columns)], rows))
+        tables.append(_table(PARTS[part], {method: shown(one) for method, one in by_method.items()}, columns))
         if waits := [one for one in summary["waits"].get(part, ()) if one["trials"]]:
-            header = [f"wait of {waits[0]['first']} minus that of", "trials", "sequences", "frames"]
-            numbers = ("trials", "sequences", "difference_frames")
-            rows = [[one["second"], *map(figure_text, (one[name] for name in numbers), (0, 0, 2))] for one in waits]
-            tables.append(fitted_tables(header, rows))
-    header = ["stated risk", "maps", "mean stated risk %", "expected false", "false", "false %"]
-    header += ["direction covered %", "rotation covered %"]
-    forms = (("maps", 0, 1), ("mean_risk", 3, 100), ("expected_false", 3, 1), ("false", 0, 1), ("false_rate", 1, 100))
+            title = f"wait of {waits[0]['first']} minus that of"
+            tables.append(_table(title, {one["second"]: one for one in waits}, _WAITS))
     for level, by_method in summary["reliability"].items():
-        rows = []
+        rows: dict[str, dict[str, Any]] = {}
         for method, reliability in by_method.items():
-            for name, one in named_bins(reliability):
-                rows.append([method, name, *(figure_text(one[key], digits, by) for key, digits, by in forms), "", ""])
-            rows[-1][-2:] = [figure_text(reliability[name]["rate"], 1, 100) for name in ("direction", "rotation")]
-        tables.append(fitted_tables([LEVELS[level], *header], rows, names=2))
+            rows |= {f"{method}, risk {name}": dict(one) for name, one in named_bins(reliability)}
+            rows[f"{method}, risk all"] |= {name: reliability[name]["rate"] for name in ("direction", "rotation")}
+        tables.append(_table(LEVELS[level], rows, _RELIABILITY))
     return "\n\n".join(tables)
+
+
+def _table(title: str, rows: Mapping[str, Figures], columns: Sequence[tuple[str, str, int, int]]) -> str:
+    """Write a table for a terminal. A column without a value is left out, and a wide table is broken."""
+    from pandas import DataFrame
+
+    cells = {
+        heading: [figure_text(row.get(name), digits, factor) for row in rows.values()]
+        for heading, name, digits, factor in columns
+    }
+    known = {heading: column for heading, column in cells.items() if set(column) != {"-"}}
+    table: str = DataFrame(known, index=list(rows)).rename_axis(columns=title).to_string(line_width=_TERMINAL_WIDTH)
+    return "\n".join(line.rstrip(" \\") for line in table.splitlines())
 
 
 def named_bins(reliability: Figures) -> list[tuple[str, Figures]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -127,13 +127,9 @@ class TrialRow:
         """Return what names the trial; rows are sorted by it."""
         return self.source, self.method, self.start
 
-    def values(self) -> tuple[str | int | float | bool | None, ...]:
-        """Return the values in the order of :data:`COLUMNS`."""
-        return tuple(getattr(self, name) for name in COLUMNS)
-
     def text(self) -> str:
         """Return the line of the row in ``trials.jsonl``. A number that is not finite is a ValueError."""
-        return json.dumps(dict(zip(COLUMNS, self.values(), strict=True)), allow_nan=False)
+        return json.dumps(dataclasses.asdict(self), allow_nan=False)
 
 
 #: Columns of ``results.csv``: the names of the fields of :class:`TrialRow`.
@@ -199,7 +195,12 @@ class Journal:
             end += len(line)
             if number == 1:
                 self._check(line, header)
-            elif is_current(row := _parsed(self._path, number, line, "give another --out")):
+                continue
+            try:
+                row = _ROW.validate_json(line, strict=True)
+            except ValidationError:
+                raise OutputError(f"{self._path}, line {number} is damaged: give another --out") from None
+            if is_current(row):
                 self.rows[row.key] = row
         return end
 
@@ -215,18 +216,3 @@ class Journal:
             if found.get(name) != value:
                 other = f"other {name}" if isinstance(value, dict) else f"{name} {found.get(name)!r}, not {value!r}"
                 raise OutputError(f"{self._path} holds trials with {other}: give another --out")
-
-
-def read_journal(path: str | os.PathLike[str]) -> Iterator[TrialRow]:
-    """Read the rows of a finished comparison in the order of the file. The last row of a trial is valid."""
-    with Path(path).open("rb") as file:
-        next(file)  # the settings
-        for number, line in enumerate(file, 2):
-            yield _parsed(path, number, line, "run the comparison again")
-
-
-def _parsed(path: str | os.PathLike[str], number: int, line: bytes, remedy: str) -> TrialRow:
-    try:
-        return _ROW.validate_json(line, strict=True)
-    except ValidationError:
-        raise OutputError(f"{path}, line {number} is damaged: {remedy}") from None

@@ -57,7 +57,9 @@ def compare(
     """
     from tqdm import tqdm
 
-    check_packages()
+    for package in _PACKAGES:
+        if find_spec(package) is None:
+            raise ConfigError(f'slam-init compare needs the package {package}: pip install "slam-init[compare]"')
     if backend and not backend.startswith(DASK):
         raise ConfigError(f"unknown backend {backend!r}: use dask:ADDRESS, or --jobs N for processes of this machine")
     with OutputFolder(out, "compare", in_place=True) as folder:
@@ -93,13 +95,6 @@ def compare(
         return _publish(folder, rows, plan, command, notes), notes
 
 
-def check_packages() -> None:
-    """Tell which package of the extra ``compare`` is not installed."""
-    for package in _PACKAGES:
-        if find_spec(package) is None:
-            raise ConfigError(f'slam-init compare needs the package {package}: pip install "slam-init[compare]"')
-
-
 def _shared_settings(plan: Plan) -> dict[str, Json]:
     """Return the settings that must be equal for all rows of a results folder."""
     given: dict[str, Json] = {
@@ -127,7 +122,9 @@ def _publish(folder: OutputFolder, rows: Sequence[TrialRow], plan: Plan, command
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
         for row in rows:
-            writer.writerow([str(value).lower() if isinstance(value, bool) else value for value in row.values()])
+            writer.writerow(
+                [str(value).lower() if isinstance(value, bool) else value for value in asdict(row).values()]
+            )
         texts[_RESULTS] = file.getvalue()
     # File names need not be valid Unicode.
     folder.write({name: text.encode("utf-8", "backslashreplace") for name, text in texts.items()})
@@ -148,9 +145,7 @@ def chosen_methods(text: str | None, further: Sequence[str] = ()) -> tuple[str, 
         text = ",".join(info.name for info in installed if info.alias_of is None and info.name not in further)
     names = (*(text.split(",") if text else ()), *further)
     for name in names:
-        needs = method_info(name).needs
-        if needs is not None and find_spec(needs) is None:
-            raise ConfigError(f"the method {name} needs the package {needs}: pip install {needs}")
+        method_info(name).check_installed()
         if names.count(name) > 1:
             raise ConfigError(f"the method {name} is given twice: give each method once")
         if ":" in name and not is_external(name):

@@ -1,41 +1,16 @@
-"""Reads JSON and numpy files of strangers: bounded in size, and checked before anything large is allocated."""
+"""Reads files of strangers: bounded in size, and checked before anything large is allocated."""
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Collection
-from typing import Any, cast
+from typing import Any
 
 from numpy.typing import NDArray
 
 from slam_init.errors import SourceError
 from slam_init.system.numpy_file import parse_npz
-from slam_init.system.regular_file import check_inside, open_regular, read_regular
-
-#: The top level of a JSON file. A value is checked when it is read.
-JsonObject = dict[str, object]
-
-# A million poses with file names have 100 to 400 MB as JSON; the largest scenes in use have a few thousand.
-_MAX_JSON_BYTES = 100_000_000
-
-
-def read_json(path: str | os.PathLike[str], root: str | os.PathLike[str], what: str) -> JsonObject:
-    """Read a JSON file with an object at its top.
-
-    * ``root``: The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
-    """
-    check_inside(path, root)
-    data = read_regular(path, _MAX_JSON_BYTES, what, SourceError)
-    try:
-        content = json.loads(data.decode("utf-8-sig"))
-    except json.JSONDecodeError as error:
-        raise SourceError(f"{path}:{error.lineno}: broken JSON: {error.msg}") from None
-    except (UnicodeDecodeError, ValueError, RecursionError):  # ValueError: an integer of thousands of digits
-        raise SourceError(f"{path}: not a JSON file of {what}") from None
-    if not isinstance(content, dict):
-        raise SourceError(f"{path}: not {what}: expected a JSON object")
-    return cast(JsonObject, content)
+from slam_init.system.regular_file import open_regular
 
 
 def first_bytes(path: str | os.PathLike[str], count: int) -> bytes:

@@ -84,7 +84,7 @@ def read_model(model: Path, root: Path) -> tuple[list[ColmapImage], dict[int, Ca
 
 def _cameras_of_text(path: Path, root: Path) -> Iterator[tuple[int, Camera]]:
     for place, text in read_rows(path, root):
-        yield _index((place, text), text.split()[0]), _parsed_camera(place, text)
+        yield _index((place, text), text.split()), _parsed_camera(place, text)
 
 
 def _images_of_text(path: Path, root: Path) -> Iterator[ColmapImage]:
@@ -96,7 +96,7 @@ def _images_of_text(path: Path, root: Path) -> Iterator[ColmapImage]:
         if len(fields) < 10:
             raise SourceError(f"{row[0]}: expected id, quaternion, translation, camera and name, found {row[1][:60]!r}")
         keypoints = partial(_keypoints_of_line, next(lines, ("", "")))
-        yield ColmapImage(fields[9], _index(row, fields[8]), _pose(row, fields[1:8]), keypoints)
+        yield ColmapImage(fields[9], _index(row, fields[8:]), _pose(row, fields[1:8]), keypoints)
 
 
 def _parsed_camera(place: str, line: str) -> Camera:
@@ -120,6 +120,10 @@ def _pose(row: Row, fields: list[str]) -> Pose:
     return pose_from_quaternion(row, t, [qw, qx, qy, qz])
 
 
+def _index(row: Row, fields: list[str]) -> int:
+    return int(numbers(row, fields, 1, "the number of a camera")[0])
+
+
 def _keypoints_of_line(row: Row) -> tuple[Floats, Ints]:
     """The keypoints of an image, and their points: X, Y and POINT3D_ID for each."""
     fields = row[1].split()
@@ -133,13 +137,6 @@ def _keypoints_of_line(row: Row) -> tuple[Floats, Ints]:
 def _keypoints_of_bytes(data: memoryview) -> tuple[Floats, Ints]:
     rows = np.frombuffer(data, [("xy", "<f8", 2), ("point", "<i8")])
     return rows["xy"] - 0.5, rows["point"].astype(np.int64)
-
-
-def _index(row: Row, field: str) -> int:
-    try:
-        return int(field)
-    except ValueError:
-        raise SourceError(f"{row[0]}: expected a whole number, found {field[:40]!r}") from None
 
 
 class _Bytes:
@@ -192,7 +189,8 @@ def _images_of_bytes(data: _Bytes) -> Iterator[ColmapImage]:
 # -- databases -------------------------------------------------------------------------------------
 
 
-_MAGIC = b"SQLite format 3\0"
+#: How a database of SQLite starts.
+SQLITE = b"SQLite format 3\0"
 _TABLES = frozenset({"cameras", "images", "keypoints", "matches", "two_view_geometries"})
 # COLMAP: pair_id = 2147483647 * smaller image_id + larger image_id.
 _MAX_IMAGES = 2_147_483_647
@@ -200,14 +198,9 @@ _MAX_IMAGES = 2_147_483_647
 _WATERMARK = 7
 
 
-def is_colmap_database(path: Path) -> bool:
-    """Tell whether a file is a database of SQLite, by its content or the suffix ``.db``."""
-    return path.suffix.lower() == ".db" or first_bytes(path, len(_MAGIC)) == _MAGIC
-
-
 def open_colmap_database(path: Path) -> TrackSource:
     """Open a database as a source of tracks."""
-    if first_bytes(path, len(_MAGIC)) != _MAGIC:
+    if first_bytes(path, len(SQLITE)) != SQLITE:
         raise SourceError(f"{path}: is no SQLite database: give a database of COLMAP")
     log = path.with_name(path.name + "-wal")
     if log.exists() and log.stat().st_size:

@@ -28,12 +28,8 @@ from slam_init.types.arrays import Floats, as_array
 if TYPE_CHECKING:
     import h5py
 
-_MAGIC = b"\x89HDF\r\n\x1a\n"
-
-
-def is_hdf5(path: Path) -> bool:
-    """Tell whether a file is in HDF5, by its content or its suffix."""
-    return path.suffix.lower() in (".h5", ".hdf5") or first_bytes(path, len(_MAGIC)) == _MAGIC
+#: How a file in HDF5 starts.
+HDF5 = b"\x89HDF\r\n\x1a\n"
 
 
 def open_hloc(path: Path) -> TrackSource:
@@ -52,9 +48,7 @@ def _features_of(matches: Path) -> Path:
     named = [path for path in others if matches.stem.startswith(path.stem)]
     found = max(named, key=lambda path: len(path.stem)) if named else (others[0] if len(others) == 1 else None)
     if found is None:
-        raise SourceError(
-            f"{matches}: no features beside it: put the .h5 file of the features, and no other, beside it"
-        )
+        raise SourceError(f"{matches}: no features beside it: put their .h5 file, and no other, beside it")
     check_inside(found, matches.parent)
     return found
 
@@ -66,7 +60,7 @@ def _opened(path: Path) -> Iterator[h5py.File]:
         import h5py
     except ImportError:
         raise SourceError(f'{path}: reading .h5 needs h5py: pip install ".[hloc]"') from None
-    if first_bytes(path, len(_MAGIC)) != _MAGIC:
+    if first_bytes(path, len(HDF5)) != HDF5:
         raise SourceError(f"{path}: is no HDF5 file of hloc")
     try:
         with h5py.File(path, "r") as file:
@@ -115,10 +109,7 @@ def _read_features(path: Path, features: h5py.File) -> tuple[list[str], list[Flo
     width, height = first = sizes[names[0]]
     other = next((name for name in names if sizes[name] != first), None)
     if other is not None:
-        raise SourceError(
-            f"{path}: {other} has {sizes[other][0]:g}x{sizes[other][1]:g} pixels, but {names[0]} has "
-            f"{width:g}x{height:g}: all images must be of one camera"
-        )
+        raise SourceError(f"{path}: {other} and {names[0]} have different sizes: all images must be of one camera")
     return names, [points[name] for name in names], (int(width), int(height))
 
 
@@ -126,18 +117,16 @@ def _read_matches(path: Path, matches: h5py.File, names: list[str]) -> Iterator[
     index = {name.replace("/", "-"): i for i, name in enumerate(names)}
     if len(index) < len(names):
         raise SourceError(f"{path}: two images differ in / and - only, which hloc does not tell apart")
-    found = False
-    for name, entry in _entries(path, matches):
-        if name.endswith("/matches0"):
-            found = True
-            pair = _pair(name.removesuffix("/matches0"), index)
-            if pair is None:
-                raise SourceError(f"{path}: {name[:200]}: names an image that the features do not have")
-            partner = _numbers(path, name, entry, (None,)).astype(np.int64)
-            first = np.flatnonzero(partner > -1)
-            yield PairMatches(*pair, np.column_stack([first, partner[first]]))
-    if not found:
+    entries = [(name, entry) for name, entry in _entries(path, matches) if name.endswith("/matches0")]
+    if not entries:
         raise SourceError(f"{path}: holds no matches0: name the file of the matches, not that of the features")
+    for name, entry in entries:
+        pair = _pair(name.removesuffix("/matches0"), index)
+        if pair is None:
+            raise SourceError(f"{path}: {name[:200]}: names an image that the features do not have")
+        partner = _numbers(path, name, entry, (None,)).astype(np.int64)
+        first = np.flatnonzero(partner > -1)
+        yield PairMatches(*pair, np.column_stack([first, partner[first]]))
 
 
 def _pair(name: str, index: dict[str, int]) -> tuple[int, int] | None:

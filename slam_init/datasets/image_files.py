@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 import os
 import re
 import warnings
@@ -126,9 +125,8 @@ def decode_image(name: str, data: bytes) -> Pixels:
     _check_header(name, data)
     # Decoders fill the missing part of a JPEG with grey and only print a warning. The entropy-coded data of a JPEG
     # cannot hold a marker, so that an intact file has an end marker after its last scan marker.
-    if data.startswith(b"\xff\xd8") and data.find(b"\xff\xd9", data.rfind(b"\xff\xda")) < 0:
-        raise SourceError(f"{name}: the image is cut off")
-    if data.startswith(_PNG) and not _has_whole_chunks(data):
+    is_cut_jpeg = data.startswith(b"\xff\xd8") and data.find(b"\xff\xd9", data.rfind(b"\xff\xda")) < 0
+    if is_cut_jpeg or (data.startswith(_PNG) and not _has_whole_chunks(data)):
         raise SourceError(f"{name}: the image is cut off")
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
@@ -170,18 +168,12 @@ def _check_header(name: str, data: bytes) -> None:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            pixels = math.prod(Pillow.open(io.BytesIO(jpeg_head(data) or data)).size)
+            width, height = Pillow.open(io.BytesIO(jpeg_head(data) or data)).size
     except Pillow.DecompressionBombError:
-        pixels = MAX_PIXELS + 1
+        raise SourceError(f"{name}: more than {MAX_PIXELS / 1e6:.0f} million pixels: shrink the images") from None
     except Exception:  # the library raises what its parsers raise, for headers that are broken
-        pixels = 0
-    if pixels < 1:
-        raise SourceError(f"{name}: not a readable image")
-    if pixels > MAX_PIXELS:
-        raise SourceError(
-            f"{name}: the header states more than {MAX_PIXELS / 1e6:.0f} million pixels: shrink the image and scale "
-            "its calibration"
-        )
+        raise SourceError(f"{name}: not a readable image") from None
+    check_pixels(name, width, height)
 
 
 def image_size(path: str | os.PathLike[str], root: str | os.PathLike[str]) -> tuple[int, int]:

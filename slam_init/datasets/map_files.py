@@ -123,10 +123,8 @@ def open_map(path: Path) -> MapFile:
         return _graph(path)
     listed = next((path / name for name in TRANSFORMS if (path / name).is_file()), None)
     if listed is None:
-        raise SourceError(
-            f"{path}: holds no map: looked for {_HANDOVER}, cameras and images of COLMAP, {_GRAPH} of gtsam and "
-            f"{TRANSFORMS[0]} (run --restart has its maps in segment-001 and so on)"
-        )
+        looked_for = f"{_HANDOVER}, cameras and images of COLMAP, {_GRAPH} of gtsam and {TRANSFORMS[0]}"
+        raise SourceError(f"{path}: holds no map: looked for {looked_for} (run --restart has some in segment-001)")
     return _transforms(listed)
 
 
@@ -137,9 +135,7 @@ def tracked_by(
     poses, notes = _in_source(map_, source)
     if len(poses) < 2:
         clocks = "" if map_.trajectory is None else f" ({_clocks(map_.trajectory.timestamps_s, source.timestamps_s)})"
-        raise SourceError(
-            f"{map_.path}: {len(poses)} of its poses belong to images of {source.name}{clocks}: give its images"
-        )
+        raise SourceError(f"{map_.path}: {len(poses)} poses belong to images of {source.name}{clocks}: give its images")
     tracker = Tracker(camera, config.tracking, history_limit=_MOST_FRAMES)
     views = []
     for frame in source.frames(min(poses), _MOST_FRAMES):
@@ -194,10 +190,8 @@ def _in_source(map_: MapFile, source: TimedSource) -> tuple[dict[int, Pose], tup
         return _by_time(map_.trajectory, source.timestamps_s)
     if not map_.names:
         if map_.is_trajectory and len(map_.frames) != len(source):
-            raise SourceError(
-                f"{map_.path}: {len(map_.frames)} poses without times for {len(source)} images: state the time of "
-                "each pose, or give a pose for each image"
-            )
+            counts = f"{len(map_.frames)} poses without times for {len(source)} images"
+            raise SourceError(f"{map_.path}: {counts}: state the time of each pose, or give a pose for each image")
         return {frame: pose for frame, pose in map_.poses.items() if frame < len(source)}, ()
     found = find_by_end(map_.names, _names_of(source))
     named = zip(found, map_.world_from_cam, strict=True)
@@ -296,8 +290,8 @@ def _handover(path: Path) -> MapFile:
     if str(arrays["format"]) != FORMAT or str(arrays["version"]) != str(VERSION):
         raise SourceError(f"{path}: is no {FORMAT} of version {VERSION}: give that of slam-init run")
     width, height = array("camera_size", np.int64, 2).tolist()
-    frames, ids = (array(name, np.int64, None) for name in ("keyframe_frames", "point_ids"))
-    keyframes, points = (array(f"observation_{name}", np.int64, None) for name in ("keyframes", "points"))
+    indices = ("keyframe_frames", "point_ids", "observation_keyframes", "observation_points")
+    frames, ids, keyframes, points = (array(name, np.int64, None) for name in indices)
     pixels, matrices = array("observation_pixels", np.float64, None, 2), array("keyframe_poses", np.float64, None, 4, 4)
     parameters = array("camera_parameters", np.float64, None).tolist()
     fits = len(parameters) >= 4 and len(frames) == len(matrices) and len(keyframes) == len(points) == len(pixels)

@@ -94,9 +94,8 @@ def _edges(nodes: Sequence[Ints], pairs: Iterable[PairMatches], what: str) -> In
         matched = pair.keypoints
         for image, column in ((pair.first, matched[:, 0]), (pair.second, matched[:, 1])):
             if len(column) and not (column.min() >= 0 and column.max() < len(nodes[image])):
-                raise SourceError(
-                    f"{what}: a match of images {pair.first} and {pair.second} names a keypoint that {image} lacks"
-                )
+                pair_of = f"a match of {pair.first} and {pair.second}"
+                raise SourceError(f"{what}: {pair_of} names a keypoint that {image} lacks")
         if pair.first != pair.second and len(matched):
             ends = np.column_stack([nodes[pair.first][matched[:, 0]], nodes[pair.second][matched[:, 1]]])
             found.append(np.sort(ends, axis=1))

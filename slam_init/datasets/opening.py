@@ -10,25 +10,28 @@ from __future__ import annotations
 
 import itertools
 import os
+from collections.abc import Callable
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from slam_init.datasets.colmap import is_colmap_database, open_colmap_database
-from slam_init.datasets.hloc import is_hdf5, open_hloc
+from slam_init.datasets.bounded import first_bytes
+from slam_init.datasets.colmap import SQLITE, open_colmap_database
+from slam_init.datasets.hloc import HDF5, open_hloc
 from slam_init.datasets.image_files import IMAGE_SUFFIXES, image_folder, natural_key, open_folder
 from slam_init.datasets.layouts import LAYOUTS
-from slam_init.datasets.live import is_live
-from slam_init.datasets.live.address import without_password
+from slam_init.datasets.live import is_live, without_password
 from slam_init.datasets.posed_images import Layout
-from slam_init.datasets.ros import BagName, RosSource, detect_file, is_bag_folder
+from slam_init.datasets.ros.bag import MCAP, ROS1, STORAGE_SUFFIXES, is_bag_folder
+from slam_init.datasets.ros.source import RosSource
+from slam_init.datasets.ros.topics import BagName
 from slam_init.datasets.stamps import image_times
 from slam_init.datasets.synth import PREFIX, open_synth
-from slam_init.datasets.tracks_file import is_tracks_file, open_tracks_file
+from slam_init.datasets.track_source import open_tracks_file
 from slam_init.datasets.video import open_video
-from slam_init.errors import SlamInitError, SourceError
+from slam_init.errors import SlamInitError, SourceError, check_type
 from slam_init.system.regular_file import kind_problem, user_path
 from slam_init.system.user_code import attribute_of, described_error
 from slam_init.types.frame import TimedSource
@@ -76,16 +79,29 @@ def _check_times(text: str, source: TimedSource) -> None:
 
 _FOLDERS: tuple[Layout, ...] = (
     *LAYOUTS,
-    Layout("ros2", "metadata.yaml, .mcap or .db3 (ROS 2)", is_bag_folder, lambda path, _: RosSource(path, 2)),
+    Layout("ros2", "metadata.yaml, .mcap or .db3 (ROS 2)", is_bag_folder, lambda path, _: RosSource(path)),
     Layout("images", "images in it or in images/", image_folder, lambda path, _: open_folder(path)),
 )
 
+
+def _file(
+    kind: str, looked_for: str, suffixes: tuple[str, ...], magic: bytes, open_: Callable[[Path], TimedSource]
+) -> Layout:
+    """A kind of file: by its suffix, or by the bytes with which it starts."""
+
+    def fits(path: Path) -> bool:
+        return path.suffix.lower() in suffixes or (bool(magic) and first_bytes(path, len(magic)) == magic)
+
+    return Layout(kind, looked_for, fits, lambda path, _: open_(path))
+
+
+# Many programs write SQLite files, so that the suffix tells those of ROS 2.
 _FILES: tuple[Layout, ...] = (
-    Layout("hloc", "matches of hloc (.h5)", is_hdf5, lambda path, _: open_hloc(path)),
-    Layout("tracks", "tracks (.npz)", is_tracks_file, lambda path, _: open_tracks_file(path)),
-    Layout("ros1", "a ROS 1 bag", lambda path: detect_file(path) == "ros1", lambda path, _: RosSource(path, 1)),
-    Layout("ros2", "a ROS 2 bag", lambda path: detect_file(path) == "ros2", lambda path, _: RosSource(path, 2)),
-    Layout("colmap-database", "a database of COLMAP", is_colmap_database, lambda path, _: open_colmap_database(path)),
+    _file("hloc", "matches of hloc (.h5)", (".h5", ".hdf5"), HDF5, open_hloc),
+    _file("tracks", "tracks (.npz)", (".npz",), b"", open_tracks_file),
+    _file("ros1", "a ROS 1 bag", (".bag",), ROS1, RosSource),
+    _file("ros2", "a ROS 2 bag", STORAGE_SUFFIXES, MCAP, RosSource),
+    _file("colmap-database", "a database of COLMAP", (".db",), SQLITE, open_colmap_database),
     Layout("video", "a video", lambda _: True, lambda path, _: open_video(path)),
 )
 
@@ -123,7 +139,7 @@ def open_source(text: str | os.PathLike[str], seed: int = 0) -> TimedSource:
     path = user_path(bag.path if bag else text)
     try:
         if bag:
-            return RosSource(path, 1 if layout.kind == "ros1" else 2, bag.topic, bag.truth_topic)
+            return RosSource(path, bag.topic, bag.truth_topic)
         return layout.open(path, found)
     except OSError as error:
         raise SourceError(f"{error.filename or path}: cannot be read ({error.strerror})") from None
@@ -140,8 +156,7 @@ def detect_kind(text: str | os.PathLike[str]) -> str:
 
 
 def _text(source: str | os.PathLike[str]) -> str:
-    if not isinstance(source, str | os.PathLike):
-        raise SourceError(f"the source is of the type {type(source).__name__}: give a path, or synth:NAME")
+    check_type(source, (str, os.PathLike), "the source", "a path, or synth:NAME", SourceError)
     return os.fspath(source)
 
 
@@ -179,10 +194,8 @@ def _announced() -> list[Layout]:
         try:
             layout = entry.load()
         except (Exception, SystemExit) as error:
-            cause = described_error(error)
-            raise SourceError(
-                f"the reader {entry.value} cannot be loaded ({cause}): correct or uninstall it"
-            ) from error
+            problem = f"the reader {entry.value} cannot be loaded ({described_error(error)})"
+            raise SourceError(f"{problem}: correct or uninstall it") from error
         if not isinstance(layout, Layout):
             raise SourceError(f"the reader {entry.value} is no slam_init.datasets.posed_images.Layout: make it one")
         layouts.append(layout)

@@ -8,56 +8,41 @@ A hand-held rolling-shutter camera that only turns is
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.datasets.image_files import frame_range
-from slam_init.datasets.synth import SimulatedSource, option_values
-from slam_init.datasets.track_source import draw_points
+from slam_init.datasets.match_chains import TrackTable
+from slam_init.datasets.synth import option_values, stated_by
+from slam_init.datasets.track_source import TrackSource
 from slam_init.errors import SourceError
-from slam_init.types.frame import Frame, Observations
 
 if TYPE_CHECKING:
     from sequences_synth import PointSequence
+    from slam_init.types.camera import Camera
+    from slam_init.types.pose import Trajectory
+
 
 POINTS = "points:"
 
-# Grey value of a point.
-_DOT = 220
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PointSource(TrackSource):
+    """The tracks of a simulated sequence, which also knows what is true of them."""
 
-@dataclass(frozen=True, eq=False)
-class PointSource(SimulatedSource):
-    """A :class:`slam_init.types.frame.Source` with given tracks; its images are dots on a dark background."""
-
+    camera: Camera
+    groundtruth: Trajectory
     sequence: PointSequence
-    kind = "points"
 
-    def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
-        """Draw images of the tracks."""
-        camera = self.sequence.camera
-        for index in frame_range(len(self), start, max_frames, self.name):
-            _, pixels = self.sequence.observe(index)
-            image = draw_points((camera.width, camera.height), pixels)
-            yield Frame(index, float(self.timestamps_s[index]), f"frame-{index:06d}", image)
-
-    def observations(self, start: int = 0) -> Iterator[Observations]:
-        """Give the tracks of each frame in order."""
-        camera = self.camera
-        for index in range(start, len(self)):
-            track_ids, pixels = self.sequence.observe(index)
-            yield Observations(
-                frame=index,
-                timestamp_s=float(self.timestamps_s[index]),
-                name=f"frame-{index:06d}",
-                track_ids=track_ids,
-                pixels=pixels,
-                bearings=camera.bearings(pixels),
-                colors=np.full((len(track_ids), 3), _DOT, np.uint8),
-            )
+    @classmethod
+    def of(cls, sequence: PointSequence) -> PointSource:
+        """Make the source of a sequence."""
+        name, camera, truth, times_s = stated_by(sequence)
+        frames, ids = np.nonzero(sequence.visible)
+        table, size = TrackTable(frames, ids, sequence.pixels[frames, ids]), (camera.width, camera.height)
+        names = tuple(f"frame-{index:06d}" for index in range(len(sequence)))
+        return cls(name, "points", names, times_s, size, table, camera=camera, groundtruth=truth, sequence=sequence)
 
 
 def open_points(text: str, seed: int) -> PointSource:
@@ -70,6 +55,6 @@ def open_points(text: str, seed: int) -> PointSource:
     name, _, query = text.removeprefix(POINTS).partition("?")
     values = option_values(text, query, PointOptions())
     try:
-        return PointSource(make_points(name, seed, PointOptions(**values)))
+        return PointSource.of(make_points(name, seed, PointOptions(**values)))
     except ValueError as error:
         raise SourceError(str(error)) from None

@@ -90,7 +90,6 @@ def image_sequence(
     cameras: Sequence[Camera | None] = (),
     poses: Sequence[Pose | None] = (),
     truth: Trajectory | None = None,
-    truth_unit: TimeUnit = TimeUnit.SECONDS,
     notes: tuple[str, ...] = (),
     imu: Callable[[], InertialSensor] | None = None,
 ) -> ImageFileSource:
@@ -101,7 +100,7 @@ def image_sequence(
       the nominal rate.
     * ``cameras``: The calibration of each image. Images of another camera are left out.
     * ``poses``: The true pose of each image, where it is known.
-    * ``truth``: True poses with stamps of their own, in ``truth_unit``.
+    * ``truth``: True poses with stamps of their own, in ``unit``.
     """
     if cameras:
         camera, kept, camera_notes = common_camera(cameras, str(root))
@@ -110,7 +109,7 @@ def image_sequence(
     timestamps_s, time_notes = np.arange(len(paths)) / rate_hz, tuple[str, ...]()
     if stamps:
         timestamps_s, time_notes = image_times([stamp for _, stamp in stamps], [place for place, _ in stamps], unit)
-    truth, truth_notes = truth_on_clock(truth, timestamps_s, truth_unit)
+    truth, truth_notes = truth_on_clock(truth, timestamps_s, unit)
     if poses:
         stamped = zip(timestamps_s.tolist(), poses, strict=True)
         truth = trajectory([(time_s, pose) for time_s, pose in stamped if pose is not None])
@@ -177,9 +176,7 @@ def common_camera(cameras: Sequence[Camera | None], what: str) -> tuple[Camera |
         notes.append(f"{len(kept) - sum(kept)} of {len(kept)} images are of another camera, and are left out")
     largest_px = max(shifts[camera] for camera, keep in zip(cameras, kept, strict=True) if keep and camera is not None)
     if largest_px > 0:
-        notes.append(
-            f"the images state calibrations that differ by up to {largest_px:.1f} px: one for all of them is used"
-        )
+        notes.append(f"the images state calibrations that differ by up to {largest_px:.1f} px: one is used for all")
     return common, kept, tuple(notes)
 
 

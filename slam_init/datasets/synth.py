@@ -27,43 +27,27 @@ PREFIX = "synth:"
 _SWITCH = {"0": False, "1": True}
 
 
-@dataclass(frozen=True, eq=False)
-class SimulatedSource:
-    """What a rendered sequence and one of tracks alone state: their name, camera, truth and times."""
+def stated_by(sequence: SynthSequence | PointSequence) -> tuple[str, Camera, Trajectory, Floats]:
+    """What a rendered sequence and one of tracks alone state: name, camera, exact trajectory and times.
 
-    sequence: SynthSequence | PointSequence
-
-    @property
-    def name(self) -> str:
-        """Name of the scene."""
-        return self.sequence.name
-
-    @property
-    def camera(self) -> Camera:
-        """The stated camera, which is wrong by the options ``focal_error``, ``principal_error`` and ``k1``."""
-        c = self.sequence.camera
-        return Camera(c.model, c.width, c.height, c.fx, c.fy, c.cx, c.cy, c.coefficients)
-
-    @property
-    def groundtruth(self) -> Trajectory:
-        """The exact true trajectory."""
-        poses = (pose_from_matrix(self.name, matrix) for matrix in self.sequence.poses)
-        return Trajectory(self.sequence.timestamps_s, tuple(poses))
-
-    @property
-    def timestamps_s(self) -> Floats:
-        """(N,) float."""
-        return self.sequence.timestamps_s
-
-    def __len__(self) -> int:
-        return len(self.sequence)
+    The stated camera is wrong by the options ``focal_error``, ``principal_error`` and ``k1``.
+    """
+    c = sequence.camera
+    camera = Camera(c.model, c.width, c.height, c.fx, c.fy, c.cx, c.cy, c.coefficients)
+    poses = tuple(pose_from_matrix(sequence.name, matrix) for matrix in sequence.poses)
+    return sequence.name, camera, Trajectory(sequence.timestamps_s, poses), sequence.timestamps_s
 
 
 @dataclass(frozen=True, eq=False)
-class SynthSource(WithSensor, SimulatedSource):
+class SynthSource(WithSensor):
     """A :class:`slam_init.types.frame.Source` that renders a frame when it is requested."""
 
     sequence: SynthSequence
+    #: name, camera, groundtruth, timestamps_s: See :func:`stated_by`.
+    name: str
+    camera: Camera
+    groundtruth: Trajectory
+    timestamps_s: Floats
     kind = "synth"
     #: The newest image by its index: a command reads the first frame before its run, to check it.
     _newest: dict[int, Image] = field(default_factory=dict, init=False, repr=False)
@@ -80,6 +64,9 @@ class SynthSource(WithSensor, SimulatedSource):
         }
         pose = pose_from_matrix(self.name, measured.cam_from_imu)
         return InertialSensor.made(measured.timestamps_s, samples, pose, densities, name="the simulated sensor")
+
+    def __len__(self) -> int:
+        return len(self.sequence)
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Render frames in order, each when it is requested."""
@@ -100,7 +87,8 @@ def open_synth(text: str, seed: int) -> SynthSource:
     from sequences_synth import SynthOptions
 
     name, _, query = text.removeprefix(PREFIX).partition("?")
-    return SynthSource(make_synth(name, seed, option_values(text, query, SynthOptions())))
+    sequence = make_synth(name, seed, option_values(text, query, SynthOptions()))
+    return SynthSource(sequence, *stated_by(sequence))
 
 
 def option_values(text: str, query: str, defaults: Any) -> dict[str, Any]:

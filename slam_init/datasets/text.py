@@ -87,10 +87,8 @@ def pose_from_quaternion(row: Row, t: list[float], q_wxyz: list[float]) -> Pose:
     """Make a pose from a translation and a quaternion of a file."""
     # Files print 4 to 9 digits. A norm further from 1 means that the columns hold something else.
     if abs(math.hypot(*q_wxyz) - 1) > 0.01:
-        raise SourceError(
-            f"{row[0]}: quaternion {q_wxyz} is not of unit norm: name the columns in a first line, for example "
-            f"# {TUM_COLUMNS}"
-        )
+        give = f"name the columns in a first line, as # {TUM_COLUMNS}"
+        raise SourceError(f"{row[0]}: quaternion {q_wxyz} is not of unit norm: {give}")
     return Pose.from_quaternion(np.array(q_wxyz), _position(row[0], np.array(t)))
 
 

@@ -21,6 +21,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import accumulate, islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -139,10 +140,7 @@ def decoded(path: Path, skip: int = 0) -> Iterator[tuple[float, Image | None]]:
         try:
             for index, frame in enumerate(container.decode(stream)):
                 time_s = np.nan if frame.time is None else _nanoseconds(frame.time - start_s)
-                if index < skip:
-                    yield time_s, None
-                    continue
-                yield time_s, upright_pixels(frame, reformatter)
+                yield time_s, None if index < skip else upright_pixels(frame, reformatter)
         except av.error.FFmpegError:
             return
 
@@ -159,12 +157,10 @@ def packet_times_s(path: Path) -> list[float]:
     with _opened(path) as (container, stream):
         start_s, unit_s = _start_s(stream), float(stream.time_base or 0)
         try:
-            for packet in container.demux(stream):
+            for packet in islice(container.demux(stream), _MAX_FRAMES):
                 stamp = packet.dts if packet.pts is None else packet.pts  # AVI has no presentation times
                 if stamp is not None and packet.size:
                     times_s.append(_nanoseconds(stamp * unit_s - start_s))
-                if len(times_s) >= _MAX_FRAMES:
-                    break
         except av.error.FFmpegError:  # the times up to the damage
             pass
     return sorted(time_s for time_s in times_s if time_s >= 0)
@@ -172,8 +168,7 @@ def packet_times_s(path: Path) -> list[float]:
 
 def count_frames(path: Path) -> int:
     """Count the frames of a video by decoding it."""
-    frames = decoded(path, skip=_MAX_FRAMES)
-    return sum(1 for _, _ in zip(range(_MAX_FRAMES), frames, strict=False))
+    return sum(1 for _ in islice(decoded(path, skip=_MAX_FRAMES), _MAX_FRAMES))
 
 
 def is_gif(path: Path) -> bool:
@@ -231,12 +226,10 @@ class VideoSource:
     @cached_property
     def timestamps_s(self) -> Floats:
         """(N,) float: time stamps in seconds. The file is read for them, and nothing is decoded."""
-        times_s: list[float] = []
         # A container may hold fewer times than frames, or none.
-        stated_s = [*packet_times_s(self.path), *[np.nan] * self.length]
-        for time_s in stated_s[: self.length]:
-            times_s.append(_next_time(time_s, times_s[-1] if times_s else None, 1 / self.rate_hz))
-        return np.array(times_s)
+        stated_s = [*packet_times_s(self.path), *[np.nan] * self.length][: self.length]
+        later = accumulate(stated_s, lambda last_s, time_s: _next_time(time_s, last_s, 1 / self.rate_hz), initial=-1.0)
+        return np.array(list(later)[1:])
 
     def __len__(self) -> int:
         return self.length
@@ -249,14 +242,8 @@ class VideoSource:
         wanted = frame_range(self.length, start, max_frames, self.name)
         # A GIF has no fields; its few colours are dithered, which looks like a comb.
         may_have_fields, has_fields = not is_gif(self.path), False
-        stream = decoded(self.path, skip=wanted.start)
-        last_s: float | None = None
-        for index in range(wanted.stop):
-            time_s, image = next(stream, (0.0, None))
-            if image is None and index >= wanted.start:
-                if index == wanted.start:
-                    raise SourceError(f"{self.path}: the video ends before frame {index}")
-                return
+        index, last_s = -1, -1.0
+        for index, (time_s, image) in enumerate(islice(decoded(self.path, wanted.start), wanted.stop)):
             last_s = _next_time(time_s, last_s, 1 / self.rate_hz)
             if image is None:
                 continue
@@ -266,6 +253,8 @@ class VideoSource:
                 image = first_field(image)
                 self._seen.add(NOTE)
             yield Frame(index, last_s, f"frame-{index:06d}", image)
+        if index < wanted.start:
+            raise SourceError(f"{self.path}: the video ends before frame {wanted.start}")
 
 
 def open_video(path: Path) -> VideoSource:
@@ -290,10 +279,8 @@ def open_video(path: Path) -> VideoSource:
         raise SourceError(f"{path}: not a readable video ({cause}); give a video file, or a folder of images") from None
     notes: list[str] = []
     if quarters:
-        notes.append(
-            f"the frames are turned by {360 - 90 * quarters} degrees, as the video states: a calibration has to be "
-            "that of upright images"
-        )
+        turned = f"the frames are turned by {360 - 90 * quarters} degrees, as the video states"
+        notes.append(f"{turned}: a calibration has to be that of upright images")
     if not (np.isfinite(rate_hz) and 0 < rate_hz <= 1000):
         rate_hz = NOMINAL_RATE_HZ
         notes.append(f"the video states no possible frame rate: {rate_hz:g} frames a second are assumed")
@@ -302,10 +289,13 @@ def open_video(path: Path) -> VideoSource:
     return VideoSource(path, int(stated) if possible else max(count_frames(path), 1), rate_hz, size, tuple(notes))
 
 
-def _next_time(time_s: float, last_s: float | None, interval_s: float) -> float:
-    """The time of a frame: later than that of the frame before, also where the container states none or an earlier."""
-    if last_s is None:
-        return time_s if np.isfinite(time_s) and time_s >= 0 else 0.0
+def _next_time(time_s: float, last_s: float, interval_s: float) -> float:
+    """The time of a frame: later than that of the frame before, also where the container states none or an earlier.
+
+    * ``last_s``: -1 before the first frame.
+    """
+    if last_s < 0:
+        return time_s if time_s >= 0 else 0.0
     return time_s if time_s > last_s else last_s + interval_s
 
 

@@ -1,14 +1,20 @@
-"""Sources that are made of another source: with other times, fewer frames, masked pixels.
+"""Sources that are made of another source: with other times, fewer frames, masked pixels, gravity.
 
 As in COLMAP, the black pixels (0) of a mask are ignored, and the mask of ``NAME.EXT`` is ``NAME.EXT.png`` in the
 folder; ``NAME.png`` is found as well. Frames of a video are named ``frame-000012``.
+
+Gravity is of a table, or of an accelerometer while it rests. A line of a table is ``TIME x y z`` or ``NAME x y z``,
+with commas or spaces: the time stamp of the frame in seconds, of which the nearest one within 20 ms is taken, or the
+name of its file; and a vector down in the axes of the camera (x right, y down, z forward), of any length but zero. A
+fifth column states its standard deviation, by default 1 degree.
 """
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -18,21 +24,20 @@ import numpy as np
 
 from slam_init.calibration.files import load_camera
 from slam_init.datasets.grey_levels import GreyLevels
-from slam_init.datasets.gyroscope import Gyroscope, gyroscope_of
 from slam_init.datasets.image_files import ImageFileSource, frame_range, read_image
-from slam_init.datasets.inertial import inertial_of
 from slam_init.datasets.synth import SynthSource
-from slam_init.errors import SourceError
+from slam_init.datasets.text import fields_of, numbers, read_rows
+from slam_init.errors import SlamInitError, SourceError
 from slam_init.system.regular_file import user_path
 from slam_init.types.arrays import Floats, Image, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, TimedSource, notes_of
-from slam_init.types.inertial import InertialRecord
+from slam_init.types.inertial import Gravity, InertialRecord
 
 
-def _of_source(name: str) -> Any:
+def _of_source(name: str, *default: None) -> Any:
     """A property that is that of the source."""
-    return property(lambda derived: getattr(derived.source, name), doc="That of the source.")
+    return property(lambda derived: getattr(derived.source, name, *default), doc="That of the source.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,21 +48,12 @@ class DerivedSource:
 
     name, kind, camera = _of_source("name"), _of_source("kind"), _of_source("camera")
     groundtruth, timestamps_s = _of_source("groundtruth"), _of_source("timestamps_s")
+    gyroscope, inertial = _of_source("gyroscope", None), _of_source("inertial", None)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Those of the source."""
         return notes_of(self.source)
-
-    @property
-    def gyroscope(self) -> Gyroscope | None:
-        """That of the source."""
-        return gyroscope_of(self.source)
-
-    @property
-    def inertial(self) -> InertialRecord | None:
-        """That of the source."""
-        return inertial_of(self.source)
 
     def __len__(self) -> int:
         return len(self.source)
@@ -175,48 +171,41 @@ class MaskedSource(DerivedSource):
 
     #: An image for all frames, or a folder.
     path: Path
-    #: (H, W) The mask of all frames; None for a folder.
-    of_all: Image | None
 
-    @classmethod
-    def open(cls, source: TimedSource, path: str | os.PathLike[str]) -> MaskedSource:
-        """Open the masks of a source."""
-        path = user_path(path)
-        if path.is_dir():
-            return cls(source, path, None)
-        if not path.exists():
-            raise SourceError(f"{path}: no such file or folder of masks")
-        return cls(source, path, read_mask(path))
+    def __post_init__(self) -> None:
+        if not self.path.exists():
+            raise SourceError(f"{self.path}: no such file or folder of masks")
+
+    @cached_property
+    def _of_all(self) -> Image | None:
+        """(H, W) The mask of all frames; None for a folder."""
+        return None if self.path.is_dir() else read_mask(self.path)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Those of the source, and what the mask ignores."""
         notes = notes_of(self.source)
-        if self.of_all is None:
+        if self._of_all is None:
             return (*notes, f"the masks in {self.path.name} are ignored pixels of the frames")
-        return (*notes, f"the mask {self.path.name} ignores {np.mean(self.of_all == 0):.1%} of each image")
+        return (*notes, f"the mask {self.path.name} ignores {np.mean(self._of_all == 0):.1%} of each image")
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Read frames in order, with their masks."""
         for frame in self.source.frames(start, max_frames):
-            mask, path = (self.of_all, self.path) if self.of_all is not None else self._of(frame)
+            mask, path = (self._of_all, self.path) if self._of_all is not None else self._of(frame)
             size, expected = mask.shape[::-1], frame.image.shape[1::-1]
             if size != expected:
-                raise SourceError(
-                    f"{path}: the mask is {size[0]}x{size[1]}, but the frame {frame.name} is "
-                    f"{expected[0]}x{expected[1]}: give a mask of the size of the frames"
-                )
+                sizes = f"the mask is {size[0]}x{size[1]}, but the frame {frame.name} is {expected[0]}x{expected[1]}"
+                raise SourceError(f"{path}: {sizes}: give a mask of the size of the frames")
             yield replace(frame, mask=mask)
 
     def _of(self, frame: Frame) -> tuple[Image, Path]:
         names = (f"{frame.name}.png", f"{os.path.splitext(frame.name)[0]}.png")  # noqa: PTH122 (a Path drops "./")
-        for name in names:
-            if (self.path / name).exists():
-                return read_mask(self.path / name, self.path), self.path / name
-        looked_for = " or ".join(dict.fromkeys(names))
-        raise SourceError(
-            f"{self.path}: no mask for the frame {frame.name}: add {looked_for}, or give one mask for all"
-        )
+        found = next((self.path / name for name in names if (self.path / name).exists()), None)
+        if found is None:
+            looked_for = " or ".join(dict.fromkeys(names))
+            raise SourceError(f"{self.path}: no mask for the frame {frame.name}: add {looked_for}, or give one for all")
+        return read_mask(found, self.path), found
 
 
 def read_mask(path: str | os.PathLike[str], root: str | os.PathLike[str] | None = None) -> Image:
@@ -268,7 +257,7 @@ class SourceView:
         if self.every != 1 or self.fps is not None:
             source = SubsampledSource(source, self.every, self.fps, renumbered)
         if self.mask is not None:
-            source = MaskedSource.open(source, self.mask)
+            source = MaskedSource(source, user_path(self.mask))
         if self.camera is None:
             return source
         height, width = next(source.frames(0, 1)).image.shape[:2]
@@ -298,3 +287,77 @@ class SourceView:
         fps = options.get("fps")
         rate = None if fps is None else float(fps)
         return cls(int(options.get("every", 1)), rate, options.get("mask"), options.get("camera")), source
+
+
+# -- gravity ---------------------------------------------------------------------------------------
+
+
+#: Half of the interval between two frames of a video.
+#: Class: geometry.
+_NEAR_S = 0.02
+_SIGMA_DEG = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class GravitySource(DerivedSource):
+    """A source whose frames have the direction of gravity.
+
+    * ``source``: Gives the frames.
+    """
+
+    #: Gives the gravity in a frame, or None where it is not known.
+    gravity_of: Callable[[Frame], Gravity | None]
+    note: str = "the frames have gravity of a function"
+    #: Frames read last, with gravity and in all.
+    _count: list[int] = field(default_factory=lambda: [0, 0])
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Those of the source, where gravity is from, and how many of the frames that were read last have it."""
+        known, total = self._count
+        return (*notes_of(self.source), f"{self.note}: {known} of {total}" if total else self.note)
+
+    def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
+        """Read frames in order, with gravity."""
+        self._count[:] = 0, 0
+        for frame in self.source.frames(start, max_frames):
+            gravity = self.gravity_of(frame)
+            self._count[0] += gravity is not None
+            self._count[1] += 1
+            yield replace(frame, gravity=gravity)
+
+
+def at_rest(record: InertialRecord) -> Callable[[Frame], Gravity | None]:
+    """Make the function that gives gravity in the frames during which an accelerometer rests."""
+    return lambda frame: record.gravity_at(frame.timestamp_s)
+
+
+def read_gravity(path: str | os.PathLike[str]) -> Callable[[Frame], Gravity | None]:
+    """Read a table, and make the function that gives gravity in a frame of it."""
+    table = user_path(path)
+    named: dict[str, Gravity] = {}
+    timed: dict[float, Gravity] = {}
+    for row in read_rows(table):
+        key, *fields = fields_of(row)
+        values = numbers(row, fields, 4 if len(fields) > 3 else 3, "TIME or NAME, x, y, z and perhaps degrees")
+        try:
+            gravity = Gravity(np.array(values[:3]), *(values[3:] or [_SIGMA_DEG]))
+        except SlamInitError as error:
+            raise SourceError(f"{row[0]}: {error}") from None
+        try:
+            timed[float(key)] = gravity
+        except ValueError:
+            named[key] = gravity
+    if not (named or timed):
+        raise SourceError(f"{table}: holds no direction of gravity: write lines of TIME x y z or NAME x y z")
+    if not all(map(math.isfinite, timed)):
+        raise SourceError(f"{table}: a time stamp is not finite: give seconds")
+    times_s = np.array(sorted(timed))
+
+    def gravity_of(frame: Frame) -> Gravity | None:
+        if frame.name in named or not len(times_s):
+            return named.get(frame.name)
+        nearest = float(times_s[np.argmin(np.abs(times_s - frame.timestamp_s))])
+        return timed[nearest] if abs(nearest - frame.timestamp_s) <= _NEAR_S else None
+
+    return gravity_of

@@ -32,9 +32,9 @@ _SCALES_RAD = (0.1, 0.03, 0.01, 0.003)
 #: Class: definition.
 _MEDIAN_OF_RAYLEIGH = 1.1774
 #: A rotation takes up the parallax that all tracks share, and leaves what differs between near and far ones. The
-#: inverse depths of a scene vary by a sixth of their mean at least, but for a wall. docs/python.md has the share of
-#: errors beyond two deviations. The number was chosen on Tsukuba, EuRoC, a checkerboard, the hospital, a turning hand
-#: and level flight.
+#: inverse depths of a scene vary by a sixth of their mean at least, but for a wall. The number was chosen on Tsukuba,
+#: EuRoC, a checkerboard, the hospital, a turning hand and level flight; ``docs/measurements/accuracy.md`` has the share
+#: of errors beyond two deviations.
 #: Class: assumption.
 _SHARED_PARALLAX = 6.0
 

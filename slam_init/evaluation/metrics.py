@@ -13,8 +13,6 @@ References
 ----------
 .. [Umeyama 1991] S. Umeyama, Least-squares estimation of transformation parameters between two point
    patterns, IEEE TPAMI 13(4), 1991.
-.. [Li 2019] J. Li, B. Yang, D. Chen, N. Wang, G. Zhang, H. Bao, Survey and evaluation of monocular visual-inertial SLAM
-   algorithms for augmented reality, Virtual Reality & Intelligent Hardware 1(4), 2019; its toolkit eval-vislam.
 """
 
 from __future__ import annotations
@@ -215,29 +213,6 @@ def scale_error(keyframes: Sequence[Keyframe], trajectory: Trajectory) -> float 
     if not (np.ptp(estimated, axis=0).any() and np.ptp(true, axis=0).max() > _STATIC_PATH):
         return None
     return 1 / align_positions(estimated, true).scale - 1
-
-
-def initialization_quality(
-    keyframes: Sequence[Keyframe], located: Sequence[Keyframe], trajectory: Trajectory, wait_s: float
-) -> tuple[float, float] | None:
-    """Compute the quality of an initialization as eval-vislam does [Li 2019]_.
-
-    With ``r`` the scale of the first map over that of all frames, ``E_scale = (|r - 1| + |1 / r - 1|) / 2`` and
-    ``E_init = T_init sqrt(E_scale + 0.01)``. Their toolkit takes the first moment from which on the scale of all frames
-    so far stays within 20 % of the last one, and subtracts the five seconds at rest with which its sequences begin.
-    Here the first map has a frame, so ``T_init`` is the time until then.
-
-    * ``located``: The frames after the map.
-    * ``wait_s``: From the first frame to that of the map.
-    * Returns: ``E_scale`` and ``E_init`` in seconds. None where the keyframes, or all frames, tell no scale.
-    """
-    first = scale_error(keyframes, trajectory)
-    overall = scale_error([*keyframes, *located], trajectory)
-    if first is None or overall is None or min(first, overall) <= -1 or not np.isfinite([first, overall]).all():
-        return None
-    ratio = (1 + overall) / (1 + first)
-    e_scale = 0.5 * (abs(ratio - 1) + abs(1 / ratio - 1))
-    return e_scale, wait_s * float(np.sqrt(e_scale + 0.01))
 
 
 def _angle_deg(a: Floats, b: Floats) -> float:

@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.calibration.writing import camera_yaml
+from slam_init.calibration.files import camera_yaml
 from slam_init.datasets.text import read_trajectory
 from slam_init.errors import OutputError, SlamInitError
 from slam_init.frontend.tracks import Tracker

@@ -118,8 +118,6 @@ _DESCRIBED = (
 )
 #: The methods by name; those of this project come first.
 METHODS: dict[str, MethodInfo] = {info.name: info for info in _DESCRIBED}
-#: Methods of earlier versions, and what is nearest to each.
-_REMOVED = {"pyslam": "magsac", "superansac": "magsac or poselib"}
 
 
 def method_info(name: str) -> MethodInfo:
@@ -134,8 +132,6 @@ def method_info(name: str) -> MethodInfo:
         return MethodInfo(name, "an external program")
     if ":" in name:
         return MethodInfo(name, "a method of your own", home=name)
-    if name in _REMOVED:
-        raise ConfigError(f"the method {name} is no longer part of slam-init: use {_REMOVED[name]}")
     meant = get_close_matches(name.lower(), METHODS, n=1, cutoff=0.7)
     hint = f"did you mean {meant[0]}? " if meant else ""
     raise ConfigError(

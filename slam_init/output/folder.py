@@ -7,7 +7,8 @@ Every other folder is refused in one line, and nothing in it is changed.
 **How results are replaced.** A command writes into a new folder beside the target. Once its results are whole, the two
 folders change places in one step, and the earlier one is removed. A command that ends before, whatever ends it, leaves
 the earlier results as they are; the next one removes the folder that it has left. A folder that cannot change its place
-(a mount point, the current folder, one whose parent cannot be written) gets the files one by one, the last one last.
+(a mount point, the current folder, one whose parent cannot be written, one on a file system without such a step) gets
+the files one by one, the last one last.
 """
 
 from __future__ import annotations
@@ -20,12 +21,13 @@ import os
 import shutil
 import sys
 import uuid
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from slam_init.errors import OutputError, check_type
+from slam_init.output.names import CALIBRATION_FILES, COMPARE_FILES, RUN_FILES
 from slam_init.system.process_io import interrupts_deferred
 from slam_init.system.regular_file import user_path
 
@@ -34,6 +36,8 @@ HOME = ".slam-init"
 _MARKER = "files.json"
 #: A folder that holds these only counts as empty: file systems and file managers create them.
 _NO_CONTENT = {HOME, "lost+found", ".DS_Store"}
+#: Of the files that commands write: a folder does not look like one.
+_SUFFIXES = {Path(name).suffix for name in (*RUN_FILES, *COMPARE_FILES, *CALIBRATION_FILES)}
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 #: ``RENAME_EXCHANGE`` of Linux and ``RENAME_SWAP`` of macOS, and the folder that paths are relative to.
 _EXCHANGE, _AT_FDCWD = 2, -100
@@ -85,20 +89,17 @@ def read_marker(out: Path) -> Marker | None:
     return Marker(command, frozenset(files))
 
 
-def chosen_folder(
-    text: str, command: str, targets: Collection[str] = (), inputs: Iterable[str | os.PathLike[str]] = ()
-) -> Path:
+def chosen_folder(text: str, command: str, inputs: Iterable[str | os.PathLike[str]] = ()) -> Path:
     """Return the folder of the option ``--out``.
 
     A place that the command cannot or must not write to is refused before any work. Nothing is created.
 
-    * ``targets``: Names of files that the command writes; a folder must not look like one.
     * ``inputs``: Files and folders that the command reads. A name that is no path is ignored.
     """
     out = user_path(text)
     try:
         str(out).encode()
-        if not out.exists() and out.suffix.lower() in {Path(name).suffix for name in targets} - {""}:
+        if not out.exists() and out.suffix.lower() in _SUFFIXES:
             raise OutputError(f"--out {out} names a file: give a folder, as in {out.with_suffix('').name or 'results'}")
         existing = next(parent for parent in (out, *out.resolve().parents) if parent.exists())
     except UnicodeEncodeError:
@@ -182,14 +183,9 @@ class OutputFolder:
             # Of a link the folder that it leads to is replaced.
             self._place = self.path.resolve()
             self._in_place = self._in_place or self._cannot_move()
-            home = self._place if self._in_place else self._place.parent
-            missing = [folder for folder in (home, *home.parents) if not folder.exists()]
-            for folder in reversed(missing):
-                folder.mkdir(exist_ok=True)
-                self._created.append(folder)
-            if self._in_place:
-                home = home / HOME
-                home.mkdir(exist_ok=True)
+            home = self._place / HOME if self._in_place else self._place.parent
+            self._created = [folder for folder in (home, *home.parents) if not folder.exists()]
+            home.mkdir(parents=True, exist_ok=True)
             prefix = f".{self._place.name}.slam-init-"
             _remove_abandoned(home, prefix)
             self.staging = home / f"{prefix}{uuid.uuid4().hex[:12]}"
@@ -207,10 +203,7 @@ class OutputFolder:
             shutil.rmtree(self.staging, ignore_errors=True)
             os.close(self._lock)
             self._lock = -1
-        if self._in_place:
-            with suppress(OSError):
-                (self._place / HOME).rmdir()
-        for folder in reversed(self._created):
+        for folder in self._created:
             with suppress(OSError):  # it holds files
                 folder.rmdir()
 
@@ -245,11 +238,9 @@ class OutputFolder:
                 _sync(self.staging / name)
             # Half of the renames must not stay because of a key that was pressed.
             with interrupts_deferred():
-                if self._in_place:
+                Marker(self._command, frozenset(names)).write(self.staging)
+                if self._in_place or not _exchanged(self.staging, self._place):
                     self._move_each(sorted(names, key=lambda name: name == last))
-                else:
-                    Marker(self._command, frozenset(names)).write(self.staging)
-                    _exchange(self.staging, self._place)
         except OSError as error:
             raise output_error(self.path, error) from error
 
@@ -287,30 +278,23 @@ class OutputFolder:
         Marker(self._command, now).write(self._place)
 
 
-def _exchange(new: Path, place: Path) -> None:
-    """Let a folder take the place of another one in one step; the other one, if there is one, is then at ``new``."""
+def _exchanged(new: Path, place: Path) -> bool:
+    """Let a folder take the place of another one in one step; return whether the file system can.
+
+    The other one, if there is one, is then at ``new``.
+    """
     if not place.exists():
         new.rename(place)
-        return
+        return True
     libc = ctypes.CDLL(None, use_errno=True)
     paths = os.fsencode(new), os.fsencode(place)
     if sys.platform == "darwin":
         failed = libc.renamex_np(*paths, _EXCHANGE)
     else:
         failed = libc.renameat2(_AT_FDCWD, paths[0], _AT_FDCWD, paths[1], _EXCHANGE)
-    if not failed:
-        return
-    if ctypes.get_errno() not in (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP):
+    if failed and ctypes.get_errno() not in (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP):
         raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()), str(place))
-    # A file system without exchange: two steps, between which the earlier results stand beside their place.
-    earlier = new.with_name(f"{new.name}-earlier")
-    place.rename(earlier)
-    try:
-        new.rename(place)
-    except OSError:
-        earlier.rename(place)
-        raise
-    earlier.rename(new)
+    return not failed
 
 
 def _remove_abandoned(home: Path, prefix: str) -> None:

@@ -50,7 +50,7 @@ class SourceRecord:
 class CameraRecord:
     """The stated calibration."""
 
-    #: Name of the lens model: ``pinhole``, ``radtan``, ``fisheye``, ``double-sphere`` and so on (docs/lenses.md).
+    #: Name of the lens model: ``pinhole``, ``radtan``, ``fisheye``, ``double-sphere`` (docs/how-to/camera.md).
     model: str
     #: width, height: Size of the images, in pixels.
     width: int

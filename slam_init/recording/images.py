@@ -1,42 +1,18 @@
-"""Reduces, keeps and compresses the images of a recording."""
+"""Reduces and compresses the images of a recording."""
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from typing import Any
 
 import numpy as np
 
 from slam_init.types.arrays import Image
-from slam_init.types.frame import Frame
 
 #: Images are reduced to this many pixels on their longer side, and the images of a pair to half of it. This is enough
 #: to judge a match by eye, and 300 frames with their tracks take less than 30 MB.
 LONG_SIDE_PX, PAIR_SIDE_PX = 640, 320
 #: At this quality a match can be judged by eye, and a frame of 640x480 pixels takes about 50 kB.
 _JPEG_QUALITY = 75
-#: Number of small images in memory for the view of a pair. The reference of a pair may be as old as the oldest
-#: candidate keyframe.
-_MEMORY_FRAMES = 400
-
-
-class RecentImages:
-    """Small copies of the images of the last frames."""
-
-    def __init__(self) -> None:
-        self._images: OrderedDict[int, Image] = OrderedDict()
-
-    def add(self, frame: Frame) -> None:
-        """Keep a copy of the image of a frame. A frame that is there already is ignored."""
-        if frame.index in self._images:
-            return
-        self._images[frame.index] = reduced(frame.image, PAIR_SIDE_PX)
-        if len(self._images) > _MEMORY_FRAMES:
-            self._images.popitem(last=False)
-
-    def get(self, index: int) -> Image | None:
-        """Look up the copy of a frame: returns (h, w)."""
-        return self._images.get(index)
 
 
 def reduced_shape(height: int, width: int, long_side_px: int) -> tuple[int, int]:

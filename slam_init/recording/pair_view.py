@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from slam_init.recording.images import PAIR_SIDE_PX, RecentImages, bgr, jpeg, reduced_shape
+from slam_init.recording.images import PAIR_SIDE_PX, bgr, jpeg, reduced_shape
 from slam_init.recording.layout import GREEN, PURPLE, RED, YELLOW
+from slam_init.recording.story import ShownFrame
 from slam_init.types.arrays import Bools
 from slam_init.types.camera import Camera
 from slam_init.types.result import Attempt
@@ -23,17 +25,17 @@ def moving_matches(attempt: Attempt) -> Bools:
     return attempt.moving & ~attempt.inliers if attempt.moving.size else np.zeros_like(attempt.inliers)
 
 
-def log_pair(rec: Any, attempt: Attempt, recent: RecentImages, camera: Camera) -> None:
+def log_pair(rec: Any, attempt: Attempt, recent: Mapping[int, ShownFrame], camera: Camera) -> None:
     """Log the images and the matches of a pair.
 
     * ``attempt``: With its matches. Where no motion was estimated, they are neither inliers nor outliers.
     """
     import rerun as rr
 
-    images = [recent.get(index) for index in attempt.frames[:2]]
+    shown = [recent.get(index) for index in attempt.frames[:2]]
     shape = reduced_shape(camera.height, camera.width, PAIR_SIDE_PX)
     blank = np.full((*shape, 3), 40, np.uint8)
-    left, right = (blank if image is None else bgr(image) for image in images)
+    left, right = (blank if one is None else bgr(one.image) for one in shown)
     wide = shape[1] > _WIDE * shape[0]
     rec.log("pairs/image", jpeg(np.concatenate([left, right], axis=0 if wide else 1)))
 

@@ -6,7 +6,7 @@ for the Rerun viewer.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from types import TracebackType
 from typing import Self
 
@@ -72,22 +72,3 @@ class Recorder:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-
-class Several(Recorder):
-    """Passes each report to several recorders, in their order."""
-
-    def __init__(self, *recorders: Recorder) -> None:
-        self._recorders = recorders
-
-
-def _pass_on(report: str) -> Callable[..., None]:
-    def passed_on(several: Several, *arguments: object) -> None:
-        for recorder in several._recorders:
-            getattr(recorder, report)(*arguments)
-
-    return passed_on
-
-
-for _report in [name for name in vars(Recorder) if not name.startswith("_")]:
-    setattr(Several, _report, _pass_on(_report))

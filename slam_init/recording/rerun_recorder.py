@@ -39,11 +39,12 @@ import numpy as np
 from slam_init.errors import SlamInitError, plain_line
 from slam_init.output.summary import Summary
 from slam_init.recording import layout, map_view, text
-from slam_init.recording.images import LONG_SIDE_PX, RecentImages, jpeg, reduced
+from slam_init.recording.images import LONG_SIDE_PX, jpeg, reduced
 from slam_init.recording.layout import GREEN, PURPLE, YELLOW, End
 from slam_init.recording.pair_view import log_pair, moving_matches
 from slam_init.recording.recorder import Recorder
 from slam_init.recording.recording_file import RecordingFile, open_stream
+from slam_init.recording.story import StoryRecorder
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
@@ -84,6 +85,7 @@ class RerunRecorder(Recorder):
     * ``seed``: Seed of the run. The id of the recording depends on the name of the source and the seed.
     * ``viewer``: Address of a viewer that shows the recording while it is made. The file then depends on the time,
       since its data are cut into chunks by time.
+    * ``story``: What ``overview.png`` shows of the run.
     """
 
     def __init__(
@@ -104,8 +106,7 @@ class RerunRecorder(Recorder):
         self._camera = camera
         self._scale = min(1.0, LONG_SIDE_PX / max(camera.width, camera.height))
         self._frames = 0
-        #: Small images of the last frames.
-        self.images = RecentImages()
+        self.story = StoryRecorder()
         self._tails: deque[Observations] = deque(maxlen=_TAIL_FRAMES + 1)
         self._hypotheses = 0
         self._attempt: Attempt | None = None
@@ -137,7 +138,7 @@ class RerunRecorder(Recorder):
             rec.set_time("ros2_timestamp", timestamp=frame.timestamp_s)  # that of Rerun's reader of bags
         else:
             rec.set_time("sensor_time", duration=frame.timestamp_s)
-        self.images.add(frame)
+        self.story.frame(frame, observations)
         if self._frames % (1 + self._frames // FRAMES_AT_FULL_RATE) == 0:
             rec.log("world/camera/image", jpeg(reduced(frame.image, LONG_SIDE_PX)))
         self._frames += 1
@@ -168,7 +169,8 @@ class RerunRecorder(Recorder):
             value = None if series.of_attempt is None else series.of_attempt(attempt)
             if value is not None and np.isfinite(value):
                 self._rec.log(series.entity, self._rr.Scalars(float(value)))
-        log_pair(self._rec, attempt, self.images, self._camera)
+        self.story.attempt(attempt)
+        log_pair(self._rec, attempt, self.story.recent, self._camera)
         self._attempt = attempt
         if len(attempt.frames) > 1 and attempt.frames[1] == self._frame:
             self._log_moving(attempt.pixels2[moving_matches(attempt)])
@@ -200,6 +202,7 @@ class RerunRecorder(Recorder):
             f"initialized: {len(map_.keyframes)} keyframes, {len(map_.points)} landmarks, "
             f"{map_.reprojection_rmse_px:.2f} px, {map_.scene} scene"
         )
+        self.story.initialized(map_, observations)
         self.undecided(())
         self._end, self._rolling = End.MAP, False
         self._camera = map_.camera

@@ -41,7 +41,6 @@ _END_S = 2.0
 _EMPTY_S = 8.0
 #: The first bytes of a recording: ``RRF`` and the generation of the format.
 _MAGIC = b"RRF"
-_WINDOW = "1280x720"
 
 
 def check_recording(path: Path) -> None:
@@ -79,8 +78,8 @@ def _run(path: Path, *options: str, advice: str) -> None:
 # -- screenshots -----------------------------------------------------------------------------------
 
 
-def screenshots(path: Path, frames: Sequence[int], window: str = _WINDOW) -> dict[int, bytes]:
-    """Draw a recording without a display."""
+def screenshots(path: Path, frames: Sequence[int], window: str) -> dict[int, bytes]:
+    """Draw frames of a recording without a display, -1 for the last one; ``window`` is the size, as 1280x720."""
     with socket.create_server((_HOST, 0)) as free:
         port = int(free.getsockname()[1])
     options = ("--headless", "--hide-welcome-screen", "--window-size", window, "--port", str(port))

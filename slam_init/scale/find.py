@@ -13,7 +13,7 @@ from slam_init.errors import check_type
 from slam_init.evaluation.metrics import align_positions, positions_of, with_true_poses
 from slam_init.scale.ground import find_ground
 from slam_init.scale.measured_motion import scale_of_motion
-from slam_init.scale.planar_target import TargetSize, fit_target
+from slam_init.scale.planar_target import Sighting, TargetSize, find_board, find_markers, fit_target
 from slam_init.scale.requests import (
     CameraHeight,
     KnownBoard,
@@ -25,7 +25,6 @@ from slam_init.scale.requests import (
     TrueTrajectory,
 )
 from slam_init.scale.sensitivity import inverse_depths
-from slam_init.scale.sightings import Sighting, find_board, find_markers
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.frame import as_image
 from slam_init.types.inertial import InertialRecord

@@ -93,9 +93,8 @@ def find_ground(map_: InitialMap, *, nadir: bool = False) -> Ground:
         raise NoScaleError(f"no plane lies {where} the camera with nothing beneath it")
     count = int(best.inliers.sum())
     if best.log_false_alarms > math.log(_FALSE_ALARMS):
-        raise NoScaleError(
-            f"no plane {where} the camera is certain: the best one has {count} of {len(best.inliers)} landmarks"
-        )
+        found = f"the best one has {count} of {len(best.inliers)} landmarks"
+        raise NoScaleError(f"no plane {where} the camera is certain: {found}")
     if not _faces(best.k, nadir):
         raise NoScaleError(f"the plane of {count} landmarks does not lie {where} the camera: it is tilted too far")
     ground = _ground(map_, seen, best, nadir)

@@ -28,6 +28,8 @@ _WORST_SIGMA = 0.1
 #: Class: level.
 _LEAST_PROBABILITY = 1e-3
 
+_MOVE = "move the camera to and fro, or add --refine 30"
+
 
 def scale_of_motion(map_: InitialMap, record: InertialRecord | None, grown: InitialMap | None = None) -> Scale:
     """Find the scale of a map, or raise why there is none.
@@ -43,9 +45,8 @@ def scale_of_motion(map_: InitialMap, record: InertialRecord | None, grown: Init
     if record is None:
         raise NoScaleError("the source has no record of an inertial sensor")
     if count < _LEAST_KEYFRAMES:
-        raise NoScaleError(
-            f"the map has {count} keyframes, and {_LEAST_KEYFRAMES} are needed: add --refine 30 or --continue 30"
-        )
+        few = f"the map has {count} keyframes, and {_LEAST_KEYFRAMES} are needed"
+        raise NoScaleError(f"{few}: add --refine 30 or --continue 30")
     if source.graph is None:
         raise NoScaleError("the map has no covariance of its poses")
     frames = tuple(keyframe.frame for keyframe in source.keyframes)
@@ -54,28 +55,19 @@ def scale_of_motion(map_: InitialMap, record: InertialRecord | None, grown: Init
     motion = VisualMotion.of_poses(times_s, poses, joint_pose_covariance(source.graph, source.values, frames))
     turning = turning_misfit(motion, record)
     if turning is None:
-        raise NoScaleError(
-            f"{record.name} does not cover the keyframes from {times_s[0]:.3f} to {times_s[-1]:.3f} s without gaps"
-        )
+        span = f"from {times_s[0]:.3f} to {times_s[-1]:.3f} s"
+        raise NoScaleError(f"{record.name} does not cover the keyframes {span} without gaps")
     if chdtrc(turning[1], turning[0]) < _LEAST_PROBABILITY:
-        raise NoScaleError(
-            f"{record.name} does not belong to the camera: it turned otherwise (chi-square {turning[0]:.0f} of "
-            f"{turning[1]} rotations): check the pose of the sensor in the camera and the clocks"
-        )
+        raise _of_another_camera(record, f"turned otherwise (chi-square {turning[0]:.0f} of {turning[1]} rotations)")
     far = frames.index(max(ends - {frames[0]}, default=frames[-1]))
     found = align(motion, record, far)
     if found is None:
-        raise NoScaleError("no scale fits the accelerations: move the camera to and fro, or add --refine 30")
+        raise NoScaleError(f"no scale fits the accelerations: {_MOVE}")
     if chdtrc(found.freedom, found.chi_square) < _LEAST_PROBABILITY:
-        raise NoScaleError(
-            f"{record.name} does not belong to the camera: it moved otherwise (chi-square {found.chi_square:.0f} with "
-            f"{found.freedom} degrees of freedom): check the pose of the sensor in the camera and the clocks"
-        )
+        test = f"chi-square {found.chi_square:.0f} with {found.freedom} degrees of freedom"
+        raise _of_another_camera(record, f"moved otherwise ({test})")
     if not found.sigma <= _WORST_SIGMA:
-        raise NoScaleError(
-            f"the accelerations tell the scale to +- {found.sigma:.0%} only: move the camera to and fro, or add "
-            "--refine 30"
-        )
+        raise NoScaleError(f"the accelerations tell the scale to +- {found.sigma:.0%} only: {_MOVE}")
     known = {keyframe.frame: keyframe.world_from_cam.t for keyframe in map_.keyframes}
     units = float(np.linalg.norm(known[frames[far]] - known[frames[0]]))
     gravity = Gravity(poses[0].R @ found.gravity.down, found.gravity.sigma_deg)
@@ -87,6 +79,11 @@ def scale_of_motion(map_: InitialMap, record: InertialRecord | None, grown: Init
         f"gravity to {gravity.sigma_deg:.1g} deg",
         gravity=gravity,
     )
+
+
+def _of_another_camera(record: InertialRecord, how: str) -> NoScaleError:
+    check = "check the pose of the sensor in the camera and the clocks"
+    return NoScaleError(f"{record.name} does not belong to the camera: it {how}: {check}")
 
 
 def _ends(map_: InitialMap) -> set[int]:

@@ -194,6 +194,4 @@ def marker_dictionary(name: str) -> Any:
     for key in (f"DICT_APRILTAG_{wanted.removeprefix('TAG')}", f"DICT_{wanted}"):
         if key in known:
             return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, known[key]))
-    raise ConfigError(
-        f"unknown marker dictionary {name[:40]!r}: give tag36h11, tag25h9, tag16h5, 4x4_50, 5x5_100, 6x6_250, ..."
-    )
+    raise ConfigError(f"unknown marker dictionary {name[:40]!r}: give tag36h11, tag25h9, tag16h5, 4x4_50, 6x6_250, ...")

@@ -142,27 +142,10 @@ def complain(message: str) -> None:
     print("slam-init:", plain_line(message), file=sys.stderr)
 
 
-@contextmanager
-def native_stderr_silenced() -> Iterator[None]:
-    """Drop the output of C libraries on file descriptor 2; ``sys.stderr`` still works.
+def silence_native_stderr() -> None:
+    """Drop from now on what C libraries write to file descriptor 2; ``sys.stderr`` still works.
 
     The decoders in OpenCV print lines about a broken file that no log level suppresses.
     """
-    stderr = sys.stderr
-    stderr.flush()
-    original = os.dup(2)
-    try:
-        redirect = stderr.fileno() == 2
-    except (OSError, ValueError):  # a stderr that is not a file
-        redirect = False
-    if redirect:
-        sys.stderr = os.fdopen(os.dup(2), "w", buffering=1, errors="backslashreplace")
+    sys.stderr = os.fdopen(os.dup(2), "w", buffering=1, errors="backslashreplace")
     _to_null(2)
-    try:
-        yield
-    finally:
-        os.dup2(original, 2)
-        os.close(original)
-        if redirect:
-            sys.stderr.close()
-            sys.stderr = stderr

@@ -129,7 +129,7 @@ class Source(Protocol):
 
     @property
     def kind(self) -> str:
-        """A layout of ``docs/datasets.md`` as ``tum``, ``video``, ``ros1``, ``live``, or a word of the user."""
+        """A layout of ``docs/how-to/data-sets.md`` as ``tum``, ``video``, ``ros1``, ``live``, or a word of the user."""
         ...
 
     @property

@@ -5,14 +5,13 @@ The unit is in the name or after the class, or the number has none. The classes:
 * definition: what is called wrong, or the same.
 * geometry: it follows from the geometry of views.
 * level: a statistical level; the comment says how often chance exceeds it.
-* measured: on data that the comment or ``docs/how/risk.md`` names.
+* measured: on data that the comment names.
 * assumption: no data tell it; the comment says why this value.
 * budget: it bounds time or memory.
 
-``docs/reference/numbers.md`` lists all of them, with those that stay in other modules: gates on depths, priors of a
-lens, the smooth errors of a view, what recognizes an overlay, and ``quest``. ``python docs/make/numbers_page.py``
-writes the page from the comments, and a test compares it with the code. Numbers that change the time of a fit but not
-its result stay beside the fit, and have no class.
+``python docs/make/numbers_page.py`` lists all of them from the comments, with those that stay in other modules: gates
+on depths, priors of a lens, the smooth errors of a view, what recognizes an overlay, and ``quest``. Numbers that change
+the time of a fit but not its result stay beside the fit, and have no class.
 """
 
 from __future__ import annotations

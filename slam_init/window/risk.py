@@ -16,7 +16,7 @@ causes add their probabilities:
 * **floor**: what is not modelled.
 
 A window is judged at each frame: tails hold for any stopping time (:mod:`~slam_init.window.tails`).
-``docs/how/risk.md`` derives all of it.
+``docs/explanation/risk.md`` derives all of it.
 """
 
 from __future__ import annotations

@@ -24,7 +24,7 @@ from slam_init.bundle.problem import BundleProblem
 from slam_init.config import Config
 from slam_init.datasets import open_source
 from slam_init.datasets.synth import SynthSource
-from slam_init.evaluation.metrics import align_positions, align_truth, initialization_quality
+from slam_init.evaluation.metrics import align_positions, align_truth, scale_error
 from slam_init.initializer import Initializer
 from slam_init.mapping.growing import GrowingMap
 from slam_init.types.frame import Observations, Source, length_of
@@ -118,6 +118,29 @@ def follow(name: str, source: Source, start: int) -> Row | None:
         depths[0],
         depths[1] if len(depths) > 1 else math.nan,
     )
+
+
+def initialization_quality(
+    keyframes: Sequence[Keyframe], located: Sequence[Keyframe], trajectory: Trajectory, wait_s: float
+) -> tuple[float, float] | None:
+    """Compute the quality of an initialization as eval-vislam does (Li et al., VRIH 2019).
+
+    With ``r`` the scale of the first map over that of all frames, ``E_scale = (|r - 1| + |1 / r - 1|) / 2`` and
+    ``E_init = T_init sqrt(E_scale + 0.01)``. Their toolkit takes the first moment from which on the scale of all frames
+    so far stays within 20 % of the last one, and subtracts the five seconds at rest with which its sequences begin.
+    Here the first map has a frame, so ``T_init`` is the time until then.
+
+    * ``located``: The frames after the map.
+    * ``wait_s``: From the first frame to that of the map.
+    * Returns: ``E_scale`` and ``E_init`` in seconds. None where the keyframes, or all frames, tell no scale.
+    """
+    first = scale_error(keyframes, trajectory)
+    overall = scale_error([*keyframes, *located], trajectory)
+    if first is None or overall is None or min(first, overall) <= -1 or not np.isfinite([first, overall]).all():
+        return None
+    ratio = (1 + overall) / (1 + first)
+    e_scale = 0.5 * (abs(ratio - 1) + abs(1 / ratio - 1))
+    return e_scale, wait_s * float(np.sqrt(e_scale + 0.01))
 
 
 def _with_true_start(map_: InitialMap, truth: Trajectory, seen: Sequence[Seen]) -> float:

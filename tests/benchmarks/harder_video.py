@@ -18,8 +18,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from slam_init.calibration.writing import camera_yaml
-from slam_init.compare.rows import TrialRow, read_journal
+from slam_init.calibration.files import camera_yaml
+from slam_init.compare.rows import TrialRow
 from slam_init.compare.run import compare
 from slam_init.compare.sources import describe_sources
 from slam_init.compare.trials import Plan, Settings
@@ -31,7 +31,7 @@ from slam_init.types.frame import TimedSource
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose
 from tests.benchmarks.options import choice_list, data_folder, positive, progress, show
-from tests.benchmarks.tables import markdown_table
+from tests.benchmarks.tables import markdown_table, read_journal
 
 #: Sequences, with the step between their starts.
 SEQUENCES = {

@@ -16,13 +16,13 @@ from pathlib import Path
 from statistics import median
 
 from sequences_synth import SCENES, STANDARD_SCENES
-from slam_init.compare.rows import TrialRow, read_journal
+from slam_init.compare.rows import TrialRow
 from slam_init.compare.run import compare
 from slam_init.compare.sources import describe_sources
 from slam_init.compare.trials import Plan, Settings
 from tests.benchmarks.image_pairs import find_sequences
 from tests.benchmarks.options import data_folder, positive, show
-from tests.benchmarks.tables import markdown_table, number
+from tests.benchmarks.tables import markdown_table, number, read_journal
 
 #: A run has no limit but the end of its sequence.
 _ALL_FRAMES, _ALL_SECONDS, _ONE_START = 1_000_000, 1e6, 1_000_000

@@ -4,8 +4,8 @@ The experiment follows the comparison on real images of [F17]. Each solver gets 
 as many as it needs at least, without RANSAC and without refinement. The program draws box plots of the errors of
 rotation and translation for each solver and data set. The matches are SIFT matches (the paper uses SURF), ranked by the
 distance of their descriptors. A FOLDER is a sequence of KITTI odometry, TUM RGB-D, ICL-NUIM or TrakMark, which are the
-four data sets of [F17], or of another layout of ``docs/datasets.md``. By default the program uses the sequences below
-``SLAM_INIT_DATA``.
+four data sets of [F17], or of another layout of ``docs/how-to/data-sets.md``. By default the program uses the
+sequences below ``SLAM_INIT_DATA``.
 
 The step between the frames of a pair is the smallest one at which the median parallax of the matches is one degree,
 because the translation cannot be compared without parallax. ``--step`` sets the step instead.

@@ -1,8 +1,19 @@
-"""Tables in markdown."""
+"""Tables in markdown, and the rows of a comparison that they are made of."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
+
+from pydantic import TypeAdapter
+
+from slam_init.compare.rows import TrialRow
+
+
+def read_journal(path: Path) -> list[TrialRow]:
+    """The rows of ``trials.jsonl``, behind the line of the settings. The last row of a trial is valid."""
+    reader = TypeAdapter(TrialRow)
+    return [reader.validate_json(line, strict=True) for line in path.read_bytes().splitlines()[1:]]
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

@@ -9,12 +9,10 @@ import pytest
 from make_two_views import NO_TRANSLATION, NOISE_RAD, box, is_true, plane, views
 
 from quest import RelativePose, estimate_relative_pose
-from quest.chance import chance_of_motion
 from quest.geometry.epipolar import depths_from_pose, tangent_basis
 from quest.geometry.homography import homography_residuals
 from quest.geometry.quaternion import rotation_from_vector
 from quest.robust import kernels
-from quest.robust.pose_problem import PoseProblem
 
 SEEDS = range(20)
 
@@ -62,15 +60,6 @@ def test_a_camera_that_only_rotates_shows_no_translation_by_few_matches(count):
     for seed in SEEDS:
         pose = estimate_relative_pose(*views(box(seed)[:count], t=NO_TRANSLATION, noise_rad=NOISE_RAD, seed=seed))
         assert not pose or pose.kind == "rotation"
-
-
-def test_chance_explains_a_few_shuffled_matches_although_all_matches_are_right():
-    """A match that kept its partner in a shuffle would count as explained by chance."""
-    pair = drawn(0, count=20, ratio=0.15, noise_rad=0.0)
-    problem = PoseProblem(pair.m, pair.n, 1e-5)
-    model = np.concatenate([estimate_relative_pose(pair.m, pair.n).q_wxyz, pair.t])
-    assert problem.explained(model, 1e-5).all()
-    assert 0 < chance_of_motion(problem, model, 1e-5, np.random.default_rng(0)).inliers < 0.1
 
 
 def test_thirty_matches_of_a_general_scene_are_no_plane():

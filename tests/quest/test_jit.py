@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 import quest
-from quest.jit import inlined, numba
 
 pytestmark = pytest.mark.process
 
@@ -114,22 +113,3 @@ def test_portable_machine_code_serves_a_processor_without_its_own_and_may_be_cal
     assert run(code, env=environment).split() == [*portable[:-1], "1"]
     assert portable[-1] == "0" and portable[5] == portable[6]
     assert sorted(tmp_path.rglob("*.code")) == kept
-
-
-@inlined
-def _double(numbers, i, out):
-    out[i] = 2.0 * numbers[i]
-
-
-def test_an_inlined_function_is_a_part_of_the_loop_and_python_calls_it_too():
-    @numba.njit
-    def _loop(numbers, out):
-        for i in range(len(numbers)):
-            _double(numbers, i, out)
-
-    numbers, doubled, first = np.arange(1.0, 4.0), np.zeros(3), np.zeros(3)
-    _loop(numbers, doubled)
-    _double(numbers, 0, first)
-    assert doubled.tolist() == [2.0, 4.0, 6.0] and first.tolist() == [2.0, 0.0, 0.0]
-    (code,) = _loop.inspect_llvm().values()
-    assert not any("_double" in line for line in code.splitlines() if " call " in line)

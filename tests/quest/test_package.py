@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import importlib.metadata
 
-import pytest
-
 import quest
 
 
@@ -18,16 +16,3 @@ def test_the_version_is_that_of_the_distribution():
     """That of slam-init, or of quest-relpose where quest is installed alone."""
     installed = {one.name: one.version for one in importlib.metadata.distributions()}
     assert quest.__version__ == (installed.get("slam-init") or installed["quest-relpose"])
-
-
-def test_without_an_installed_distribution_the_version_is_unknown(monkeypatch):
-    def not_installed(name: str) -> str:
-        raise importlib.metadata.PackageNotFoundError(name)
-
-    monkeypatch.setattr(quest, "version", not_installed)
-    assert quest.__version__ == "0+unknown"
-
-
-def test_a_name_that_does_not_exist_is_an_attribute_error():
-    with pytest.raises(AttributeError, match="nothing"):
-        quest.nothing  # noqa: B018

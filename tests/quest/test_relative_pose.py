@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import FrozenInstanceError
-
 import numpy as np
 import pytest
 from make_two_views import NO_TRANSLATION, NOISE_RAD, box, line, plane, views
 
-from quest import PoseEvidence, estimate_relative_pose
+from quest import estimate_relative_pose
 from quest.geometry.homography import homography_residuals
 
 BEFORE_PARALLAX = ["matches", "samples", "inliers", "noise_rad"]
@@ -40,15 +38,6 @@ def test_the_homography_takes_rays_of_a_plane_and_of_a_rotation_to_the_other_vie
     errors = np.linalg.norm(homography_residuals(pose.H, m[pose.inliers], n[pose.inliers]), axis=1)
     assert np.median(errors) < 1.5 * NOISE_RAD
     assert estimate_relative_pose(*views(box(0), noise_rad=NOISE_RAD)).H is None
-
-
-def test_a_field_of_zero_is_known_and_a_field_of_none_is_not():
-    assert PoseEvidence(12, inliers=0).as_dict() == {"matches": 12, "inliers": 0}
-
-
-def test_evidence_cannot_be_changed():
-    with pytest.raises(FrozenInstanceError):
-        PoseEvidence(12).matches = 13
 
 
 def test_a_pose_and_no_pose_are_told_in_a_few_lines_and_as_a_table():

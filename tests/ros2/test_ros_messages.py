@@ -5,14 +5,11 @@ from __future__ import annotations
 from types import SimpleNamespace
 
 import numpy as np
-import pytest
-from make_map import make_map, make_poses
+from make_map import make_poses
 from slam_init_ros.ros_messages import RosMessages
 
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose
-from slam_init.types.refusal import Verdict
-from slam_init.types.status import State, Status
 
 
 def make(kind, **fields):
@@ -47,27 +44,3 @@ def test_stamps_keep_the_nanoseconds_that_seconds_as_a_float_lose():
     assert RosMessages(make).camera(view).transforms[0].header.stamp.nanosec != 123_456_789
     kept = RosMessages(make, stamp_ns=lambda view: exact).camera(view).transforms[0].header.stamp
     assert (kept.sec, kept.nanosec) == (1_700_000_000, 123_456_789)
-
-
-WAITING = Status(State.WAITING, 0.25, Verdict.PURE_ROTATION, Verdict.PURE_ROTATION.advice)
-
-
-@pytest.mark.parametrize(
-    ("status", "has_map", "lost", "level", "state", "said"),
-    [
-        (WAITING, False, False, 1, "waiting", "25%, pure_rotation: " + Verdict.PURE_ROTATION.advice),
-        (Status.initialized(None), True, False, 0, "initialized", "initialized"),
-        (Status.initialized(None), True, True, 2, "lost", "lost"),
-        (Status(), False, True, 1, "lost", "0%, too_few_frames: " + Verdict.TOO_FEW_FRAMES.advice),
-    ],
-    ids=["waiting", "map", "lost", "a new start"],
-)
-def test_the_status_has_a_level_a_line_and_values(status, has_map, lost, level, state, said):
-    map_ = make_map() if has_map else None
-    message = RosMessages(make, camera_frame="cam").status(5, status, map_, maps=2, lost=lost)
-    (one,) = message.status
-    values = {pair.key: pair.value for pair in one.values}
-    assert (one.level, one.message, one.hardware_id) == (level, said, "cam")
-    assert values["state"] == state and values["maps"] == "2" and values["risk"] == ""
-    assert values["landmarks"] == ("60" if has_map else "0") and values["unit"] == ("median depth" if has_map else "")
-    assert all(isinstance(value, str) for value in values.values())

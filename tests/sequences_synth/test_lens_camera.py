@@ -6,14 +6,11 @@ import cv2
 import numpy as np
 import pytest
 
-from sequences_synth import LENSES, SynthOptions, make_sequence, write_tum
-from sequences_synth.camera import SynthCamera, all_sights, lens_camera
-from sequences_synth.sequence import Sensor
+from sequences_synth import LENSES, write_tum
+from sequences_synth.camera import all_sights, lens_camera
 from slam_init.calibration.files import load_camera
 from slam_init.datasets.synth import open_synth
 from slam_init.types.camera import Camera
-
-SMALL = {"width": 96, "height": 72, "frames": 3}
 
 
 @pytest.mark.parametrize("model", LENSES)
@@ -39,13 +36,3 @@ def test_the_rays_of_the_pixels_are_those_of_the_camera_of_the_source_and_of_ope
     source = open_synth(f"synth:wall?lens={model}&frames=1&width=64&height=64&noise=0", 0)
     write_tum(source.sequence, tmp_path / "out")
     assert load_camera(tmp_path / "out" / "camera.yaml") == replace(source.camera, source="file")
-
-
-def test_a_lens_without_distortion_renders_what_a_pinhole_camera_renders():
-    sensor = make_sequence("wall", 2, SynthOptions(**SMALL)).sensors[0]
-    c = sensor.camera
-    lens = SynthCamera(c.width, c.height, c.fx, c.fy, c.cx, c.cy, "radtan", (0.0, 0.0, 0.0, 0.0), 1.2)
-    through = Sensor(lens, sensor.shutter, sensor.fps, sensor.motion_blur, sensor.world)
-    plain, bent = sensor.expose(1), through.expose(1)
-    np.testing.assert_allclose(through.depth(bent), sensor.depth(plain), rtol=1e-3)
-    assert np.abs(plain.image.astype(float) - bent.image).mean() < 1.0

@@ -33,9 +33,9 @@ def transfer(sequence, i, j, depth):
 
 def test_a_render_with_one_pose_per_row_is_the_usual_render_where_all_poses_are_equal():
     sequence = make_sequence("desk", 1, SynthOptions(**CLEAN, frames=31))
-    K, quads, path = sequence.true_camera.K, sequence.sensors[0].world.quads, sequence.sensors[0].world.path
-    usual = render(quads, K, np.linalg.inv(path.world_from_cam(30)), 320, 240)
-    lines = render_lines(quads, sequence.true_camera, lambda rows: np.full(len(rows), 30.0), path.world_from_cam)
+    K, quads, pose = sequence.true_camera.K, sequence.sensors[0].world.quads, sequence.sensors[0].pose
+    usual = render(quads, K, np.linalg.inv(pose(30)), 320, 240)
+    lines = render_lines(quads, sequence.true_camera, lambda rows: np.full(len(rows), 30.0), pose)
     assert np.abs(usual.image.astype(int) - lines.image).max() <= 3
     assert np.mean(usual.ids != lines.ids) < 1e-3
     same = usual.ids == lines.ids

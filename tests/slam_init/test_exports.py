@@ -67,18 +67,6 @@ def test_an_undistorted_image_shows_in_each_pixel_what_the_ray_of_a_centred_pinh
     assert difference.mean() < 0.6 and difference.max() < 3
 
 
-def test_the_widest_pinhole_camera_touches_the_border_of_the_image_of_a_lens_and_a_wide_one_is_bounded():
-    camera = CAMERAS["radtan"]
-    scene = Undistortion.of(camera).camera
-    wider = replace(scene, fx=0.99 * scene.fx, fy=0.99 * scene.fy)
-    places = [camera.project(one.bearings(np.array([[0.0, 239.5], [639.0, 239.5], [320.0, 0.0], [320.0, 479.0]])))
-              for one in (scene, wider)]  # fmt: skip
-    limits = np.array([camera.width - 1, camera.height - 1])
-    assert [bool(((found >= 0) & (found <= limits)).all()) for found in places] == [True, False]
-    panorama = Undistortion.of(LENSES["equirectangular"]).camera
-    assert np.degrees(np.arctan(np.hypot(640, 480) / 2 / panorama.fx)) == pytest.approx(60)
-
-
 @pytest.mark.parametrize("model", CAMERAS)
 def test_colmap_opens_the_scene_and_finds_the_errors_that_are_written_in_it(tmp_path, model):
     map_, located, _ = exported(tmp_path / "out", model, ("scene",))
@@ -169,14 +157,6 @@ def test_a_run_exports_each_map_beside_its_files_from_the_frames_of_its_source(r
     )
     assert pycolmap.Reconstruction(scene / "sparse" / "0").compute_mean_reprojection_error() < 0.2
     assert (tmp_path / "out" / "recording.rrd").is_file()
-
-
-def test_pycolmap_has_the_map_in_memory():
-    map_, located = map_with_covariances("fisheye")
-    model = slam_init.pycolmap_reconstruction(map_, located)
-    assert model.num_reg_images() == len(map_.keyframes) + 1
-    assert model.cameras[1].model.name == "OPENCV_FISHEYE"
-    assert model.compute_num_observations() == len(map_.observation_pixels)
 
 
 def test_an_export_that_cannot_be_made_is_refused_before_any_work():

@@ -47,12 +47,6 @@ def test_a_first_image_that_is_refused_completes_nothing():
     assert (initializer.camera.width, initializer.camera.height) == (64, 48)
 
 
-def test_the_camera_of_the_source_comes_before_the_prior():
-    own = Camera.from_K(K, (64, 48))
-    assert camera_of_source(source(own)) == own
-    assert camera_of_source(source(own), prior_camera((64, 48))) == prior_camera((64, 48))
-
-
 @pytest.mark.parametrize("given", [5, "f=3", np.zeros((2, 2)), [[1.0]], object()])
 def test_anything_else_is_one_line(given):
     for call in (Initializer, lambda camera: run(source(), camera)):
@@ -74,14 +68,6 @@ def test_tracks_need_a_camera_that_knows_its_size():
             Initializer(given).process_tracks(tracks)
 
 
-def test_an_image_that_is_none_leaves_the_camera_open():
-    initializer = Initializer(None)
-    with pytest.raises(SlamInitError, match="image"):
-        initializer.process("not an image")
-    initializer.process(IMAGE)
-    assert (initializer.camera.width, initializer.camera.height) == (64, 48)
-
-
 @pytest.mark.parametrize(
     ("matrix", "size", "message"),
     [
@@ -101,11 +87,6 @@ def test_a_matrix_that_is_no_calibration_is_one_line(matrix, size, message):
         Camera.from_K(matrix, size)
 
 
-@pytest.mark.parametrize("kind", [np.matrix, np.longdouble, np.ma.asarray, lambda K: np.array(K).astype(">f4")])
-def test_a_matrix_of_any_type_of_numbers_is_the_same_camera(kind):
-    assert camera_of_size(kind(K), (64, 48)) == Camera.from_K(K, (64, 48))
-
-
 def test_intrinsics_of_images_of_another_size_are_refused_unless_they_state_the_size(tmp_path):
     """Resized by a third or more, or cropped on one side by a quarter or more. The frame can be given again."""
     (tmp_path / "without.yaml").write_text("fx: 60\nfy: 61\ncx: 31.5\ncy: 23.5\n")
@@ -123,12 +104,6 @@ def test_intrinsics_of_images_of_another_size_are_refused_unless_they_state_the_
     stated = Initializer(Camera.from_K(K, (64, 48)))
     with pytest.raises(SlamInitError, match=r"is 32x24, but the camera is for 64x48: if they are resized.*cropped"):
         stated.process(np.zeros((24, 32), np.uint8))
-
-
-def test_a_camera_of_a_matrix_has_this_matrix():
-    camera = Camera.from_K(K, (64, 48), (0.1, 0.0, 0.0, 0.0))
-    np.testing.assert_array_equal(camera.K, K)
-    assert (camera.model, camera.distortion) == ("radtan", (0.1, 0.0, 0.0, 0.0))
 
 
 def test_a_frame_of_another_thread_is_refused_while_one_is_processed():

@@ -164,20 +164,6 @@ def test_refused_images_leave_no_trace():
     assert seen[0] == seen[1] and len(seen[0]) == tried.frames_read == 4
 
 
-def test_a_first_frame_that_is_refused_leaves_the_choice_of_images_or_tracks():
-    right, camera = views()[0], CAMERA.scaled(0.25)
-    image = np.zeros((120, 160), np.uint8)
-    for call in (
-        lambda it: it.process(image.astype(float)),
-        lambda it: it.process_tracks(0 * right.track_ids, right.pixels),
-    ):
-        for then in (lambda it: it.process(image), lambda it: it.process_tracks(right.track_ids, right.pixels / 4)):
-            initializer = Initializer(camera)
-            refused(call, initializer)
-            then(initializer)
-            assert initializer.frames_read == 1
-
-
 OTHER_ARRAYS = {
     "big-endian": lambda array: array.astype(array.dtype.newbyteorder(">")),
     "long double": lambda array: array.astype(np.longdouble) if array.dtype == float else array.astype(np.int16),

@@ -74,13 +74,6 @@ def test_a_reset_keeps_the_readout_and_the_clock():
         initializer.process_tracks(replace(scene(1, 60)[0], timestamp_s=0.0))
 
 
-def test_a_reset_before_the_first_frame_changes_nothing():
-    initializer = Initializer(CAMERA)
-    initializer.reset()
-    assert fed(initializer, scene(1, 0)) is not None
-    assert initializer.result.segments == ()
-
-
 @pytest.fixture(scope="module")
 def cut(tmp_path_factory):
     """A run over a video with a cut at frame 14."""

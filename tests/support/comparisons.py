@@ -13,8 +13,3 @@ def rows_of(out: Path) -> list[dict[str, str]]:
     """The rows of ``results.csv`` without the columns that differ from run to run."""
     with (out / "results.csv").open(newline="") as file:
         return [{k: v for k, v in row.items() if not k.endswith(("_ms", "_mb"))} for row in csv.DictReader(file)]
-
-
-def table_cells(table: str) -> list[list[str]]:
-    """The cells of the rows of a markdown table, without its header."""
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines()[2:]]

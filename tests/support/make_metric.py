@@ -10,7 +10,7 @@ from quest.geometry.quaternion import rotation_from_vector
 from slam_init.bundle.adjustment import adjust
 from slam_init.bundle.problem import BundleSolution
 from slam_init.mapping.map_building import initial_map
-from slam_init.scale.sightings import Sighting
+from slam_init.scale.planar_target import Sighting
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.pose import Pose
 

@@ -129,7 +129,7 @@ def camera_of(sequence: PointSequence) -> Camera:
 
 def point_source(scene: str, seed: int = 0, **options: float) -> PointSource:
     """A drawn world with noise and outliers, as a source of tracks."""
-    return PointSource(make_points(scene, seed, PointOptions(**options)))
+    return PointSource.of(make_points(scene, seed, PointOptions(**options)))
 
 
 def pair_and_further(observations: Sequence[Observations], views: int) -> list[Observations]:
@@ -221,7 +221,6 @@ def equations(
     with_field: bool = False,
     with_readout: bool = False,
     with_principal: bool = False,
-    free: np.ndarray | None = None,
 ) -> Equations:
     """The equations at a state, by the compiled loop, without any prior."""
     views, count = tracks.seen.shape
@@ -231,8 +230,6 @@ def equations(
     sums = Sums.empty(views, len(arrays.gradient))
     for array in (*arrays, *fitted[1:], *sums.pairs, *sums.turned):
         array[:] = np.nan  # all that is read must have been written
-    if free is not None:
-        fitted.free[:] = free
     scene, numbers = unknowns_of(state)
     lens = LensNumbers(camera_vector(tracks.camera), *numbers[:2], numbers[2] - tracks.readout_s, numbers[3:])
     cost = accumulate(observed_by(tracks, gate), lens, scene, layout, arrays, fitted, sums, True, False)

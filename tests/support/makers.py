@@ -1,4 +1,4 @@
-"""The programs of ``docs/make``, which make pages and notebooks."""
+"""The programs of ``docs/make``, which make pages and pictures."""
 
 import importlib.util
 import sys

@@ -19,10 +19,10 @@ def report_run(recorder: Recorder, model: str = "pinhole", color: bool = True) -
     attempts = make_attempts(map_)
     for i, seen in enumerate(observations):
         recorder.frame(make_frame(seen.frame, seen.timestamp_s, seen.name, color), seen)
-        if seen is observations[-1]:
-            recorder.initialized(map_, observations)
         if i > 0:
             recorder.attempt(attempts[i - 1])
+        if seen is observations[-1]:
+            recorder.initialized(map_, observations)
     later = replace(observations[-1], frame=32, timestamp_s=observations[-1].timestamp_s + 1 / 30)
     recorder.frame(make_frame(32, later.timestamp_s, later.name, color), later)
     recorder.continued(Keyframe(32, later.timestamp_s, later.name, make_poses(5)[4]))

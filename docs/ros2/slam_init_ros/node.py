@@ -1,7 +1,7 @@
 """A lifecycle node: images and their calibration in; status, transforms, keyframes, path and points out.
 
 The messages are those of :mod:`slam_init_ros.ros_messages`, with the stamps of the images to the
-nanosecond. ``docs/ros.md`` lists topics and parameters.
+nanosecond. ``docs/how-to/live.md`` lists topics and parameters.
 
 Each activation is a run: the node takes images until there is a map, hands it over, and locates the images that follow
 in it. Deactivation ends the run.

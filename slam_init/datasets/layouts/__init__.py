@@ -8,5 +8,5 @@ from slam_init.datasets.layouts import driving, listed, photographs
 
 __all__ = ["LAYOUTS"]
 
-#: All layouts. They are tried in this order, which is that of ``docs/datasets.md``.
+#: All layouts. They are tried in this order, which is that of ``docs/how-to/data-sets.md``.
 LAYOUTS = (*listed.LAYOUTS, *driving.LAYOUTS, *photographs.LAYOUTS)

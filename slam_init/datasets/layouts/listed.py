@@ -26,7 +26,7 @@ column of its files is a frame number, which is converted to seconds at the publ
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
@@ -63,10 +63,11 @@ _ICL_NUIM_RATE_HZ = 30.0
 
 
 def _read_list(
-    path: Path, folder: Path, fields_of_image: Callable[[Row], list[str]], what: str
+    path: Path, folder: Path, images: Path, fields_of_image: Callable[[Row], list[str]], what: str
 ) -> tuple[list[Path], list[tuple[str, float]]]:
     """The images of a list, and the time stamp of each with the place of its line.
 
+    * ``images``: Holds the images; an absolute name stays what it is.
     * ``fields_of_image``: Makes of a line the time stamp and the file name.
     """
     paths: list[Path] = []
@@ -76,7 +77,7 @@ def _read_list(
         stamps.append((row[0], stamp_of(row, fields, what)))
         if len(fields) < 2 or not fields[1]:
             raise SourceError(f"{row[0]}: expected {what}, found {row[1][:60]!r}")
-        paths.append(path.parent / fields[1])
+        paths.append(images / fields[1])
     if not paths:
         raise SourceError(f"{path}: lists no image")
     return paths, stamps
@@ -87,8 +88,8 @@ def open_tum(folder: Path, index: Path) -> ImageFileSource:
     reflected = sorted(folder.glob("*.gt.freiburg"))
     if len(reflected) > 1:
         raise SourceError(f"{folder}: several *.gt.freiburg: keep the one that belongs to the images")
-    split = _name_may_hold_spaces if index.name == "rgb.txt" else _colour_of_pair
-    paths, stamps = _read_list(index, folder, split, "a timestamp and a file name")
+    split = _time_and_name if index.name == "rgb.txt" else _colour_of_pair
+    paths, stamps = _read_list(index, folder, folder, split, "a timestamp and a file name")
     camera = stored_camera(folder, paths[0], "camera.yaml", "calibration.txt")
     truth: Trajectory | None = None
     if reflected:
@@ -102,8 +103,8 @@ def open_tum(folder: Path, index: Path) -> ImageFileSource:
     return image_sequence("tum", folder, paths, stamps=stamps, camera=camera, truth=truth)
 
 
-def _name_may_hold_spaces(row: Row) -> list[str]:
-    return row[1].split(maxsplit=1)
+def _time_and_name(row: Row) -> list[str]:
+    return row[1].split(maxsplit=1)  # a name may hold spaces
 
 
 def _colour_of_pair(row: Row) -> list[str]:
@@ -131,14 +132,12 @@ def open_euroc(folder: Path, found: Path) -> ImageFileSource:
     cam0 = found.resolve()
     # The camera of a sequence has its ground truth beside it, so that the folder of the camera alone names its parent.
     root = cam0.parent if found == folder else folder
-    names, stamps = _read_list(cam0 / "data.csv", root, fields_of, "timestamp,filename")
-    # An absolute name stays what it is, and leads out of the folder.
-    paths = [cam0 / "data" / (path.relative_to(cam0) if path.is_relative_to(cam0) else path) for path in names]
+    paths, stamps = _read_list(cam0 / "data.csv", root, cam0 / "data", fields_of, "timestamp,filename")
     camera, body_from_cam = None, None
     sensor = cam0 / "sensor.yaml"
     if sensor.exists():
         check_inside(sensor, root)
-        camera, body_from_cam = load_camera(sensor, image_size(paths[0], root)), _body_from_sensor(sensor)
+        camera, body_from_cam = load_camera(sensor, image_size(paths[0], root)), _body_from(sensor, load_yaml(sensor))
     mav = cam0.parent
     truth_file = mav / "state_groundtruth_estimate0" / "data.csv"
     truth: Trajectory | None = None
@@ -161,31 +160,29 @@ def open_euroc(folder: Path, found: Path) -> ImageFileSource:
         unit=TimeUnit.NANOSECONDS,
         camera=camera,
         truth=truth,
-        truth_unit=TimeUnit.NANOSECONDS,
         notes=notes,
         imu=imu,
     )
 
 
-def _body_from_sensor(sensor: Path) -> Pose | None:
+def _body_from(sensor: Path, stated: Mapping[str, object]) -> Pose | None:
     """The pose ``T_BS`` of a sensor in the body; None where it is not stated."""
-    entry = load_yaml(sensor).get("T_BS")
+    entry = stated.get("T_BS")
     data = entry.get("data") if isinstance(entry, dict) else entry
     return None if data is None else pose_of_yaml(f"{sensor}: T_BS", data)
 
 
 def _read_imu0(folder: Path, root: Path, body_from_cam: Pose, unit: TimeUnit) -> InertialSensor:
     """The inertial sensor; its stamps have the unit of those of the images."""
-    sensor, table = folder / "sensor.yaml", folder / "data.csv"
+    sensor = folder / "sensor.yaml"
     check_inside(sensor, root)
-    body_from_imu = _body_from_sensor(sensor)
+    stated = load_yaml(sensor)
+    body_from_imu = _body_from(sensor, stated)
     if body_from_imu is None:
         raise SourceError(f"{sensor}: no T_BS, the pose of the sensor: add it, or leave --imu out")
-    stamps, samples = read_samples(table, root, "timestamp,w_x,w_y,w_z (rad/s),a_x,a_y,a_z (m/s^2)")
-    densities = read_densities(sensor, Section(load_yaml(sensor)))
-    return InertialSensor.made(
-        in_seconds(stamps, unit), samples, body_from_cam.inverse() @ body_from_imu, densities, name="imu0"
-    )
+    stamps, samples = read_samples(folder / "data.csv", root, "timestamp,w_x,w_y,w_z (rad/s),a_x,a_y,a_z (m/s^2)")
+    cam_from_imu, densities = body_from_cam.inverse() @ body_from_imu, read_densities(sensor, Section(stated))
+    return InertialSensor.made(in_seconds(stamps, unit), samples, cam_from_imu, densities, name="imu0")
 
 
 LAYOUTS = (

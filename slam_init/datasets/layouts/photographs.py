@@ -32,9 +32,9 @@ from pathlib import Path
 
 import numpy as np
 
-from slam_init.calibration.files import camera_of
+from slam_init.calibration.files import as_text, camera_of
+from slam_init.calibration.syntax import parse_json
 from slam_init.calibration.values import Section, at_place
-from slam_init.datasets.bounded import JsonObject, read_json
 from slam_init.datasets.colmap import model_files, read_model
 from slam_init.datasets.image_files import (
     IMAGE_SUFFIXES,
@@ -48,7 +48,7 @@ from slam_init.datasets.image_files import (
 from slam_init.datasets.posed_images import Layout, PosedImage, file_of, image_sequence, photographs, with_axes
 from slam_init.datasets.text import pose_from_matrix, read_poses_of
 from slam_init.errors import CalibrationError, SourceError
-from slam_init.system.regular_file import check_inside
+from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.arrays import as_array
 from slam_init.types.camera import Camera
 
@@ -62,10 +62,14 @@ _INTRINSICS = (
     *_COEFFICIENTS,
 )
 # Without the models of spheres and prisms, whose coefficients these files have no keys for.
-_MODELS = {
-    **dict.fromkeys(("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE"), "radtan"),
-    "OPENCV_FISHEYE": "fisheye",
-}
+_MODELS = ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
+
+
+#: The top level of a JSON file. A value is checked when it is read.
+JsonObject = dict[str, object]
+
+# A million poses with file names have 100 to 400 MB as JSON; the largest scenes in use have a few thousand.
+_MAX_JSON_BYTES = 100_000_000
 
 
 def find_colmap(folder: Path) -> Path | None:
@@ -96,9 +100,11 @@ def open_transforms(folder: Path, path: Path) -> ImageFileSource:
 
 def read_transforms(path: Path, folder: Path) -> Iterator[PosedImage]:
     """The images of a ``transforms.json``, whether the folder holds them or not."""
-    content = read_json(path, folder, "a list of posed images")
-    frames = content.get("frames")
-    if not isinstance(frames, list) or not frames:
+    check_inside(path, folder)
+    with at_place(path):
+        content = parse_json(as_text(read_regular(path, _MAX_JSON_BYTES, "a list of posed images", SourceError)))
+    frames = content.get("frames") if isinstance(content, dict) else None
+    if not isinstance(content, dict) or not isinstance(frames, list) or not frames:
         raise SourceError(f"{path}: frames is missing or empty: expected a list of images")
     size: tuple[int, int] | None = None
     cameras: dict[str, Camera | None] = {}  # by their stated values: most files state one
@@ -132,16 +138,10 @@ def _transforms_camera(place: str, stated: JsonObject, size: tuple[int, int] | N
     sized = stated if size is None else {"w": size[0], "h": size[1], **stated}
     if not {"fl_x", "camera_angle_x"} & stated.keys() or not {"w", "h"} <= sized.keys():
         return None  # without a size the image is not in the folder either
-    section = Section(sized)
+    section, name = Section(sized), str(stated.get("camera_model", "OPENCV"))
     with at_place(place):
-        name, is_fisheye = str(stated.get("camera_model", "OPENCV")), stated.get("is_fisheye", False)
         if name.upper() not in _MODELS:
             raise CalibrationError(f"camera_model {name[:40]!r} is not supported: use OPENCV or OPENCV_FISHEYE")
-        if is_fisheye not in (False, True):
-            raise CalibrationError(f"is_fisheye is {str(is_fisheye)[:40]!r}: give true or false")
-        model = "fisheye" if is_fisheye else _MODELS[name.upper()]
-        if model == "radtan" and section.number("k4", 0.0) != 0:
-            raise CalibrationError("k4 is not supported for a perspective camera: use k1, k2, k3, p1, p2")
         width, height = section.number("w"), section.number("h")
         if "fl_x" in stated:
             fx = section.number("fl_x")
@@ -152,9 +152,12 @@ def _transforms_camera(place: str, stated: JsonObject, size: tuple[int, int] | N
             fx = 0.5 * width / math.tan(0.5 * angle)
         fy = section.number("fl_y", fx)
         cx, cy = section.number("cx", width / 2) - 0.5, section.number("cy", height / 2) - 0.5
-        k = {name: section.number(name, 0.0) for name in _COEFFICIENTS}
-    content = {"model": model, "width": width, "height": height, "fx": fx, "fy": fy, "cx": cx, "cy": cy, **k}
-    return camera_of(place, content)
+    lens: JsonObject = {key: stated.get(key, 0.0) for key in _COEFFICIENTS}
+    lens |= {"is_fisheye": stated["is_fisheye"]} if stated.get("is_fisheye") else {"model": name}
+    camera = camera_of(place, {"width": width, "height": height, "fx": fx, "fy": fy, "cx": cx, "cy": cy} | lens)
+    if camera.model == "rational":
+        raise CalibrationError(f"{place}: k4 is not supported for a perspective camera: use k1, k2, k3, p1, p2")
+    return camera
 
 
 def find_trakmark(folder: Path) -> Path | None:

@@ -20,12 +20,13 @@ from contextlib import suppress
 from slam_init.datasets.image_files import NOMINAL_RATE_HZ
 from slam_init.datasets.live.streams import StreamImage
 from slam_init.errors import SourceError
+from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.pose import Trajectory
 
 #: Frames that wait: those of a quarter of a second at 30 Hz. Judging a frame takes up to six tenths of a second
-#: (docs/speed.md); what comes beyond the queue is dropped.
+#: (docs/measurements/speed.md); what comes beyond the queue is dropped.
 QUEUE_FRAMES = 8
 # How often a waiting thread looks whether it was stopped.
 _POLL_S = 0.05
@@ -66,14 +67,9 @@ class LiveSource:
     @property
     def notes(self) -> tuple[str, ...]:
         """What the user should know: dropped frames, times that are not those of the stream, and how it ended."""
-        notes = []
-        if self.dropped:
-            notes.append(
-                f"{self.dropped} of {self._received} frames were dropped, because they came faster than they were "
-                "processed"
-            )
+        dropped = f"{self.dropped} of {self._received} frames were dropped: they came faster than they were processed"
         ended = () if self._end_note is None else (self._end_note,)
-        return (*notes, *self._clock.notes, *ended)
+        return (*(dropped,) * bool(self.dropped), *self._clock.notes, *ended)
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Give the frames as they come, until the stream ends or :meth:`stop` is called."""
@@ -123,10 +119,10 @@ class LiveSource:
 
     def _receive(self) -> None:
         try:
-            for received in self._connect():
+            for image, stream_s in self._connect():
                 if self._stopped:
                     break
-                self._put(received)
+                self._put(image, stream_s)
         except SourceError as error:
             if self._received:  # what was received is of use without the rest
                 self._end_note = f"the source ended: {error}"
@@ -136,14 +132,14 @@ class LiveSource:
             self._error = error
         self._ended = True
 
-    def _put(self, received: StreamImage) -> None:
+    def _put(self, image: Image, stream_s: float | None) -> None:
         """Add an image to the queue; the oldest one makes room, or the sender waits."""
-        index, (height, width) = self._received, received.image.shape[:2]
+        index, (height, width) = self._received, image.shape[:2]
         size = width, height
         self._size = size if index == 0 else self._size
         if size != self._size:
             raise SourceError(f"{self.name}: image {index} is {width}x{height}: all sizes must be equal")
-        frame = Frame(index, self._clock.time_of(received), f"frame-{index:06d}", received.image)
+        frame = Frame(index, self._clock.time_of(stream_s), f"frame-{index:06d}", image)
         self._received += 1
         while not self._stopped:
             with suppress(queue.Full):
@@ -169,9 +165,9 @@ class _Clock:
         self._offset_s = self._stream_s = self._last_s = -1.0
         self.notes: list[str] = []
 
-    def time_of(self, received: StreamImage) -> float:
+    def time_of(self, stream_s: float | None) -> float:
         """Time stamp of an image that has just arrived: seconds since 1970, after the one before."""
-        now_s, stream_s = time.time(), received.stream_s
+        now_s = time.time()
         if stream_s is None and self._nominal:
             stream_s = self._stream_s + 1 / NOMINAL_RATE_HZ
             self._note(f"the stream states no times: {NOMINAL_RATE_HZ:g} frames a second are assumed")

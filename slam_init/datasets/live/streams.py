@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, TypeAlias, cast
 
 from slam_init.datasets.image_files import check_pixels
 from slam_init.datasets.video import upright_pixels
@@ -30,14 +29,8 @@ _WITHOUT_TIMES = ("mjpeg", "mpjpeg", "jpeg_pipe")
 _PIPE_HELP = "pipe a video into it: ffmpeg -i INPUT -f yuv4mpegpipe -pix_fmt yuv420p - | slam-init run -"
 
 
-@dataclass(frozen=True, eq=False)
-class StreamImage:
-    """An image of a stream."""
-
-    #: (H, W) Grey or BGR.
-    image: Image
-    #: Time in seconds that the stream states, from any origin; None if it states none.
-    stream_s: float | None
+#: An image (H, W), grey or BGR, and the time in seconds that the stream states, from any origin; None for none.
+StreamImage: TypeAlias = tuple[Image, float | None]
 
 
 def read_camera(name: str, number: int) -> Iterator[StreamImage]:
@@ -49,7 +42,7 @@ def read_camera(name: str, number: int) -> Iterator[StreamImage]:
         if not capture.isOpened():
             raise SourceError(f"{name}: cannot be opened: check that it runs, and that its name is right")
         while (read := capture.read())[0]:
-            yield StreamImage(cast(Image, read[1]), None)
+            yield cast(Image, read[1]), None
     finally:
         capture.release()
     raise SourceError(f"{name}: no more images")
@@ -93,7 +86,7 @@ def _decoded(
                 except av.error.InvalidDataError:  # a stream may begin between two key frames, or lose packets
                     continue
                 for frame in frames:
-                    yield StreamImage(upright_pixels(frame, reformatter), frame.time if timed else None)
+                    yield upright_pixels(frame, reformatter), frame.time if timed else None
     except (av.error.FFmpegError, OSError) as error:
         problem = f"{getattr(error, 'strerror', None) or type(error).__name__}"
         end = "ends" if opened else f"cannot be opened: {remedy}"

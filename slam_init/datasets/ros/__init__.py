@@ -4,9 +4,3 @@
 topics and motions have a module each. Messages of standard types only are read, by the definitions of ``rosbags``: the
 definitions that a bag holds are ignored, since ``rosbags`` would make code of them.
 """
-
-from slam_init.datasets.ros.bag import detect_file, is_bag_folder
-from slam_init.datasets.ros.source import RosSource
-from slam_init.datasets.ros.topics import BagName
-
-__all__ = ["BagName", "RosSource", "detect_file", "is_bag_folder"]

@@ -28,7 +28,8 @@ STORAGE_SUFFIXES = (".db3", ".mcap")
 
 _METADATA_KEY = b"rosbag2_bagfile_information"
 _METADATA_START = 4096
-_MAGIC_ROS1, _MAGIC_MCAP = b"#ROSBAG V", b"\x89MCAP0\r\n"
+#: How the files start.
+ROS1, MCAP = b"#ROSBAG V", b"\x89MCAP0\r\n"
 _LONGEST_CAUSE = 200
 _HINTS = {
     "not indexed": "the recording was not finished: run `rosbag reindex` on it",
@@ -36,18 +37,6 @@ _HINTS = {
     "magic is invalid": "it is no bag, or it is cut off: copy it again, or run `mcap recover`",
     "unable to open database": "databases with ?, # or % in their path cannot be opened: rename the bag",
 }
-
-
-def detect_file(path: Path) -> str | None:
-    """Tell whether a file is a ROS bag.
-
-    * Returns: ``ros1`` or ``ros2``; None if it is none. A broken file with the suffix of a bag is one.
-    """
-    start = first_bytes(path, len(_MAGIC_ROS1))
-    if path.suffix.lower() == ".bag" or start == _MAGIC_ROS1:
-        return "ros1"
-    # Many programs write SQLite files, so that the suffix decides.
-    return "ros2" if path.suffix.lower() in STORAGE_SUFFIXES or start.startswith(_MAGIC_MCAP) else None
 
 
 def is_bag_folder(folder: Path) -> bool:
@@ -62,6 +51,12 @@ def _storage_files(folder: Path) -> list[Path]:
     with os.scandir(folder) as entries:
         names = [entry.name for entry in entries if entry.name.lower().endswith(STORAGE_SUFFIXES)]
     return [folder / name for name in sorted(names) if not name.startswith(".")]
+
+
+def _version(path: Path) -> int:
+    """The version of ROS that a bag is of. A broken file with the suffix of a bag is one."""
+    is_ros1 = path.is_file() and (path.suffix.lower() == ".bag" or first_bytes(path, len(ROS1)) == ROS1)
+    return 1 if is_ros1 else 2
 
 
 @dataclass(frozen=True)
@@ -106,18 +101,18 @@ class Bag:
     * ``topics``: Sorted by name.
     """
 
-    def __init__(self, path: Path, version: int) -> None:
-        self.path = path
+    def __init__(self, path: Path) -> None:
+        self.path, self.version = path, _version(path)
         try:
             from rosbags import rosbag1, rosbag2
 
-            types = _standard_types(version)
+            types = _standard_types(self.version)
         except ImportError:
             raise SourceError(f'{self.path}: reading ROS bags needs rosbags: pip install ".[ros]"') from None
-        self._decode = types.deserialize_ros1 if version == 1 else types.deserialize_cdr
+        self._decode = types.deserialize_ros1 if self.version == 1 else types.deserialize_cdr
         file = self._checked_file()
         try:
-            self._reader: Any = rosbag1.Reader(file) if version == 1 else rosbag2.Reader(file)
+            self._reader: Any = rosbag1.Reader(file) if self.version == 1 else rosbag2.Reader(file)
             self._reader.open()
             topics = sorted(self._reader.topics.items())
         except Exception as error:

@@ -58,18 +58,15 @@ def decode(place: str, message: Any) -> Pixels:
         return decode_image(place, data.tobytes())
     encoding = str(message.encoding).lower()
     if encoding not in _ENCODINGS:
-        raise SourceError(
-            f"{place}: the encoding {str(message.encoding)[:40]!r} is not supported: use one of {', '.join(_ENCODINGS)}"
-        )
+        known = ", ".join(_ENCODINGS)
+        raise SourceError(f"{place}: the encoding {encoding[:40]!r} is not supported: use one of {known}")
     (channels, conversion), is_wide = _ENCODINGS[encoding], encoding.endswith("16")
     width, height, step = int(message.width), int(message.height), int(message.step)
     check_pixels(place, width, height)
     row = width * channels * (2 if is_wide else 1)
     step = step or row  # some drivers leave it out
     if step < row or len(data) < step * (height - 1) + row:
-        raise SourceError(
-            f"{place}: {len(data)} bytes in rows of {step} hold no {width}x{height} pixels of {message.encoding}"
-        )
+        raise SourceError(f"{place}: {len(data)} bytes in rows of {step} hold no {width}x{height} pixels of {encoding}")
     data = np.pad(data, (0, max(0, step * height - len(data))))  # the last row may end with its last pixel
     pixels: Pixels = np.ascontiguousarray(data[: step * height].reshape(height, step)[:, :row])
     if is_wide:
@@ -91,11 +88,7 @@ def camera_of_info(place: str, info: Any, images: str, image_size: tuple[int, in
         K = P.reshape(3, 4)[:, :3].ravel()
     if not K.any():
         return None
-    content: dict[str, object] = {
-        "K": K.tolist(),
-        "D": [] if rectified else D.tolist(),
-        "distortion_model": "" if rectified else str(info.distortion_model),
-        "width": int(info.width),
-        "height": int(info.height),
-    }
+    content: dict[str, object] = {"K": K.tolist(), "width": int(info.width), "height": int(info.height)}
+    if not rectified:
+        content |= {"D": D.tolist(), "distortion_model": str(info.distortion_model)}
     return camera_of(place, content, image_size)

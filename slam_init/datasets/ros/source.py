@@ -36,18 +36,17 @@ class RosSource(WithSensor):
     the whole bag; :meth:`frames` does not.
 
     * ``path``: A file (``.bag``, ``.db3``, ``.mcap``) or the folder of a ROS 2 bag.
-    * ``version``: 1 or 2, of ROS.
     * ``topic``: Of the images.
     * ``truth``: Topic of the true poses, or ``none``. By default the only one that holds poses.
     """
 
-    def __init__(self, path: Path, version: int, topic: str | None = None, truth: str | None = None) -> None:
-        self.path, self._version = path, version
-        self.name, self.kind = path.resolve().name, f"ros{version}"
+    def __init__(self, path: Path, topic: str | None = None, truth: str | None = None) -> None:
+        self.path, self.name = path, path.resolve().name
         self._left_out: set[int] = set()
         self._read_count: int | None = None
         self._sensor_notes: tuple[str, ...] = ()
-        with Bag(path, version) as bag:
+        with Bag(path) as bag:
+            self.kind = f"ros{bag.version}"
             self.topic, self._notes = image_topic(bag, topic)
             first = bag.first(self.topic)
             if first is None:
@@ -72,7 +71,7 @@ class RosSource(WithSensor):
         """The calibration of the first ``CameraInfo``; None if there is none."""
         if self._info_topic is None:
             return None
-        with Bag(self.path, self._version) as bag:
+        with Bag(self.path) as bag:
             info = bag.first(self._info_topic)
         place = f"{self.path}: {self._info_topic.name}"
         return None if info is None else camera_of_info(place, info.content, self.topic.name, self._size)
@@ -86,19 +85,19 @@ class RosSource(WithSensor):
     def _truth(self) -> tuple[Trajectory | None, tuple[str, ...]]:
         if self._truth_topic is None:
             return None, ()
-        with Bag(self.path, self._version) as bag:
+        with Bag(self.path) as bag:
             return read_truth(bag, self._truth_topic, self._frame_id)
 
     @cached_property
     def _sensor(self) -> InertialSensor | None:
-        with Bag(self.path, self._version) as bag:
+        with Bag(self.path) as bag:
             sensor, self._sensor_notes = read_sensor(bag, self._frame_id, by_header=self._by_header)
         return sensor
 
     @cached_property
     def timestamps_s(self) -> Floats:
         """(N,) float: time stamps of the frames in seconds, strictly increasing."""
-        with Bag(self.path, self._version) as bag:
+        with Bag(self.path) as bag:
             return np.array([time_s for time_s, _ in self._timed(bag)])
 
     @property
@@ -124,7 +123,7 @@ class RosSource(WithSensor):
         """Read frames in order; each image is decoded when its frame is requested."""
         wanted = frame_range(len(self), start, max_frames, self.name)
         index = -1
-        with Bag(self.path, self._version) as bag:
+        with Bag(self.path) as bag:
             for index, (time_s, message) in enumerate(itertools.islice(self._timed(bag), wanted.stop)):
                 if index in wanted:
                     image = self._levels.reduced(decode(message.place, message.content))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -42,7 +43,7 @@ class BagName:
         """Read the text form."""
         path, mark, query = text.rpartition(_QUERY)
         options = dict(parse_qsl(query))
-        if not mark or not options or set(options) - {"topic", "truth_topic"} or _exists(text):
+        if not mark or not options or set(options) - {"topic", "truth_topic"} or os.path.exists(user_path(text)):  # noqa: PTH110 (a Path raises for a null byte)
             return None
         return BagName(path, options.get("topic"), options.get("truth_topic"))
 
@@ -101,13 +102,6 @@ def truth_topic(bag: Bag, name: str | None) -> tuple[Topic | None, tuple[str, ..
     if len(poses) > 1:
         return None, (f"no ground truth: several topics hold poses: choose one by --truth-topic {_listed(poses)}",)
     return next(iter(poses), None), ()
-
-
-def _exists(text: str) -> bool:
-    try:
-        return user_path(text).exists()
-    except (OSError, ValueError):
-        return False
 
 
 def _named(bag: Bag, topics: Sequence[Topic], name: str, problem: str) -> Topic:

@@ -37,21 +37,6 @@ def errors_of(model) -> tuple[float, float]:
 # --- progressive samples ---
 
 
-@given(
-    seed=SEEDS,
-    size=st.integers(2, 7),
-    surplus=st.integers(0, 300),
-    drawn=st.sampled_from([0, 1, 50, 5_000, 199_000, 10**6]),
-    batch=st.integers(0, 60),
-)
-def test_progressive_samples_hold_distinct_ranks(seed, size, surplus, drawn, batch):
-    count = size + surplus
-    samples = progressive_samples(np.random.default_rng(seed), count, size, drawn, batch)
-    assert samples.shape == (batch, size)
-    assert ((samples >= 0) & (samples < count)).all()
-    assert all(len(set(row)) == size for row in samples.tolist())
-
-
 @given(seed=SEEDS, size=st.integers(2, 7), surplus=st.integers(1, 300))
 def test_the_first_sample_holds_the_best_matches_and_the_subset_grows_by_one_match(seed, size, surplus):
     samples = progressive_samples(np.random.default_rng(seed), size + surplus, size, 0, 300)

@@ -87,29 +87,6 @@ def test_seven_points_and_equal_points_give_no_plane():
     assert fit_plane(MODEL, *(np.repeat(rays[:1], 20, axis=0) for rays in (m, n)), NOISE_RAD).poses == []
 
 
-@laws
-@given(seed=SEEDS)
-def test_rotating_the_second_camera_rotates_the_motions_of_a_plane(seed):
-    m, n = views(points(1, on_plane=1.0), noise_rad=NOISE_RAD)
-    Q = rotation_from_vector(np.random.default_rng(seed).uniform(-2, 2, 3))
-    turned_model = np.concatenate([quaternion_from_matrix(Q @ R_TRUE), Q @ MODEL[4:]])
-    plane, turned = fit_plane(MODEL, m, n, NOISE_RAD), fit_plane(turned_model, m, n @ Q.T, NOISE_RAD)
-    assert (turned.on, turned.off) == (plane.on, plane.off)
-    assert turned.relief == pytest.approx(plane.relief, rel=1e-6)
-    for pose, turned_pose in zip(plane.poses, turned.poses, strict=True):
-        expected = Q @ matrix_from_quaternion(pose[:4])
-        assert matrix_from_quaternion(turned_pose[:4]) == pytest.approx(expected, abs=1e-7)
-        assert turned_pose[4:] == pytest.approx(Q @ pose[4:], abs=1e-7)
-
-
-def test_the_same_matches_give_the_same_plane_and_are_not_changed():
-    m, n = views(points(2, on_plane=0.8), noise_rad=NOISE_RAD)
-    before = m.tobytes(), n.tobytes()
-    first, second = fit_plane(MODEL, m, n, NOISE_RAD), fit_plane(MODEL, m, n, NOISE_RAD)
-    assert np.array(first.poses).tobytes() == np.array(second.poses).tobytes()
-    assert (m.tobytes(), n.tobytes()) == before
-
-
 # --- off_line_rad ---
 
 

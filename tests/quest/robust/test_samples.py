@@ -7,13 +7,8 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from quest.robust.samples import draw_samples, samples_needed
-
-SEEDS = st.integers(0, 2**32 - 1)
-
 
 # --- samples_needed ---
 
@@ -24,29 +19,7 @@ def test_the_number_of_samples_is_that_of_the_textbook():
     assert math.ceil(samples_needed(0.8, 2, 0.99, 1.0)) == 5
 
 
-@given(
-    share=st.floats(0.05, 0.999),
-    size=st.integers(1, 8),
-    confidence=st.floats(0.5, 0.99999),
-    chance=st.floats(0.1, 1),
-)
-def test_all_needed_samples_fail_with_the_remaining_probability(share, size, confidence, chance):
-    needed = samples_needed(share, size, confidence, chance)
-    all_fail = math.exp(needed * math.log1p(-chance * share**size))
-    assert all_fail == pytest.approx(1 - confidence)
-
-
 # --- draw_samples ---
-
-
-@given(seed=SEEDS, size=st.integers(1, 7), surplus=st.integers(0, 60), batch=st.integers(1, 40))
-def test_samples_hold_distinct_indices(seed, size, surplus, batch):
-    count = size + surplus
-    samples = draw_samples(np.random.default_rng(seed), count, size, batch)
-    assert samples.shape == (batch, size)
-    assert samples.min() >= 0
-    assert samples.max() < count
-    assert all(len(set(row)) == size for row in samples.tolist())
 
 
 @pytest.mark.parametrize("count", [5, 9], ids=["few data: by shuffling", "many data: by rejection"])

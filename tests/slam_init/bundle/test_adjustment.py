@@ -144,19 +144,6 @@ def test_covariances_agree_with_the_scatter_of_many_runs():
     assert 4.5 / widest < np.mean(whitened) < 7.5
 
 
-def test_a_point_behind_the_camera_has_no_residual_and_is_removed():
-    rng = np.random.default_rng(9)
-    exact = problem(CAMERA, cloud(rng))
-    points = exact.points.copy()
-    points[0, 2] *= -1
-    flipped = replace(exact, points=points)
-    assert np.isnan(flipped.residuals(CAMERA)[flipped.landmarks == 0]).all()
-    solution = adjust(CAMERA, flipped, MAP)
-    assert isinstance(solution, BundleSolution)
-    assert (solution.problem.points[:, 2] > 0).all()
-    assert np.isfinite(solution.problem.residuals(CAMERA)).all()
-
-
 def few_points():
     return problem(CAMERA, cloud(np.random.default_rng(10), 5))
 

@@ -9,13 +9,11 @@ from make_bundle import disturbed, read_problem, with_kernel
 from make_map import CAMERAS
 from make_scene import CAMERA, cloud, problem
 
-from quest.geometry.quaternion import rotation_angle, rotation_from_vector
+from quest.geometry.quaternion import rotation_angle
 from slam_init.bundle.covariances import LENS, SharedErrors, covariances
-from slam_init.bundle.graph import PoseTerms, build_graph, landmark_key, pose_key
-from slam_init.bundle.kernel import eliminate_points, errors_of_points
+from slam_init.bundle.graph import build_graph, landmark_key, pose_key
 from slam_init.bundle.least_squares import minimize, with_lenses
 from slam_init.bundle.problem import PosePrior
-from slam_init.types.pose import Pose
 
 PRIOR = PosePrior(1e-3, 1e-2)
 
@@ -97,74 +95,7 @@ def test_the_robust_optimum_is_that_of_gtsam(model):
         assert np.linalg.norm(one.t - other.t) < 3e-5
 
 
-def arrays(start):
-    """Poses, points and observations by landmark, as the compiled loops take them."""
-    order = np.argsort(start.landmarks, kind="stable")
-    starts = np.concatenate([[0], np.cumsum(np.bincount(start.landmarks, minlength=len(start.points)))])
-    R, t = (np.array([getattr(pose, name) for pose in start.world_from_cam]) for name in "Rt")
-    return R, t, np.ascontiguousarray(start.points), starts, start.views[order], start.lenses[order]
-
-
-def moved(R, t, points, step):
-    """Poses and points after a step of all unknowns, in the tangent of the kernel."""
-    count = 6 * len(R)
-    turns, shifts = np.split(step[:count].reshape(-1, 6), 2, axis=1)
-    return R @ rotation_from_vector(turns), t + np.einsum("kij,kj->ki", R, shifts), points + step[count:].reshape(-1, 3)
-
-
-def test_the_equations_are_the_derivatives_of_the_error():
-    """The gradient by differences; and a step of the eliminated system solves the whole one."""
-    start = noisy_problem("radtan", np.random.default_rng(4))
-    start = start.keep(start.landmarks < 12)
-    R, t, points, *observed = arrays(start)
-    count = len(points)
-    _, gradient, roots, solved, _ = eliminate_points(R, t, points, *observed, 0.0, np.inf, False)
-    C = np.zeros((count, 3, 3))
-    rows, columns = (0, 1, 2, 1, 2, 2), (0, 1, 2, 0, 0, 1)
-    C[:, rows, columns] = roots
-    whole = np.concatenate([gradient, np.einsum("lij,lj->li", C, solved.reshape(-1, 3)).ravel()])
-
-    def error(step):
-        return 0.5 * errors_of_points(*moved(R, t, points, step), *observed, np.inf).sum()
-
-    h = 1e-6
-    numeric = [(error(h * unit) - error(-h * unit)) / (2 * h) for unit in np.eye(len(whole))]
-    np.testing.assert_allclose(whole, numeric, rtol=1e-4, atol=1e-4 * np.abs(whole).max())
-
-
-def test_a_point_without_a_ray_in_any_view_changes_nothing():
-    start = noisy_problem("pinhole", np.random.default_rng(5), share=2.0)
-    lenses = start.lenses.copy()
-    lenses[start.landmarks == 3] = np.nan
-    found, _ = minimize(replace(start, lenses=lenses), 0.5, iterations=10, tolerance=1e-9)
-    rest, _ = minimize(start.keep(start.landmarks != 3), 0.5, iterations=10, tolerance=1e-9)
-    assert np.array_equal(found.points[3], start.points[3])
-    np.testing.assert_allclose(np.delete(found.points, 3, axis=0), rest.points, rtol=1e-9)
-
-
 def test_a_start_behind_a_camera_is_told():
     start = with_lenses(CAMERA, problem(CAMERA, cloud(np.random.default_rng(6))))
     with pytest.raises(RuntimeError, match="behind"):
         minimize(replace(start, points=-start.points), 0.5, iterations=5, tolerance=1e-5)
-
-
-def test_without_virtual_cameras_the_caller_is_told():
-    with pytest.raises(ValueError, match="lenses"):
-        minimize(problem(CAMERA, cloud(np.random.default_rng(7))), 0.5, iterations=5, tolerance=1e-5)
-
-
-def test_the_terms_of_the_poses_have_their_equations_in_the_order_of_the_views():
-    """The keys of gtsam are sorted by frame, the views of a problem need not be."""
-    exact = problem(CAMERA, cloud(np.random.default_rng(8)))
-    start = replace(exact, frames=(40, 3, 20, 10)).with_prior(PRIOR)
-    R, t = (np.array([getattr(pose, name) for pose in start.world_from_cam]) for name in "Rt")
-    terms, rng = PoseTerms(start), np.random.default_rng(9)
-    step = 1e-4 * rng.normal(size=6 * len(R))
-    at = moved(R, t, np.zeros((0, 3)), step)[:2]
-    information, gradient = terms.equations(*at)
-    unit = 1e-7 * rng.normal(size=len(step))
-    ahead, behind = (terms.error(*moved(*at, np.zeros((0, 3)), sign * unit)[:2]) for sign in (1, -1))
-    assert gradient @ unit == pytest.approx(0.5 * (ahead - behind), rel=1e-3)
-    assert np.linalg.eigvalsh(information).min() > -1e-6 * np.abs(information).max()
-    assert terms.error(R, t) == pytest.approx(0.0, abs=1e-12)
-    assert isinstance(start.world_from_cam[0], Pose)

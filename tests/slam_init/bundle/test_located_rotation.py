@@ -30,36 +30,11 @@ def optimum(points, noise_px, seed):
     return minimize(seen, noise_px, iterations=20, tolerance=1e-9)[0]
 
 
-def without_last(full):
-    """The map before its last view, and the landmarks and pixels of that view."""
-    last = full.views == len(full.frames) - 1
-    rest = full.keep(~last)
-    before = replace(rest, frames=rest.frames[:-1], world_from_cam=rest.world_from_cam[:-1])
-    return before, full.landmarks[last], full.pixels[last]
-
-
 def test_it_is_that_of_the_covariances_of_a_map_of_few_landmarks():
     full = optimum(cloud(np.random.default_rng(0), 80), 0.3, 0)
     stated = solution_of(CAMERA, full, CONFIG).pose_covariances[-1, :3, :3]
     found = LocatedRotation.of(CAMERA, full, CONFIG).sigma_rad(full)
     assert found == pytest.approx(math.sqrt(np.linalg.eigvalsh(stated)[-1]), rel=1e-9)
-
-
-def test_a_frame_beside_the_newest_keyframe_has_its_errors():
-    """By the noise of its own landmarks alone the frame would be known to a tenth of that."""
-    before, *_ = without_last(optimum(cloud(np.random.default_rng(2), 200), 0.3, 2))
-    of_map, newest = LocatedRotation.of(CAMERA, before, CONFIG), before.views == len(before.frames) - 1
-    beside = before.with_view(99, before.world_from_cam[-1], before.landmarks[newest], before.pixels[newest])
-    assert of_map.sigma_rad(beside) == pytest.approx(of_map.sigma_rad(before), rel=0.2)
-    by_noise_rad = of_map.noise_px / CAMERA.focal_px / math.sqrt(newest.sum())
-    assert by_noise_rad < 0.1 * of_map.sigma_rad(beside)
-
-
-def test_one_landmark_does_not_determine_it():
-    full = optimum(cloud(np.random.default_rng(3), 60), 0.3, 3)
-    before, landmarks, pixels = without_last(full)
-    alone = before.with_view(9, full.world_from_cam[-1], landmarks[:1], pixels[:1])
-    assert LocatedRotation.of(CAMERA, before, CONFIG).sigma_rad(alone) > 1.0
 
 
 def test_it_holds_what_a_lens_and_each_view_have_in_common():

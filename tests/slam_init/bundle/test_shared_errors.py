@@ -7,7 +7,6 @@ import gtsam
 import numpy as np
 import pytest
 from make_bundle import MAP, ROTATING, SIDEWAYS
-from make_lenses import LENSES
 from make_map import CAMERAS
 from make_scene import CAMERA, cloud, problem, with_drawn_lens
 
@@ -15,10 +14,9 @@ from slam_init.bundle.adjustment import adjust
 from slam_init.bundle.covariances import covariances
 from slam_init.bundle.graph import landmark_key, pose_key
 from slam_init.bundle.least_squares import with_lenses
-from slam_init.bundle.lens import at_projections, lens_derivatives, lens_prior
+from slam_init.bundle.lens import at_projections, lens_prior
 from slam_init.bundle.reprojection import calibration_key
 from slam_init.bundle.shared_errors import error_model
-from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 
 LENS = replace(MAP, lens_uncertainty=1.0)
@@ -140,14 +138,6 @@ def test_each_error_of_the_lens_moves_the_unit_as_the_map_states(parameter):
     assert units[1] - units[0] == pytest.approx(-0.1 * stated[parameter], abs=0.1 * 0.15 * np.abs(stated).max())
 
 
-def test_what_is_a_landmarks_own_averages_out_of_the_unit():
-    rng = np.random.default_rng(9)
-    few, many = (fitted(CAMERA, cloud(rng, count), SIDEWAYS, rng, config=MAP)[1] for count in (40, 160))
-    assert many.unit_error.own < 0.7 * few.unit_error.own
-    assert many.unit_error.own <= np.median(many.depth_sigmas)
-    assert not many.unit_error.by_lens.any()
-
-
 def test_an_exact_lens_is_held_and_a_tight_prior_gives_the_same():
     rng = np.random.default_rng(5)
     seen = problem(CAMERA, cloud(rng), ROTATING, 0.3, rng)
@@ -162,32 +152,6 @@ def test_an_exact_lens_is_held_and_a_tight_prior_gives_the_same():
     np.testing.assert_allclose(tight.point_covariances, held.point_covariances, rtol=1e-3, atol=1e-9)
     assert (np.linalg.eigvalsh(wide.point_covariances - held.point_covariances) > -1e-9).all()
     np.testing.assert_allclose(wide.seen_covariances, held.seen_covariances, rtol=0.05, atol=1e-6)
-
-
-def test_the_covariances_do_not_depend_on_the_unit_or_on_the_order_of_the_observations():
-    rng = np.random.default_rng(6)
-    seen, one = fitted(CAMERA, cloud(rng), ROTATING, rng)
-    order = rng.permutation(len(seen.views))
-    shuffled = replace(seen, views=seen.views[order], landmarks=seen.landmarks[order], pixels=seen.pixels[order])
-    for other in (seen.scaled(1e3), shuffled):
-        again = adjust(CAMERA, other, LENS, poses_known=True)
-        np.testing.assert_allclose(again.pose_covariances, one.pose_covariances, rtol=1e-3, atol=1e-10)
-        np.testing.assert_allclose(again.depth_sigmas, one.depth_sigmas, rtol=1e-3)
-        assert again.overdispersion == pytest.approx(one.overdispersion, rel=1e-3)
-
-
-@pytest.mark.parametrize("model", ["pinhole", "radtan", "fisheye", "double-sphere"])
-def test_the_derivatives_by_the_lens_are_those_of_the_residuals(model):
-    """A point, seen through another lens: the difference of its pixels, as the virtual cameras count it."""
-    camera = CAMERAS.get(model) or LENSES[model]
-    rng = np.random.default_rng(7)
-    exact = with_lenses(camera, problem(camera, cloud(rng, 30), list(SIDEWAYS)))
-    J, h = lens_derivatives(camera, exact), 1e-4
-    others = (camera.refocused(h), replace(camera, cx=camera.cx + h), replace(camera, cy=camera.cy + h), camera.bent(h))
-    for column, other in enumerate(others):
-        moved = -exact.residuals(camera) + exact.residuals(other)
-        lengths = np.linalg.norm(moved, axis=1) / h
-        np.testing.assert_allclose(np.linalg.norm(J[:, :, column], axis=1), lengths, rtol=5e-3, atol=1e-3)
 
 
 def test_a_landmark_with_two_views_that_decides_about_the_poses_is_left_out():
@@ -218,13 +182,3 @@ def test_a_view_of_few_landmarks_has_a_covariance(seed, left):
     assert np.isfinite(solution.pose_covariances).all()
     assert (np.linalg.eigvalsh(solution.pose_covariances[1:]) > -1e-12).all()
     assert np.trace(solution.pose_covariances[-1]) > np.trace(solution.pose_covariances[1])
-
-
-def test_a_calibration_with_a_distortion_knows_more_than_one_without():
-    stated, bare = lens_prior(CAMERAS["radtan"], LENS), lens_prior(CAMERA, LENS)
-    assert (stated.k1_sigma, bare.k1_sigma) == (0.01, 0.05)
-    assert bare.focal_sigma == 0.02
-    guess = replace(CAMERA, focal_sigma=0.3)
-    assert isinstance(guess, Camera)
-    assert lens_prior(guess, LENS).focal_sigma == 0.06
-    assert not lens_prior(CAMERA, MAP).sigmas.any()

@@ -12,7 +12,6 @@ from make_scene import observe
 from slam_init.bundle.adjustment import adjust
 from slam_init.bundle.graph import build_graph
 from slam_init.bundle.problem import BundleProblem
-from slam_init.bundle.virtual_cameras import needs_virtual_cameras, virtual_cameras
 
 
 def problem_around(camera, noise_px, rng, poses=ROTATING, count=150):
@@ -36,15 +35,6 @@ def problem_around(camera, noise_px, rng, poses=ROTATING, count=150):
     return problem.keep(kept)
 
 
-def test_gtsam_takes_the_lenses_that_it_has_and_all_others_have_virtual_cameras():
-    narrow = {
-        model: replace(lens, fx=1500.0, fy=1500.0) for model, lens in LENSES.items() if model != "equirectangular"
-    }
-    taken = {model for model, lens in narrow.items() if not needs_virtual_cameras(lens)}
-    assert taken == {"rational", "thin-prism", "fisheye", "omni"}
-    assert {model for model in LENSES if not needs_virtual_cameras(LENSES[model])} == {"thin-prism"}
-
-
 @pytest.mark.parametrize("model", LENSES)
 def test_the_errors_of_gtsam_are_the_residuals_of_the_raw_pixels(model):
     camera, rng = LENSES[model], np.random.default_rng(4)
@@ -57,16 +47,6 @@ def test_the_errors_of_gtsam_are_the_residuals_of_the_raw_pixels(model):
         assert np.corrcoef(theirs, ours)[0, 1] > 0.8
     else:
         np.testing.assert_allclose(theirs, ours, rtol=0.05, atol=1e-4)
-
-
-def test_a_virtual_camera_looks_along_the_ray_with_the_derivative_of_the_lens():
-    camera, pixels = LENSES["double-sphere"], np.array([[20.0, 30.0], [318.3, 241.7], [600.0, 100.0]])
-    virtual = virtual_cameras(camera, pixels)
-    np.testing.assert_allclose(virtual.cam_from_virtual[:, :, 2], camera.bearings(pixels), atol=1e-12)
-    np.testing.assert_allclose(np.linalg.det(virtual.cam_from_virtual), 1, atol=1e-12)
-    # On the axis it is the camera itself, up to a rotation of the image.
-    np.testing.assert_allclose(np.abs(virtual.calibrations[1]), [camera.K[0, 0], 0, camera.K[1, 1]], rtol=6e-3, atol=1)
-    assert not virtual_cameras(camera, np.array([[-900.0, -900.0]])).known[0]
 
 
 @pytest.mark.parametrize("model", ["fisheye", "double-sphere", "equirectangular"])

@@ -75,11 +75,6 @@ def test_an_impossible_calibration_is_refused_in_one_line(tmp_path):
         assert_refused(write(tmp_path / "bad.yaml", good.replace(old, new)), word)
 
 
-def test_a_key_may_be_given_twice_with_the_same_value(tmp_path):
-    text = "width: 640\nheight: 480\nfx: 520\nfx: 520\nfy: 520\ncx: 320\ncy: 240\n"
-    assert load_camera(write(tmp_path / "c.yaml", text)).fx == 520
-
-
 def test_a_pipe_is_refused_without_waiting_for_its_writer(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(CalibrationError, match="not a file"):

@@ -127,11 +127,6 @@ def test_the_yaml_of_this_project_has_every_lens(tmp_path, model):
     assert load_camera(write(tmp_path / "c.yaml", text)) == lens
 
 
-def test_a_panorama_needs_its_size_only(tmp_path):
-    text = "model: equirectangular\nwidth: 640\nheight: 480\n"
-    assert load_camera(write(tmp_path / "c.yaml", text)) == LENSES["equirectangular"]
-
-
 def test_a_camera_without_distortion_is_a_pinhole_under_every_model_name(tmp_path):
     for model, distortion in (("none", "[]"), ("radtan", "[0, 0, 0, 0]"), ("pinhole", "[]")):
         camera = load_camera(write(tmp_path / "c.yaml", OWN.format(model=model, distortion=distortion)))

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from cli_files import CAMERA, IMAGES, INITIALIZED, REFUSED, WITH
+from cli_files import IMAGES, INITIALIZED, REFUSED, WITH
 
 from slam_init.cli import main
 from slam_init.scale.requests import parse_scale
@@ -79,19 +79,6 @@ def test_the_metadata_of_photographs_come_before_the_prior(world, pipeline, tagg
         assert camera.fx == pytest.approx(66 * 28 / 36, rel=0.02) and camera.focal_sigma < 0.06
 
 
-def test_one_number_is_enough(world, pipeline):
-    assert main(["run", IMAGES, "--camera", "f=70"]) == 0
-    ((_, camera, _, _),) = pipeline.calls
-    assert (camera.source, camera.fx, camera.focal_sigma) == ("stated", 70, 0.05)
-
-
-def test_a_calibration_that_is_given_beats_that_of_the_source(world, pipeline):
-    (world / IMAGES / "camera.yaml").write_text(CAMERA.replace("fx: 60", "fx: 99"))
-    assert main(["run", IMAGES]) == 0
-    assert main(["run", IMAGES, *WITH]) == 0
-    assert [camera.fx for _, camera, _, _ in pipeline.calls] == [99, 60]
-
-
 @pytest.mark.parametrize(("summary", "code"), [(INITIALIZED, 0), (REFUSED, 3)])
 @pytest.mark.parametrize("quiet", [[], ["--quiet"]])
 def test_json_is_the_summary_and_nothing_else(world, pipeline, capfd, summary, code, quiet):
@@ -125,9 +112,3 @@ def test_synth_writes_what_info_and_run_read(tmp_path, pipeline, capsys):
     assert main(["info", "s"]) == 0
     assert "for 3 of 3 frames" in capsys.readouterr().out
     assert main(["run", "s"]) == 0
-
-
-def test_info_of_bare_images_tells_what_is_missing(world, capsys):
-    assert main(["info", IMAGES]) == 0
-    out = capsys.readouterr().out
-    assert "prior" in out and "none" in out and "64x48, grey" in out

@@ -4,8 +4,6 @@ import os
 import subprocess
 import sys
 
-import cv2
-import numpy as np
 import pytest
 from cli_files import IMAGES, WITH
 
@@ -73,18 +71,6 @@ def test_the_scale_of_a_truth_that_a_source_does_not_have_is_refused_before_the_
     assert "has no true trajectory: leave --scale out" in error_of(
         ["run", IMAGES, *WITH, "--scale", "groundtruth"], capsys
     )
-
-
-def test_a_file_whose_name_is_a_number_is_a_calibration(world, pipeline):
-    (world / "615").write_text((world / "good.yaml").read_text())
-    assert main(["run", IMAGES, "--camera", "615"]) == 0
-
-
-@pytest.mark.slow
-def test_a_mask_of_everything_is_told_to_mask_less(world, capsys):
-    cv2.imwrite("all.png", np.zeros((48, 64), np.uint8))
-    assert main(["run", IMAGES, *WITH, "--mask", "all.png", "--no-overview"]) == 3
-    assert "the mask ignores 100% of the image: mask less of it" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("line", "wanted"), [("slam-init ru", {"run "}), ("slam-init run --cam", {"--camera "})])

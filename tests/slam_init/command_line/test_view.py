@@ -91,7 +91,7 @@ def test_screenshots_are_one_file_for_each_frame_and_replace_pictures_only(folde
         (["out", "--screenshot", "--size", "1x1"], "--size"),
         (["out", "--screenshot", "--size", "99999x99999"], "--size"),
         (["out", "--screenshot", "nowhere/a.png"], "no folder"),
-        (["out", "--screenshot", "empty"], "no PNG"),
+        (["out", "--screenshot", "empty"], "a folder, not a file"),
         (["out", "--web", "--screenshot"], "not allowed with"),
     ],
 )

@@ -4,8 +4,9 @@ import json
 
 import pytest
 
-from slam_init.compare.rows import COLUMNS, Journal, TrialRow, read_journal
+from slam_init.compare.rows import COLUMNS, Journal, TrialRow
 from slam_init.errors import OutputError
+from tests.benchmarks.tables import read_journal
 
 
 def row(**values):
@@ -47,7 +48,7 @@ def test_a_row_is_read_as_it_was_written_and_columns_of_other_versions_do_not_ma
         journal.append(written)
     with path.open("a") as file:
         file.write(json.dumps(stored) + "\n")
-    assert list(read_journal(path)) == [written, row(start=10)]
+    assert read_journal(path) == [written, row(start=10)]
 
 
 def test_an_incomplete_last_line_is_removed_and_the_next_row_stands_in_its_place(path):

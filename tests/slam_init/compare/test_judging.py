@@ -2,7 +2,7 @@
 
 import pytest
 
-from slam_init.compare.judging import SEQUENCES, Criteria, criteria_of, group_of_scene
+from slam_init.compare.judging import Criteria, criteria_of, group_of_scene
 from slam_init.compare.measures import PoseErrors, is_correct, is_strict
 
 
@@ -34,11 +34,6 @@ def test_a_strict_map_is_correct_and_coarse_directions_do_not_matter_for_it():
     coarse = criteria_of("fr1_desk_9frames")
     assert is_strict(PoseErrors(0.9, 20.0), coarse)
     assert not is_strict(PoseErrors(0.9, 26.0), coarse)
-
-
-def test_the_criteria_of_a_sequence_do_not_depend_on_the_folder_that_holds_it():
-    assert criteria_of("some/where/V1_01_static") == criteria_of("V1_01_static") == SEQUENCES["V1_01_static"]
-    assert criteria_of("synth:room") == criteria_of("anything") == Criteria()
 
 
 def test_the_group_of_a_scene_names_what_is_difficult():

@@ -4,14 +4,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from comparisons import table_cells
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slam_init.compare import figures
 from slam_init.compare.figures import RISK_EDGES, reliability_of, summary_of, table_of
 from slam_init.compare.judging import NOT_JUDGED, criteria_of
-from slam_init.compare.report import main_table, report_html
 from slam_init.compare.rows import TrialRow
 from slam_init.compare.sources import describe_sources
 from slam_init.compare.statistics import wilson
@@ -87,20 +85,3 @@ def test_an_error_is_covered_up_to_the_stated_number_of_standard_deviations():
     assert (found["rotation"]["within"], found["rotation"]["maps"]) == (2, 3)
     assert found["direction"]["rate"] == wilson(1, 3)
     assert found["total"]["maps"] == 5
-
-
-def test_the_tables_and_the_page_tell_the_stated_risk_only_if_a_method_states_one():
-    plan = Plan(tuple(describe_sources(["points:room"])), ("quest", "poselib"))
-    silent = [row(None, method=method) for method in plan.methods]
-    for more, count in (([], 0), ([row(0.0005, start=1), row(0.004, "false", start=2), row(0.003, start=3)], 1)):
-        table = table_of([*silent, *more])
-        summary = summary_of(table, plan)
-        page = report_html(table, summary, "", [])
-        assert page.count("Reliability of the stated risk") == page.count('href="#reliability"') == count
-    *_, last = main_table(summary).split("\n\n")
-    assert [cells[:6] for cells in table_cells(last)] == [
-        ["quest", "0 to 0.001", "1", "0.050", "0.001", "0"],
-        ["quest", "0.002 to 0.005", "2", "0.350", "0.007", "1"],
-        ["quest", "all", "3", "0.250", "0.007", "1"],
-    ]
-    assert "0.350" in page and "nan" not in page[page.index('id="reliability"') : page.index('id="scenes"')].lower()

@@ -49,9 +49,3 @@ def test_a_view_leaves_frames_out_and_the_rest_is_numbered_from_0():
     frames = list(open_compared(part.text).frames(1))
     assert [frame.index for frame in frames] == [1, 2, 3]
     assert [frame.name for frame in frames] == ["frame-000003", "frame-000006", "frame-000009"]
-
-
-def test_a_given_camera_takes_the_place_of_that_of_the_source():
-    (given,) = describe_sources(["synth:room?frames=4&width=64&height=64"], SourceView(camera="f=99"))
-    assert open_compared(given.text).camera.fx == 99
-    assert len(list(open_compared(given.text).frames(1))) == 3

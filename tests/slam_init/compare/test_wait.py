@@ -55,9 +55,3 @@ def test_a_difference_compares_the_same_trials_and_its_interval_the_sequences():
     assert 2 <= difference["difference_frames"].low < 3.5 < difference["difference_frames"].high <= 5
     (swapped,) = wait_differences(table, ("stella", "quest"))
     assert swapped["difference_frames"].value == -difference["difference_frames"].value
-
-
-def test_a_single_sequence_has_a_mean_and_no_interval():
-    table = table_of([row("correct", 3, start=start) for start in (0, 10)])
-    interval = figures_of(table)["wait"]
-    assert interval.value == 2 and math.isnan(interval.low) and math.isnan(interval.high)

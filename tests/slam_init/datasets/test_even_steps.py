@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from make_files import picture, write, write_image
+from make_files import picture, write_image
 from paths import DATA
 from PIL import Image
 
@@ -48,13 +48,6 @@ def test_images_that_name_their_camera_are_photographs(tmp_path):
     for k, view in enumerate(views(range(0, 80, 8))):
         Image.fromarray(view).save(tmp_path / f"{k}.jpg", exif=exif)
     assert open_source(tmp_path).timestamps_s[1] == 1
-
-
-def test_an_image_that_cannot_be_read_is_no_error_before_its_frame(tmp_path):
-    for k, view in enumerate(views(range(0, 80, 8))):
-        write_image(tmp_path / f"{k}.png", view)
-    write(tmp_path / "1.png", b"no image")
-    assert next(open_source(tmp_path).frames()).index == 0
 
 
 @pytest.mark.skipif(not STREET.is_dir(), reason="no real sequences: set SLAM_INIT_DATA to their folder")

@@ -1,12 +1,11 @@
 """Laws of a gyroscope: it measures how the camera turns between two frames, or says that it does not."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from make_files import picture, write, write_image
-from make_source import GivenFrames
 
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
 from slam_init.config import Config
@@ -52,12 +51,6 @@ def test_it_is_the_rotation_between_the_cameras_of_a_trajectory():
         assert rotation_angle(R @ (world_from_cam[1].T @ world_from_cam[0]).T) < min(1e-4, sigma_rad)
 
 
-def test_rotations_of_consecutive_intervals_compose():
-    measured = gyroscope(measured_rates(TIMES))
-    first, second, both = (measured.between(*times)[0] for times in [(0.2, 0.333), (0.333, 0.7), (0.2, 0.7)])
-    np.testing.assert_allclose(second @ first, both, atol=1e-5)
-
-
 @pytest.mark.parametrize("interval_s", [0.05, 0.2, 1.0])
 def test_the_stated_deviation_of_a_chain_covers_a_bias_of_one_sigma(interval_s):
     """The initializer adds the variances of steps although their bias is the same."""
@@ -65,13 +58,6 @@ def test_the_stated_deviation_of_a_chain_covers_a_bias_of_one_sigma(interval_s):
     steps = np.arange(0.1, 1.9, interval_s)
     variance = sum(measured.between(a, b)[1] ** 2 for a, b in pairwise(steps))
     assert np.sqrt(variance) >= 0.02 * (steps[-1] - steps[0])
-
-
-def test_noise_bias_and_an_unknown_delay_make_it_less_certain():
-    exact = gyroscope(RATE * TIMES[:, None], noise_density=0.0, bias_sigma_rad_s=0.0)
-    least = exact.between(0.5, 0.6)[1]
-    for more in ({"noise_density": 5e-3}, {"bias_sigma_rad_s": 0.05}, {"clock_sigma_s": 0.1}):
-        assert replace(exact, **more).between(0.5, 0.6)[1] > 1.2 * least
 
 
 @pytest.mark.parametrize("times", [(-0.1, 0.1), (1.9, 2.1), (0.5, 0.5), (0.6, 0.5), (0.9, 1.1), (np.nan, 1.0)])
@@ -183,21 +169,6 @@ def test_a_run_gives_the_rotation_since_the_last_frame_that_is_used(euroc, monke
     ignored, without = run(source, source.camera, Config(), start=1)
     assert not any("imu0" in note for note in ignored.notes)
     assert without.provenance.input_blake2b != summary.provenance.input_blake2b
-
-
-def test_other_methods_take_no_rotation_and_say_nothing_of_it(euroc):
-    source = open_source(euroc)
-    result, _ = run(source, source.camera, Config(method="orb-slam3"), imu=True)
-    assert not any("imu0" in note for note in result.notes)
-
-
-def test_an_attribute_of_the_user_that_is_no_gyroscope_is_refused():
-    @dataclass(frozen=True)
-    class Wrong(GivenFrames):
-        gyroscope: str = "mpu6050"
-
-    with pytest.raises(SourceError, match="gyroscope"):
-        gyroscope_of(Wrong(None, ()))
 
 
 def test_the_accelerations_of_euroc_have_the_pose_of_the_sensor_in_the_camera(euroc):

@@ -7,7 +7,6 @@ import cv2
 import numpy as np
 import pytest
 from make_files import picture, write, write_image
-from make_layouts import eth3d
 
 from slam_init.datasets import open_source
 from slam_init.datasets.image_files import IMAGE_SUFFIXES, read_image
@@ -28,14 +27,6 @@ def test_images_are_reduced_to_8_bits_without_transparency(tmp_path, image, expe
     result = read_image(tmp_path / "a.png")
     np.testing.assert_array_equal(result, expected)
     assert result.dtype == np.uint8 and result.flags.c_contiguous
-
-
-@pytest.mark.parametrize("suffix", [".tiff", ".webp"])
-def test_of_several_pages_the_first_one_is_read(tmp_path, suffix):
-    pages = [np.full((48, 64, 3), 80 * k, np.uint8) for k in range(3)]
-    path = tmp_path / f"a{suffix}"
-    path.write_bytes(cv2.imencodemulti(suffix, pages)[1].tobytes())
-    assert read_image(path).shape == (48, 64, 3) and read_image(path).max() < 20
 
 
 def test_a_jpeg_of_four_inks_is_read_as_colours(tmp_path):
@@ -118,9 +109,3 @@ def test_images_of_two_sizes_are_refused(tmp_path):
     write_image(tmp_path / "b.png", picture(size=(48, 64)))
     with pytest.raises(SourceError, match=r"b.png.*48x64.*64x48"):
         list(open_source(str(tmp_path)).frames())
-
-
-@pytest.mark.parametrize(("start", "count"), [(-1, None), (3, None), (100, 1), (0, 0), (0, -2)])
-def test_requests_for_frames_outside_of_the_source_are_refused(tmp_path, start, count):
-    with pytest.raises(SourceError):
-        next(open_source(eth3d(tmp_path)).frames(start, count))

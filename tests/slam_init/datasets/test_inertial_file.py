@@ -5,8 +5,8 @@ import pytest
 from make_files import write
 
 from slam_init.datasets import open_source
-from slam_init.datasets.gravity import GravitySource, read_gravity
-from slam_init.datasets.inertial_file import read_inertial_file
+from slam_init.datasets.inertial import read_inertial_file
+from slam_init.datasets.views import GravitySource, read_gravity
 from slam_init.errors import SlamInitError, SourceError
 from slam_init.types.inertial import Gravity, InertialRecord
 from slam_init.types.pose import Pose

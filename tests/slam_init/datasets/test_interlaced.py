@@ -34,16 +34,6 @@ def test_white_noise_is_no_comb(channels):
     assert comb_ratio(np.full((2, 8), 7, np.uint8)) == comb_ratio(np.full((9, 8), 7, np.uint8)) == 0
 
 
-@pytest.mark.parametrize("shape", [(48, 64, 3), (47, 64), (3, 5), (2, 5), (1, 5)])
-def test_the_rows_of_the_first_field_stay_and_the_others_lie_between_them(shape):
-    image = picture(2, shape[1::-1], 3 if len(shape) == 3 else 1)
-    field = first_field(image)
-    assert np.array_equal(field[::2], image[::2])
-    for row in range(1, shape[0] - 1, 2):
-        between = (image[row - 1].astype(int) + image[row + 1] + 1) // 2
-        assert np.array_equal(field[row], between)
-
-
 def test_an_interlaced_video_is_read_and_told(tmp_path):
     """OpenCV makes frames black that are marked as interlaced."""
     frames = [np.repeat(woven(6)[..., None], 3, axis=2)] * 3

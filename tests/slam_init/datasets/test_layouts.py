@@ -273,24 +273,11 @@ def test_a_frame_of_transforms_may_state_a_fisheye_of_its_own(tmp_path):
     assert models[1] == "fisheye" and "fisheye" not in models[:1] + models[2:]
 
 
-def test_json_that_is_nested_too_deeply_is_refused(tmp_path):
-    write(tmp_path / "transforms.json", '{"frames": ' + "[" * 100_000)
-    with pytest.raises(SourceError, match=r"transforms.json"):
-        open_source(tmp_path)
-
-
 def test_a_colmap_model_with_a_camera_that_is_not_supported_says_which(tmp_path):
     folder = make_layouts.colmap_text(tmp_path)
     write(folder / "sparse" / "0" / "cameras.txt", "3 SIMPLE_UNKNOWN 64 48 60 32 24\n")
     with pytest.raises(CalibrationError, match=r"cameras.txt:1"):
         open_source(folder)
-
-
-def test_images_of_one_camera_that_focuses_get_the_median_calibration():
-    cameras = [Camera("pinhole", 640, 480, 500 + df, 500 + df, 320, 240) for df in (0, 1, 2)]
-    camera, kept, notes = common_camera(cameras, "x")
-    assert (camera.fx, kept) == (501, [True] * 3)
-    assert "differ by up to 0.8 px" in notes[0]
 
 
 def test_images_of_another_camera_are_left_out_and_told():

@@ -21,7 +21,7 @@ def source(tmp_path):
 
 def test_one_mask_holds_for_all_frames(source, tmp_path):
     write_image(tmp_path / "m.png", LEFT)
-    masked = MaskedSource.open(source, tmp_path / "m.png")
+    masked = MaskedSource(source, tmp_path / "m.png")
     masks = [frame.mask for frame in masked.frames(1)]
     assert len(masks) == 2 and masks[0] is masks[1] and np.array_equal(masks[0], LEFT)
     assert "ignores 50.0%" in masked.notes[-1]
@@ -31,7 +31,7 @@ def test_one_mask_holds_for_all_frames(source, tmp_path):
 def test_a_folder_has_a_mask_for_each_frame_by_its_name(source, tmp_path, suffix):
     for i in range(3):
         write_image(tmp_path / "masks" / f"{i}{suffix}", np.roll(LEFT, i, axis=1))
-    for i, frame in enumerate(MaskedSource.open(source, tmp_path / "masks").frames()):
+    for i, frame in enumerate(MaskedSource(source, tmp_path / "masks").frames()):
         assert np.array_equal(frame.mask, np.roll(LEFT, i, axis=1))
 
 

@@ -19,21 +19,6 @@ def test_a_source_of_points_gives_the_tracks_of_the_sequence():
     assert [frame.index for frame in source.frames(1, 2)] == [1, 2]
 
 
-def test_a_tilted_scene_and_the_options_of_correlated_error_are_reached_by_name():
-    source = open_points("points:tilted-30?field_px=0.5&drift_px=1", 2)
-    sequence = make_points("tilted-30", 2, PointOptions(field_px=0.5, drift_px=1))
-    np.testing.assert_array_equal(source.sequence.pixels, sequence.pixels)
-
-
-def test_numbers_and_words_are_options_of_a_source():
-    text = "points:handheld?turning_deg_s=90&readout_ms=30&readout_direction=up&fps=30&views=20"
-    options = PointOptions(turning_deg_s=90, readout_ms=30, readout_direction="up", fps=30, views=20)
-    source = open_points(text, 3)
-    assert source.sequence.options == options
-    np.testing.assert_array_equal(source.sequence.pixels, make_points("handheld", 3, options).pixels)
-    np.testing.assert_allclose(np.diff(source.timestamps_s), 1 / 30)
-
-
 def test_the_focal_error_of_a_rotation_scene_is_that_of_the_stated_camera():
     right, wrong = (open_points(f"points:rotation?focal_error={error}", 1) for error in (0.0, -0.04))
     assert wrong.camera.fx == pytest.approx(0.96 * right.camera.fx)

@@ -115,15 +115,6 @@ def test_names_of_images_that_are_dates_in_any_unit_are_times(tmp_path, unit):
     assert bool(source.notes) == (unit not in ("seconds", "nanoseconds"))
 
 
-@pytest.mark.parametrize(
-    "names", [["9223372036854775808", "9223372036854775908"], ["0000000000000", "0000000000001"], ["000012", "000013"]]
-)
-def test_names_that_are_no_possible_time_are_counters(tmp_path, names):
-    for name in names:
-        write_image(tmp_path / f"{name}.png")
-    assert open_source(str(tmp_path)).timestamps_s.tolist() == [0, 1]
-
-
 @pytest.mark.parametrize(("images", "truth"), [("seconds", "nanoseconds"), ("nanoseconds", "seconds")])
 def test_a_ground_truth_of_another_unit_is_put_on_the_clock_of_the_images(tmp_path, images, truth):
     times_s = TIMES_S["a date"]

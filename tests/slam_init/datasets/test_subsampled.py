@@ -57,13 +57,6 @@ def test_a_gap_in_the_times_gives_no_frame_twice(tmp_path):
     assert [frame.index for frame in frames] == [0, 3, 6, 9, 10, 12, 15, 18]
 
 
-def test_renumbered_frames_are_consecutive(source):
-    view = SubsampledSource(source, every=4, renumbered=True)
-    frames = list(view.frames(2, 3))
-    assert [frame.index for frame in frames] == [2, 3, 4]
-    np.testing.assert_allclose([frame.timestamp_s for frame in frames], view.timestamps_s[2:5], atol=1e-9)
-
-
 @pytest.mark.parametrize("options", [{"every": 0}, {"every": -3}, {"fps": 0.0}, {"fps": float("nan")}, {"fps": -1.0}])
 def test_an_impossible_rate_is_an_error(source, options):
     with pytest.raises(SourceError, match="give"):

@@ -3,22 +3,9 @@
 import numpy as np
 import pytest
 
-import sequences_synth
 from sequences_synth import SynthOptions, make_sequence, write_tum
 from slam_init.datasets import open_source
 from slam_init.errors import SourceError
-
-
-def test_a_synthetic_source_renders_only_the_requested_frames(monkeypatch):
-    rendered = []
-    render = sequences_synth.SynthSequence.render
-    monkeypatch.setattr(sequences_synth.SynthSequence, "render", lambda self, i: rendered.append(i) or render(self, i))
-    source = open_source("synth:wall?frames=20&width=96&height=64", seed=3)
-    frames = source.frames(start=4)
-    assert [next(frames).index, next(frames).index] == [4, 5]
-    assert rendered == [4, 5]
-    assert len(source) == 20 and source.camera.width == 96
-    assert source.groundtruth.at(float(source.timestamps_s[7])) is not None
 
 
 def test_a_synthetic_source_equals_the_folder_written_from_it(tmp_path):

@@ -11,10 +11,8 @@ from make_matches import CAMERA, NAMES, scene, write_database, write_hloc, write
 
 from slam_init.calibration.files import load_camera
 from slam_init.cli import main
-from slam_init.compare.replay import replay
 from slam_init.config import Config
 from slam_init.datasets import detect_kind, open_source
-from slam_init.datasets.describe import describe
 from slam_init.datasets.track_source import with_pictures
 from slam_init.errors import CalibrationError, SlamInitError, SourceError
 from slam_init.methods.self_calibration import calibrate
@@ -49,14 +47,6 @@ def test_the_formats_give_the_same_tracks(tmp_path):
             np.testing.assert_allclose(
                 sorted(map(tuple, a.values())), sorted(map(tuple, b.values())), atol=1e-3
             )  # single precision of the formats
-
-
-def test_a_database_has_its_camera_and_the_natural_order_of_its_names(tmp_path):
-    source = open_source(write_database(tmp_path / "database.db", scene()))
-    assert (source.kind, source.image_names, source.camera) == ("colmap-database", NAMES, CAMERA)
-    facts = describe(source, source.camera)
-    assert facts.tracks.tracks > 200
-    assert facts.tracks.frames_per_track > 2
 
 
 def test_a_focal_length_that_is_a_guess_of_colmap_is_no_calibration(tmp_path):
@@ -116,13 +106,6 @@ def test_pictures_bring_times_truth_and_colours_in_their_own_order(tmp_path):
 def test_pictures_for_a_source_that_has_images_are_a_usage_error(tmp_path, capsys):
     assert main(["info", "synth:room", "--images", str(tmp_path)]) == 2
     assert "--images is for a source of matches" in capsys.readouterr().err
-
-
-def test_a_comparison_replays_given_tracks(tmp_path):
-    source = open_source(write_tracks(tmp_path / "tracks.npz", scene()))
-    steps = list(replay(source, "x", 1, tmp_path / "unused"))
-    assert [step.current.frame for step in steps] == [1, 2, 3]
-    assert not (tmp_path / "unused").exists()
 
 
 DAMAGES = {

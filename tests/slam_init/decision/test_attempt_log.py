@@ -1,15 +1,10 @@
 """Laws of the log of attempts: what it keeps, the reason of a run, and the notes for the user."""
 
-import logging
-from dataclasses import replace
-
 import numpy as np
-from make_map import make_map
-from make_scene import CONFIG
 
-from slam_init.decision.attempt_log import AttemptLog, focal_notes
+from slam_init.decision.attempt_log import AttemptLog
 from slam_init.types.evidence import FreeFocal
-from slam_init.types.refusal import Stage, Verdict
+from slam_init.types.refusal import Verdict
 from slam_init.types.result import Attempt, told_reason
 from slam_init.types.status import Status
 
@@ -57,27 +52,6 @@ def test_the_advice_is_that_of_the_last_kept_attempt_or_of_the_reason():
     assert log.advice(Verdict.STATIC_CAMERA) == Verdict.STATIC_CAMERA.advice  # no kept attempt was static
 
 
-def test_the_best_progress_is_that_of_the_references_that_are_still_candidates():
-    log = AttemptLog()
-    log.add(refusal(5, reference=0, progress=0.8))
-    log.add(refusal(6, reference=0, progress=0.3))
-    log.add(refusal(7, reference=1, progress=0.5))
-    for candidates, best in (([0, 1, 2], 0.8), ([1, 2], 0.5), ([0, 1], 0.5), ([], 0.0)):  # what is dropped is gone
-        log.forget_progress(keep=candidates)
-        assert log.best_progress == best
-
-
-def test_attempts_with_two_views_are_logged_at_info_and_others_at_debug(caplog):
-    log = AttemptLog()
-    with caplog.at_level(logging.DEBUG, "slam_init"):
-        log.add(refusal(1, Verdict.STATIC_CAMERA, stage=Stage.MOTION))
-        log.add(refusal(2, Verdict.LOW_PARALLAX, stage=Stage.TWO_VIEWS))
-        log.add(Attempt((0, 3), Verdict.ACCEPTED))
-    assert [record.levelname for record in caplog.records] == ["DEBUG", "INFO", "INFO"]
-    assert caplog.records[1].getMessage() == "frames (0, 2): low_parallax (advice 2)"
-    assert caplog.records[2].getMessage() == "frames (0, 3): accepted"
-
-
 # -- notes on the focal length --------------------------------------------------------------------
 
 
@@ -102,12 +76,3 @@ def test_the_newest_free_fit_decides_whether_the_stated_focal_length_is_wrong():
         told = Verdict.WRONG_FOCAL_LENGTH if wrong is not None else last.verdict
         assert log.prevailing_reason() == Status().after(last, 0.0, wrong).reason == told
         assert told_reason(Verdict.UNKNOWN_FOCAL_LENGTH, wrong) == "unknown_focal_length"
-
-
-def test_an_adjusted_focal_length_gets_a_note_only_if_the_views_hardly_determine_it():
-    prior, map_ = CONFIG.map.focal_sigma, make_map()
-    assert focal_notes(None, CONFIG.map) == ()
-    assert focal_notes(map_, CONFIG.map) == ()  # it was held fixed
-    assert focal_notes(replace(map_, focal_factor_sigma=0.7 * prior), CONFIG.map) == ()
-    (note,) = focal_notes(replace(map_, focal_factor_sigma=0.72 * prior), CONFIG.map)
-    assert "do not determine the focal length" in note

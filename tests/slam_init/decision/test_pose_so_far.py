@@ -7,11 +7,10 @@ import pytest
 from make_map import make_map
 from make_window import point_source
 
-from quest.geometry.quaternion import rotation_angle, rotation_from_vector
+from quest.geometry.quaternion import rotation_angle
 from slam_init import Initializer
-from slam_init.decision.pose_so_far import PoseSoFar, WindowMotion
+from slam_init.decision.pose_so_far import PoseSoFar
 from slam_init.types.history import History
-from slam_init.types.pose import Pose
 from slam_init.types.status import PoseKind
 
 
@@ -86,18 +85,3 @@ def test_after_a_cut_there_is_no_pose_and_the_first_camera_stays_the_first():
     start = pose.located(map_, map_.keyframes[0], 0.1)
     np.testing.assert_allclose(start.cam_from_first, np.eye(3), atol=1e-9)
     assert start.reference == map_.keyframes[0].frame
-
-
-def test_a_reference_that_the_history_has_just_dropped_tells_its_rotation_still():
-    source = point_source("rotation", 0, views=3)
-    history, pose, (first, second) = History(source.camera, 1), PoseSoFar(), list(source.observations())[:2]
-    turned = Pose(rotation_from_vector(np.array([0.0, 0.1, 0.0])), np.zeros(3))
-    history.add(first)
-    pose.update(history, first, None, None)
-    history.add(second)
-    history.forget(keep=())
-    assert first.frame not in history
-    window = WindowMotion({0: Pose.identity(), 1: turned}, (0, 1), True, 0.3, 1.0)
-    found = pose.update(history, second, window, None)
-    np.testing.assert_allclose(found.cam_from_first, turned.R, atol=1e-12)
-    assert found.rotation_sigma_deg == 0.3

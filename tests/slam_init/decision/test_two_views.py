@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from make_map import make_poses
-from make_pair import estimated, matched, preview_of
-from make_scene import CAMERA, CONFIG, cloud, history_of, observe
+from make_pair import estimated, matched
+from make_scene import CAMERA, CONFIG, cloud, observe
 
-from quest.estimate import NoPose
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.decision.two_views import match_pair, pose_at_fitting_threshold, pose_evidence, refuse_rotation
+from slam_init.decision.two_views import pose_at_fitting_threshold, refuse_rotation
 from slam_init.types.pose import Pose
 from slam_init.types.refusal import GateName, Stage, Verdict
 from slam_init.types.result import Attempt
@@ -27,20 +26,6 @@ def views(poses=POSES, noise_px=0.3):
 def rotating():
     """The pose of a pair of a rotation-only camera."""
     return estimated(views([Pose.identity(), Pose(rotation_from_vector(np.array([0.0, 0.05, 0.0])), np.zeros(3))]))
-
-
-def test_a_matched_pair_holds_the_common_tracks_row_by_row():
-    seen = views()
-    half = replace(
-        seen[-1], track_ids=seen[-1].track_ids[::2], pixels=seen[-1].pixels[::2], bearings=seen[-1].bearings[::2]
-    )
-    pair = match_pair(history_of(seen), preview_of([seen[0], half]), half)
-    np.testing.assert_array_equal(pair.pixels1, seen[0].pixels[::2])
-    np.testing.assert_array_equal(pair.pixels2, half.pixels)
-    np.testing.assert_array_equal(pair.rays1, seen[0].bearings[::2])
-    np.testing.assert_array_equal(pair.rays2, half.bearings)
-    assert pair.reference is seen[0]
-    assert pair.current is half
 
 
 def test_the_outlier_threshold_is_widened_for_noisy_tracks():
@@ -60,13 +45,3 @@ def test_a_rotation_is_pure_rotation_and_one_within_the_noise_is_a_static_camera
     static = refuse_rotation(CAMERA, CONFIG, Attempt((0, 1), Verdict.ACCEPTED), replace(rotating, R=within_noise))
     assert (static.verdict, static.stage) == (Verdict.STATIC_CAMERA, Stage.MOTION)
     assert [gate.name for gate in static.failed_gates] == [GateName.ROTATION_PX]
-
-
-def test_the_evidence_of_no_pose_holds_the_statistics_alone():
-    pair = matched(views())
-    shuffled = replace(pair, rays2=np.random.default_rng(0).permutation(pair.rays2))
-    pose, _ = pose_at_fitting_threshold(CAMERA, CONFIG, shuffled)
-    assert isinstance(pose, NoPose)
-    evidence = pose_evidence(CAMERA, pose)
-    assert evidence.statistics is pose.evidence
-    assert evidence.kind is evidence.noise_px is evidence.alternatives is None

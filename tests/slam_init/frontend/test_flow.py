@@ -6,7 +6,7 @@ import pytest
 from make_scene import texture, window
 
 from slam_init.config import TrackingConfig
-from slam_init.frontend.flow import Drift, Exposure, flow, gradient_products
+from slam_init.frontend.flow import Drift, flow
 from slam_init.frontend.tracks import Tracker
 from slam_init.types.camera import Camera
 
@@ -31,22 +31,6 @@ def corners(gray):
 def followed(before, after):
     start = corners(before)
     return start, flow(before, after, start, CONFIG)
-
-
-@pytest.mark.parametrize(("window_px", "size"), [(5, SIZE), (21, SIZE), (60, (61, 43))])
-def test_the_gradients_of_the_patches_are_those_of_a_filter_over_the_whole_image(window_px, size):
-    """Equal to the byte, at the border and beyond it too, where the image is mirrored."""
-    gray = np.random.default_rng(0).integers(0, 256, size[::-1], dtype=np.uint8)
-    pixels = np.random.default_rng(1).uniform(-1, 1.01, (300, 2)) * size
-    dx, dy = (part[::2, ::2].astype(np.float32) / 8 for part in cv2.spatialGradient(gray))
-    side = 2 * (window_px // 4) + 1
-    xx, xy, yy = (cv2.boxFilter(one, -1, (side, side)).astype(float) for one in (dx * dx, dx * dy, dy * dy))
-    column, row = np.clip(np.round(pixels / 2).astype(int), 0, np.array(dx.shape[::-1]) - 1).T
-    expected = np.array([[xx + 0.1, xy], [xy, yy + 0.1]])[:, :, row, column].transpose(2, 0, 1)
-    np.testing.assert_array_equal(gradient_products(gray, pixels, window_px), expected)
-    rows_apart = np.repeat(gray, 2, axis=0)[::2]
-    rows_apart.flags.writeable = False
-    np.testing.assert_array_equal(gradient_products(rows_apart, pixels, window_px), expected)
 
 
 def test_the_errors_of_a_step_have_the_order_of_the_stated_deviations():
@@ -131,26 +115,6 @@ def test_the_trails_of_a_blurred_image_tell_the_exposure(share):
     assert found.trail == pytest.approx(share, abs=0.3)
 
 
-def test_the_exposure_is_the_median_of_what_the_last_frames_showed():
-    exposure = Exposure()
-    assert exposure.update(0.5, 0.1) == pytest.approx(0.05)
-    exposure.update(0.7, 0.1)
-    assert exposure.update(0.6, 0.1) == pytest.approx(0.06)
-    assert exposure.update(None, 0.1) == pytest.approx(0.06)
-    # Frames without a time do not tell it.
-    assert exposure.update(0.1, 0.0) == pytest.approx(0.06)
-
-
-def test_the_covariances_of_the_steps_of_a_track_add_up():
-    drift = Drift()
-    one, two = np.diag([1.0, 4.0]), np.array([[2.0, 1.0], [1.0, 2.0]])
-    drift.follow(np.array([3, 5, 9]), np.stack([one, one, one]))
-    drift.follow(np.array([3, 9, 12]), np.stack([two, one, two]))
-    np.testing.assert_allclose(drift.covariances(np.array([3, 9, 12])), [one + two, 2 * one, two])
-    # A track that is new has not drifted; one that was lost begins anew.
-    np.testing.assert_array_equal(drift.covariances(np.array([5, 20])), np.zeros((2, 2, 2)))
-
-
 def test_a_track_that_came_back_to_its_point_has_the_drift_of_that():
     drift, ids = Drift(), np.array([3, 5, 9])
     drift.follow(ids, np.tile(np.eye(2), (3, 1, 1)))
@@ -169,18 +133,3 @@ def test_the_drift_of_a_tracker_does_not_add_up_and_is_zero_for_new_tracks():
     new = ~np.isin(seen[-1].track_ids, seen[-2].track_ids)
     assert not seen[-1].drifts[new].any()
     assert seen[-1].step_px > 0
-
-
-def test_a_track_that_stands_still_beside_moving_ones_divides_nothing_by_zero(monkeypatch):
-    gray, start = image(0, 0), corners(image(0, 0))
-    moved = start + np.where(np.arange(len(start)) < 5, 0.0, 6.0)[:, None]
-
-    def exact(before, after, points, guess, **_):
-        """Five points at rest, as on an overlay; the others move."""
-        end = (moved if len(points) == len(start) else guess).astype(np.float32)
-        return end, np.ones((len(points), 1), np.uint8), np.zeros((len(points), 1), np.float32)
-
-    monkeypatch.setattr(cv2, "calcOpticalFlowPyrLK", exact)
-    with np.errstate(divide="raise", invalid="raise"):
-        found = flow(gray, gray, start, CONFIG)
-    assert np.isfinite(found.trail)

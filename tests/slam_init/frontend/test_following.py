@@ -6,7 +6,6 @@ import pytest
 from make_scene import texture, window
 
 from slam_init.config import TrackingConfig
-from slam_init.frontend import following
 from slam_init.frontend.flow import flow
 from slam_init.frontend.following import expected_as_before, follow
 from slam_init.frontend.patches import Patches, smoothed
@@ -52,13 +51,6 @@ def test_points_are_expected_where_they_go_on_but_for_a_shift_of_the_whole_image
     assert expected.closely
 
 
-def test_points_that_do_not_move_as_before_are_expected_nowhere():
-    before, after = image(100, 60), image(103, 61)
-    start = corners(before)
-    elsewhere = np.where(np.arange(len(start)) % 2, 12.0, -12.0)
-    assert expected_as_before(before, after, start, np.column_stack([elsewhere, elsewhere]), CONFIG) is None
-
-
 def test_points_whose_last_step_is_not_known_are_expected_nowhere():
     before, after = image(100, 60), image(103, 61)
     start = corners(before)
@@ -77,26 +69,6 @@ def test_tracks_that_move_as_before_are_found_by_their_patches_where_flow_finds_
     assert both.sum() > 0.85 * by_flow.kept.sum()
     assert np.linalg.norm(found.flow.pixels - last.pixels - (-3.4, -0.8), axis=1)[both].max() < 0.3
     assert (np.linalg.norm(found.flow.pixels - by_flow.pixels, axis=1)[both] < 0.1).mean() > 0.95
-
-
-def test_the_flow_seeks_what_the_patches_do_not_find(monkeypatch):
-    """A part of the view moves otherwise, by four pixels."""
-    before, after = image(100, 60), image(103, 61)
-    after = np.where(np.arange(SIZE[0]) < 100, image(107, 61), after)
-    sought, real = [], following.flow
-
-    def counted(first, second, pixels, *rest, **options):
-        sought.append(len(pixels))
-        return real(first, second, pixels, *rest, **options)
-
-    monkeypatch.setattr(following, "flow", counted)
-    last, found = followed(before, after, (-3.0, -1.0))
-    assert sought == [48, (~found.sought.found).sum()]
-    apart = last.pixels[:, 0] < 80
-    assert not found.sought.found[apart].any()
-    moved = (found.flow.pixels - last.pixels)[apart & found.flow.kept]
-    assert len(moved) > 0.8 * apart.sum()
-    assert np.abs(np.median(moved, axis=0) - (-7, -1)).max() < 0.05
 
 
 def test_a_track_without_a_patch_is_sought_by_flow():

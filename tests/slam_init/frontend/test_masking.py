@@ -81,12 +81,3 @@ def test_tracks_that_enter_the_mask_end_and_others_go_on():
     enters = (distances_px(moved) <= RADIUS - 1) & (moved >= 0).all(axis=1)
     assert len(i) > 0.4 * len(seen[0]) and enters.sum() > 5
     assert np.isin(np.flatnonzero(enters), ended).all()
-
-
-def test_a_mask_without_black_changes_nothing_and_a_black_one_leaves_no_track():
-    plain, _ = follow(frames_of("flow", None))
-    white, _ = follow(frames_of("flow", np.full_like(MASK, 255)))
-    assert all(np.array_equal(a.pixels, b.pixels) for a, b in zip(plain, white, strict=True))
-    for steps in STEPS:
-        black, _ = follow(frames_of(steps, np.zeros_like(MASK)))
-        assert not any(len(observed) for observed in black)

@@ -4,10 +4,8 @@ import cv2
 import numpy as np
 import pytest
 from make_scene import texture
-from scipy import ndimage, optimize
 
 from slam_init.config import TrackingConfig
-from slam_init.frontend.patch_size import SIDE_PX
 from slam_init.frontend.patches import Patches, smoothed
 from slam_init.frontend.tracks import Tracker
 from slam_init.types.camera import Camera
@@ -71,29 +69,6 @@ def test_brightness_and_contrast_move_no_patch(gain, offset):
     assert np.linalg.norm(found.pixels - true(start), axis=1)[inside].max() < 0.05
 
 
-def test_an_alignment_is_the_least_squares_fit_of_map_mean_and_contrast():
-    """The compiled steps end where a general optimizer ends, for a few patches without others beside them."""
-    start = corners(TEXTURE)[:6]
-    image, true = moved(SHEARED, (0.5, 0.2))
-    before, after = (smoothed(one).astype(float) for one in (TEXTURE, image))
-    found = aligned(cut(TEXTURE, start), image, true(start) + 0.2)
-    radius = SIDE_PX // 2
-    grid = np.stack(np.meshgrid(*[np.arange(-radius, radius + 1)] * 2), axis=-1).reshape(-1, 2)
-
-    def sampled(gray, places):
-        return ndimage.map_coordinates(gray, places.T[::-1], order=1)
-
-    for point, place in zip(start, found.pixels, strict=True):
-        patch = sampled(before, point + grid)
-        patch = (patch - patch.mean()) / patch.std()
-
-        def left(x, patch=patch):
-            return sampled(after, x[:2] + grid @ x[2:6].reshape(2, 2).T) - x[6] - x[7] * patch
-
-        best = optimize.least_squares(left, [*place, *SHEARED.ravel(), 128.0, 40.0], x_scale=[1, 1, *[0.1] * 4, 9, 9])
-        np.testing.assert_allclose(place, best.x[:2], atol=0.06)
-
-
 def test_the_stated_drifts_are_the_errors_of_noisy_images():
     start = corners(TEXTURE)
     first, _ = moved(np.eye(2), noise=4.0, seed=1)
@@ -147,15 +122,6 @@ def test_tracks_at_the_border_and_unknown_ones_are_not_aligned():
     patches = cut(TEXTURE, np.array([inside, border]))
     found = aligned(patches, TEXTURE, np.array([inside, border, inside + 20]), ids=np.array([0, 1, 7]))
     assert found.succeeded.tolist() == [True, False, False]
-
-
-def test_the_patches_of_tracks_that_end_make_room_for_others():
-    """In a long video the memory of the patches is that of the tracks of a frame."""
-    start, patches = corners(TEXTURE), Patches()
-    for k in range(20):
-        ids = np.arange(len(start)) + 3 * k
-        patches.follow(smoothed(TEXTURE), ids, start, np.zeros((len(start), 2, 2)))
-    assert len(patches._patches) == len(start)
 
 
 def test_the_errors_of_a_tracker_do_not_grow_with_the_change_of_the_view():

@@ -123,7 +123,7 @@ def test_nothing_is_corrected_where_the_turning_is_not_known(case):
 
 def run(seed, **options):
     options = {"views": 45, "fps": 30.0, "turning_deg_s": 60.0, "noise_px": 0.5, "outliers": 0.1} | options
-    source = PointSource(make_points("handheld", seed, PointOptions(**options)))
+    source = PointSource.of(make_points("handheld", seed, PointOptions(**options)))
     initializer = Initializer(source.camera)
     for one in source.observations():
         if initializer.process_tracks(one):
@@ -161,20 +161,6 @@ def test_a_camera_that_only_turns_is_told_from_one_that_translates():
     assert all(one is not None for one in estimates)
 
 
-@pytest.mark.slow
-def test_a_readout_that_is_told_is_not_estimated():
-    source, initializer = run(42, readout_ms=20.0, speed=0.1)
-    told = Initializer(replace(source.camera, readout_ms=20.0))
-    for one in source.observations():
-        if told.process_tracks(one):
-            break
-    assert initializer.map is not None
-    assert told.map is not None
-    assert told.status.attempt.window.readout_ms is None
-    assert not any("shutter" in note for note in told.result.notes)
-    assert told.map.camera.readout_ms == 20.0
-
-
 def test_a_camera_states_its_readout():
     camera = Camera("pinhole", 640, 480, 458.0, 458.0, 319.5, 239.5)
     assert camera.readout_s is None
@@ -185,12 +171,3 @@ def test_a_camera_states_its_readout():
     for one in found.values():
         assert one.readout_s == pytest.approx(0.02)
         assert one.with_readout(0.03).readout_direction == one.readout_direction
-
-
-def test_a_global_shutter_leaves_the_frames_as_they_are():
-    camera = replace(CAMERAS["pinhole"], readout_ms=0.0)
-    frames, _ = turning(camera, np.zeros(2))
-    history, shutter = corrected_frames(camera, frames)
-    assert all(history[one.frame] is one for one in frames)
-    assert not gather_tracks(camera, list(history), 0.3).sweep_px_s.any()
-    assert shutter.readout_s == 0

@@ -1,15 +1,11 @@
 """SIFT features and their matches; one point in each cell."""
 
-import math
-
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from slam_init.frontend import sift as sift_module
-from slam_init.frontend.sift import detect_sift, first_per_cell, match_descriptors
+from slam_init.frontend.sift import detect_sift, match_descriptors
 
 
 def test_a_descriptor_with_two_similar_candidates_is_not_matched():
@@ -43,10 +39,3 @@ def test_keypoints_lie_in_the_middle_of_blobs(size, halved):
     found = detect_sift(np.clip(np.round(image), 0, 255).astype(np.uint8), 500).pixels
     nearest = found[np.argmin(np.linalg.norm(found[None] - centres[:, None], axis=2), axis=1)]
     np.testing.assert_allclose(np.median(nearest - centres, axis=0), 0.0, atol=0.05 * halved)
-
-
-@given(st.lists(st.tuples(st.floats(-20, 700), st.floats(-20, 700)), max_size=30), st.floats(0.5, 50.0))
-def test_of_the_points_in_a_cell_the_first_is_kept(points, cell_px):
-    cells = [(math.floor(x / cell_px), math.floor(y / cell_px)) for x, y in points]
-    kept = [k for k, cell in enumerate(cells) if cell not in cells[:k]]
-    assert first_per_cell(np.array(points).reshape(-1, 2), cell_px).tolist() == kept

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from slam_init.frontend.static_tracks import static_tracks, without
+from slam_init.frontend.static_tracks import static_tracks
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 
@@ -55,10 +55,3 @@ def test_a_background_of_most_of_the_tracks_is_no_overlay():
     rng = np.random.default_rng(4)
     points = scene(rng) * np.where(np.arange(300) < 200, 1000.0, 1.0)[:, None]
     assert not len(found(views_of(rng, points, np.outer(np.arange(6), [0.03, 0.0, 0.0]))))
-
-
-def test_a_view_without_tracks_keeps_the_others():
-    rng = np.random.default_rng(5)
-    view = views_of(rng, scene(rng, 10), np.zeros((1, 3)))[0]
-    assert without(view, np.array([], int)) is view
-    assert without(view, np.array([2, 7])).track_ids.tolist() == [0, 1, 3, 4, 5, 6, 8, 9]

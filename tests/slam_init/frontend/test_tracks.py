@@ -9,7 +9,7 @@ from make_scene import texture, window
 
 from slam_init.config import TrackingConfig
 from slam_init.frontend import following
-from slam_init.frontend.tracks import Tracker, confirmed_by, expected_by
+from slam_init.frontend.tracks import Tracker
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.history import History, common_tracks
@@ -66,12 +66,6 @@ def test_lost_tracks_are_replaced_by_tracks_with_new_ids():
     lost = np.setdiff1d(seen[0].track_ids, seen[5].track_ids)
     assert len(lost) > 0
     assert not np.isin(lost, seen[-1].track_ids).any()  # an id is not used again for another point
-
-
-def test_the_number_of_tracks_is_at_most_the_configured_one():
-    config = replace(CONFIG, max_tracks=60)
-    _, seen = follow(frames_from(*[(100 + 15 * k, 60) for k in range(6)]), config=config)
-    assert all(0 < len(observations) <= 60 for observations in seen)
 
 
 def test_new_features_have_the_configured_distance_from_each_other():
@@ -152,29 +146,6 @@ def test_a_flow_that_descriptors_contradict_gives_way_where_they_link_as_many(mo
     assert right.mean() > 0.95 if by_descriptors else not right.any()
 
 
-def test_points_are_expected_where_the_matches_around_them_went():
-    rng = np.random.default_rng(0)
-    old, points = rng.uniform(0, 300, (200, 2)), rng.uniform(50, 250, (40, 2))
-    turned = np.array([[0.96, -0.28], [0.28, 0.96]])
-    expected = expected_by(old, old @ turned.T + (80.0, -20.0), points)
-    assert np.linalg.norm(expected - (points @ turned.T + (80.0, -20.0)), axis=1).max() < 10
-    assert len(expected_by(old[:3], old[:3], points)) == 0
-
-
-def test_the_flow_is_confirmed_by_matches_that_move_alike_and_not_trusted_where_few_agree():
-    rng = np.random.default_rng(0)
-    old = rng.uniform(0, 300, (60, 2))
-    before = rng.uniform(20, 280, (40, 2))
-    step = np.array([5.0, -3.0])
-    right = before + step
-    assert confirmed_by(old, old + step, before, right, 0.7).all()
-    some = right + np.where(np.arange(40) < 10, 4.0, 0.0)[:, None]
-    np.testing.assert_array_equal(confirmed_by(old, old + step, before, some, 0.7), np.arange(40) >= 10)
-    most = right + np.where(np.arange(40) < 20, 4.0, 0.0)[:, None]
-    assert not confirmed_by(old, old + step, before, most, 0.7).any()
-    assert not confirmed_by(old[:3], old[:3] + step, before, right, 0.7).any()
-
-
 def test_after_a_cut_to_another_scene_almost_no_tracks_are_left():
     other = window(texture(2, 500, 900), 100, 60, *SIZE, index=1)
     _, seen = follow([*frames_from((100, 60)), other])
@@ -212,14 +183,6 @@ def test_the_colours_of_tracks_are_rgb_values_of_the_image():
     _, (plain,) = follow([grey])
     x, y = np.round(plain.pixels).astype(int).T
     assert np.array_equal(plain.colors, np.repeat(grey.image[y, x][:, None], 3, axis=1))
-
-
-def test_the_same_frames_give_the_same_tracks():
-    """By flow, and by descriptors after a jump."""
-    runs = [follow(frames_from((100, 60), (107, 60), (230, 60)))[1] for _ in range(2)]
-    for a, b in zip(*runs, strict=True):
-        assert np.array_equal(a.track_ids, b.track_ids)
-        assert np.array_equal(a.pixels, b.pixels)
 
 
 def test_the_history_is_bounded_and_keeps_the_requested_frames():

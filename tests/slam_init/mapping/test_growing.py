@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from quest.geometry.quaternion import rotation_angle
-from slam_init.mapping import growing as growing_module
 from slam_init.mapping.growing import GrowingMap
 
 
@@ -86,15 +85,6 @@ def test_a_pose_that_too_few_landmarks_agree_with_has_no_deviation(room_fed):
     assert growing.locate(replace(seen, frame=seen.frame + 1)).rotation_sigma_rad < 0.02
 
 
-def test_a_long_way_keeps_a_bounded_number_of_keyframes(room_fed, monkeypatch):
-    monkeypatch.setattr(growing_module, "_WINDOW", 3)
-    growing = GrowingMap(room_fed.result.map)
-    for frame in room_fed.following:
-        growing.locate(room_fed.tracker.track(frame))
-    assert growing.keyframes_added > 0
-    assert len(growing.grown().keyframes) == 3
-
-
 def half_of(map_):
     """A map with half of its landmarks, and the tracks of the others."""
     kept = np.arange(len(map_.points)) % 2 == 0
@@ -126,17 +116,6 @@ def test_points_that_descriptors_find_in_earlier_keyframes_become_landmarks_at_o
     seen = [room_fed.tracker.track(frame) for frame in room_fed.following]
     assert not np.isin(others, after_a_keyframe(half, seen).track_ids).any()
     assert np.isin(others, after_a_keyframe(half, seen, history).track_ids).mean() > 0.5
-
-
-@pytest.mark.parametrize("wide_deg", [0.5, 5.0])
-def test_two_keyframes_give_a_landmark_where_their_parallax_is_wide(room_fed, monkeypatch, wide_deg):
-    """The other half is seen in the last keyframe of the map and in the next one, a degree apart."""
-    monkeypatch.setattr(growing_module, "_WIDE_DEG", wide_deg)
-    half, others = half_of(room_fed.result.map)
-    newest = room_fed.tracker.history[half.keyframes[-1].frame]
-    seen = [room_fed.tracker.track(frame) for frame in room_fed.following]
-    share = np.isin(others, after_a_keyframe(replace(half, open_tracks=newest), seen).track_ids).mean()
-    assert share > 0.3 if wide_deg < 1 else share == 0
 
 
 def test_a_frame_that_sees_few_landmarks_again_becomes_a_keyframe(room_fed):

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pytest
 from make_bundle import FOCAL, ROTATING
@@ -98,14 +97,6 @@ def test_poses_and_points_stay_and_pixels_and_their_errors_grow():
     assert large.map.reprojection_rmse_px == pytest.approx(3 * small.reprojection_rmse_px)
     assert large.map.noise_px == pytest.approx(3 * small.noise_px)
     assert (large.map.camera.width, large.map.camera.height) == (3 * 640 + 2, 3 * 480 + 1)
-
-
-def test_an_image_that_is_larger_by_a_factor_is_reduced_to_the_same_image():
-    image = picture(5, (1280, 720))
-    larger = cv2.resize(image, None, fx=3, fy=3, interpolation=cv2.INTER_NEAREST)
-    camera = Camera("pinhole", 3840, 2160, 3000.0, 3000.0, 1919.5, 1079.5)
-    (frame,) = Reduction.for_camera(camera).frames(iter([Frame(0, 0.0, "", larger)]))
-    assert np.array_equal(frame.image, image)
 
 
 def test_a_wrong_focal_length_is_told_in_original_pixels():

@@ -81,16 +81,3 @@ def test_an_end_hands_over_what_there_is_and_a_loss_is_told(room):
     assert status.lost_at == last.index + 1
     assert not status.refining
     assert any("lost at frame" in note for note in initializer.result.notes)
-
-
-def test_after_a_reset_the_next_map_grows_as_well(room):
-    initializer, frames, accepted = initialized(room, refine_frames=3)
-    for _ in range(3):
-        initializer.process(next(frames))
-    initializer.reset()
-    assert initializer.map is None
-    for frame in frames:
-        if initializer.process(frame):
-            break
-    assert initializer.status.refining
-    assert initializer.map is not accepted

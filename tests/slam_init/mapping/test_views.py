@@ -12,11 +12,6 @@ POSES = make_poses(5)
 MOST = 8
 
 
-def fewer(seen, count):
-    """The same frame with only the first tracks."""
-    return replace(seen, track_ids=seen.track_ids[:count], pixels=seen.pixels[:count], bearings=seen.bearings[:count])
-
-
 def test_the_table_holds_the_common_tracks_with_gaps_where_a_view_sees_none():
     seen = observe(CAMERA, POSES[:3], cloud(np.random.default_rng(5)))
     half = replace(
@@ -41,14 +36,6 @@ def test_voting_views_are_spread_over_all_frames_up_to_the_pair_and_their_number
     # A short baseline does no harm in a vote: the frame after the reference takes part too.
     near = [view.frame for view in further_views(history_of(seen[:6]), seen[0], seen[5], CONFIG.map, MOST)]
     assert near == [1, 2, 3, 4]
-
-
-def test_a_view_with_too_few_common_tracks_does_not_vote():
-    seen = observe(CAMERA, POSES, cloud(np.random.default_rng(8)))
-    needed = CONFIG.map.min_resected
-    some = [seen[0], fewer(seen[1], needed - 1), fewer(seen[2], needed), seen[4]]
-    assert [view.frame for view in further_views(history_of(some), seen[0], seen[4], CONFIG.map, MOST)] == [2]
-    assert further_views(history_of([seen[0], seen[4]]), seen[0], seen[4], CONFIG.map, MOST) == []
 
 
 def test_views_of_the_last_window_stay_and_the_new_frame_joins_them():

@@ -69,11 +69,6 @@ def test_a_program_without_a_trajectory_has_no_map_and_may_say_why(tmp_path):
     assert result_of(script(tmp_path, "exit 0"), frames=1).reason == "too_few_frames"
 
 
-def test_without_a_number_of_frames_all_frames_count(tmp_path):
-    text = f"printf '{line(100.0, 0)}\\n{line(100.1, 1)}\\n' > $out/trajectory.txt"
-    assert result_of(script(tmp_path, text)).frames_to_init == FRAMES
-
-
 def test_what_a_program_does_wrong_is_told_in_one_line(tmp_path):
     for text, cause in (
         ("echo first >&2; echo the reason >&2; exit 3", "exited with 3: the reason"),

@@ -7,15 +7,10 @@ from hypothesis import strategies as st
 from make_model_views import estimate, views
 from two_view_scenes import CAMERA
 
-from quest.geometry.quaternion import rotation_angle, rotation_from_vector
+from quest.geometry.quaternion import rotation_angle
 from slam_init.methods.models import (
-    epipolar_errors,
     fundamental_eight_point,
     homography_dlt,
-    normalize,
-    normalizing_transform,
-    sampson_errors,
-    transfer_errors,
 )
 from slam_init.methods.motions import CheckRule, check_motions, motions_of_essential, motions_of_homography
 
@@ -50,11 +45,6 @@ def test_the_motions_of_a_homography_contain_the_true_one(seed):
     assert contains(R, t, pose)
     true_normal = np.array([-0.4, 0.3, 1]) / np.linalg.norm([-0.4, 0.3, 1])
     assert np.abs(normals @ true_normal).max() > 1 - 1e-6
-
-
-def test_the_homography_of_a_rotation_has_no_motion():
-    R, t, normals = motions_of_homography(rotation_from_vector(np.array([0.1, 0.2, -0.05])), 1.00001)
-    assert len(R) == len(t) == len(normals) == 0
 
 
 @pytest.mark.parametrize("midpoint", [False, True])
@@ -95,50 +85,3 @@ def test_a_point_at_infinity_is_not_a_landmark():
         CAMERA, pose.R[None], pose.t[None], rays[before], turned[before], np.ones(before.sum(), bool), rule
     )
     assert not check.landmarks.any()
-
-
-def test_the_ranked_parallax_is_that_after_the_given_number_of_larger_ones():
-    pixels1, pixels2, pose = views(6)
-    rays1, rays2 = CAMERA.bearings(pixels1), CAMERA.bearings(pixels2)
-    angles = np.degrees(np.arccos(np.einsum("ij,ij->i", rays1 @ pose.R.T, rays2)))
-    for ranked, expected in ((0, angles.max()), (9, np.sort(angles)[-10]), (1000, angles.min())):
-        rule = CheckRule(max_error_px=1e-3, distant_cos=1.0, ranked=ranked)
-        check = check_motions(CAMERA, pose.R[None], pose.t[None], rays1, rays2, np.ones(60, bool), rule)
-        assert check.parallax_deg[0] == pytest.approx(expected, abs=1e-6)
-
-
-# -- models ----------------------------------------------------------------------------------------
-
-
-@settings(max_examples=15)
-@given(st.integers(0, 10_000), st.integers(8, 30))
-def test_a_fundamental_matrix_has_rank_two_and_fits_exact_matches(seed, count):
-    pixels1, pixels2, _ = views(seed, count)
-    F = estimate(fundamental_eight_point, pixels1, pixels2, "transpose")
-    assert max(e.max() for e in epipolar_errors(F, pixels1, pixels2)) < 1e-6
-    assert sampson_errors(F, pixels1, pixels2).max() < 1e-6
-    assert abs(np.linalg.det(F[0] / np.linalg.norm(F[0]))) < 1e-12
-
-
-@settings(max_examples=15)
-@given(st.integers(0, 10_000), st.integers(4, 30))
-def test_a_homography_fits_an_exact_plane(seed, count):
-    pixels1, pixels2, _ = views(seed, count, planar=True)
-    H = estimate(homography_dlt, pixels1, pixels2, "inverse")
-    assert max(e.max() for e in transfer_errors(H, pixels1, pixels2)) < 1e-4
-
-
-@settings(max_examples=15)
-@given(st.integers(0, 10_000))
-def test_normalized_pixels_have_mean_zero_and_mean_absolute_coordinates_of_one(seed):
-    pixels = np.random.default_rng(seed).uniform((0, 0), (640, 480), (20, 2))
-    normalized = normalize(normalizing_transform(pixels), pixels)
-    np.testing.assert_allclose(normalized.mean(axis=0), 0, atol=1e-12)
-    np.testing.assert_allclose(np.abs(normalized).mean(axis=0), 1)
-
-
-def test_a_singular_homography_raises_no_warning():
-    pixels1, pixels2, _ = views(0)
-    in2, in1 = transfer_errors(np.zeros((1, 3, 3)), pixels1, pixels2)
-    assert not np.isfinite(in2).any()
-    assert not np.isfinite(in1).any()

@@ -108,10 +108,3 @@ def test_points_behind_the_camera_do_not_survive_bundle_adjustment_and_the_next_
     assert result.reason == "bundle_adjustment_failed"
     assert result.attempts[-1].map.failure
     assert [attempt.frames for attempt in result.attempts][:2] == [(0, 1), (1, 2)]
-
-
-def test_the_progress_stays_zero_until_there_is_a_map():
-    initializer = make_initializer("orb-slam3", CAMERA, CONFIG)
-    statuses = [initializer.process_tracks(observed) for observed in general_tracks()]
-    assert {status.progress for status in statuses if not status} <= {0.0}
-    assert statuses[-1].progress == 1.0

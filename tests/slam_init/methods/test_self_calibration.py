@@ -1,21 +1,18 @@
 """Laws of the calibration from a whole video."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.calibration.files import load_camera
+from slam_init.calibration.files import camera_yaml, load_camera
 from slam_init.calibration.prior import prior_camera
-from slam_init.calibration.writing import camera_yaml
 from slam_init.config import Config
-from slam_init.decision.lens import advice_on
 from slam_init.methods.self_calibration import StretchEstimate, by_all_frames, combine
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
-from slam_init.types.lens import MAX_FOCAL_SIGMA, LensInUse
+from slam_init.types.lens import MAX_FOCAL_SIGMA
 from slam_init.types.pose import Pose
 
 PRIOR = prior_camera((640, 480))
@@ -38,16 +35,6 @@ def test_stretches_that_contradict_each_other_give_no_camera():
     assert combine(PRIOR, []).camera is None
 
 
-def test_a_camera_is_written_at_the_bound_at_which_a_map_without_a_calibration_is_handed_over():
-    for factor in (0.5, 1.01):
-        assert (combine(PRIOR, [stretch(500.0, factor * MAX_FOCAL_SIGMA)]).camera is None) == (factor > 1)
-
-
-def test_the_certain_stretch_counts_more():
-    camera = combine(PRIOR, [stretch(500.0, 0.01), stretch(600.0, 0.1)]).camera
-    assert abs(math.log(camera.fx / 500)) < 0.01
-
-
 def test_a_distortion_is_stated_where_it_is_certain():
     bent = combine(PRIOR, [stretch(500.0, 0.02, k1=-0.2)] * 2).camera
     assert bent.distortion[0] == pytest.approx(-0.2)
@@ -64,17 +51,6 @@ def test_a_written_calibration_is_read_back(tmp_path):
     for camera in (found, fisheye, Camera("pinhole", *size_px, *lens)):
         (tmp_path / "camera.yaml").write_text(camera_yaml(camera))
         assert load_camera(tmp_path / "camera.yaml", size_px) == replace(camera, source="file")
-
-
-def test_the_advice_about_an_unknown_focal_length_does_not_ask_for_what_was_given():
-    origins = {"stated": "given", "metadata": "metadata", "file": "calibration file", "estimated": "estimated"}
-    for source, origin in origins.items():
-        advice = advice_on(LensInUse.of(replace(PRIOR, source=source, focal_sigma=0.036)), 0.071)
-        assert "fov" not in advice and "f=" not in advice
-        # The deviation that is beyond the bound, and not the stated one.
-        assert origin in advice.partition(":")[0] and "7.1%" in advice and "3.6" not in advice
-    assert advice_on(LensInUse.of(PRIOR), 0.2) is None  # that of the reason
-    assert advice_on(LensInUse.of(PRIOR).moved(math.log(0.5), 0.0), 0.2).startswith("wide lens: give")
 
 
 BENT = Camera("radtan", 640, 480, 400.0, 400.0, 319.5, 239.5, (-0.3, 0.1, 0.0, 0.0))

@@ -1,27 +1,18 @@
 """Laws of all two-view methods: which pairs they accept and refuse, and the outcome that they return."""
 
 import pickle
-import sys
-import types
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from make_window import point_source
-from original_methods import ORIGINAL, ROWS, count_maps
-from scipy.stats import fisher_exact
 from two_view_scenes import CAMERA, make_scene
 
 from slam_init.compare.measures import pose_errors
 from slam_init.config import Config
 from slam_init.errors import SlamInitError
 from slam_init.methods import METHODS, make_initializer, make_two_view
-from slam_init.methods.motions import motions_of_homography
-from slam_init.methods.poselib import relative_pose_of_poselib
-from slam_init.methods.rules import Pair
 from slam_init.methods.sfm_systems import Colmap, OpenSfm
-from slam_init.methods.two_view import TwoViewOutcome, check_matches, undistorted_pixels
-from slam_init.types.camera import Camera
 from slam_init.types.refusal import REASONS, Verdict
 
 TWO_VIEW = [name for name, info in METHODS.items() if info.home]
@@ -124,42 +115,7 @@ def test_inconsistent_arrays_are_an_error():
         method("colmap").bootstrap(CAMERA, scene.pixels1, broken, *rays, 0)
 
 
-# -- the interface --------------------------------------------------------------------------------
-
-
-def test_a_method_may_give_its_reason_as_text_and_an_unknown_reason_is_an_error():
-    assert TwoViewOutcome.refused("low_parallax", 3).verdict is Verdict.LOW_PARALLAX
-    assert TwoViewOutcome.refused(Verdict.LOW_PARALLAX, 3).reason == "low_parallax"
-    with pytest.raises(SlamInitError, match="unknown reason 'tired'"):
-        _ = TwoViewOutcome.refused("tired", 3).verdict
-
-
-def test_undistorted_pixels_are_those_of_the_camera_without_its_distortion():
-    camera = Camera("radtan", 640, 480, 500.0, 510.0, 321.5, 238.25, (-0.2, 0.05, 1e-3, -5e-4))
-    rng = np.random.default_rng(0)
-    bearings = camera.bearings(rng.uniform((0, 0), (640, 480), (20, 2)))
-    ideal = replace(camera, model="pinhole", distortion=())
-    np.testing.assert_allclose(undistorted_pixels(camera, bearings), ideal.project(bearings))
-    assert check_matches(ideal.project(bearings), ideal.project(bearings), bearings, bearings) == 20
-
-
 # -- methods that call the libraries of other authors, and OpenSfM's rules ---------------------------------------
-
-
-@pytest.mark.parametrize("name", ["poselib", "magsac"])
-def test_the_counts_on_planes_are_those_of_the_table(name):
-    method(name)
-    kind, baseline = ROWS[3]
-    correct, false = ORIGINAL[METHODS[name].alias_of or name][3]
-    cell = count_maps(name, kind, baseline, scenes=20)
-    for here, original in ((cell.correct, correct), (cell.false, false)):
-        assert fisher_exact([[here, 20 - here], [original, 50 - original]]).pvalue > 0.01
-
-
-def test_poselib_draws_as_many_samples_as_its_default_and_poselib_100_fewer():
-    poselib = pytest.importorskip("poselib")
-    assert method("poselib").min_iterations == poselib.RansacOptions()["min_iterations"] == 1000
-    assert method("poselib-100").min_iterations == 100
 
 
 @pytest.mark.parametrize(("scene", "seed"), [("room", 1), ("wall", 2), ("rotation", 3)])
@@ -176,19 +132,6 @@ def test_the_window_judges_the_poses_of_poselib(scene, seed):
     errors = pose_errors(initializer.map, source.groundtruth)
     assert errors.rotation_deg < 5 and errors.direction_deg < 15
     assert initializer.status.risk <= Config().acceptance.max_risk
-
-
-def test_poselib_3_takes_one_dictionary_of_nested_options(monkeypatch):
-    calls = []
-    poselib_3 = types.SimpleNamespace(
-        __version__="3.0.0",
-        # Its signature: opt follows the cameras.
-        estimate_relative_pose=lambda x1, x2, camera1, camera2, opt: calls.append(opt) or ("pose", {}),
-    )
-    monkeypatch.setitem(sys.modules, "poselib", poselib_3)
-    points = np.zeros((5, 2))
-    assert relative_pose_of_poselib(points, points, {}, 1.5, {"seed": 3}) == ("pose", {})
-    assert calls == [{"max_error": 1.5, "ransac": {"seed": 3}}]
 
 
 def test_the_rules_of_colmap_have_the_defaults_of_the_installed_colmap():
@@ -215,14 +158,3 @@ def test_opensfm_tries_a_pair_that_contradicts_a_rotation_and_its_landmarks_have
     m, n = CAMERA.bearings(scene.pixels1), CAMERA.bearings(scene.pixels2)
     cosines = np.sum((m @ found.cam2_from_cam1.R.T) * n, axis=1)[found.landmarks]
     assert found.landmarks.sum() >= 20 and np.degrees(np.arccos(cosines)).min() >= 1.0
-
-
-def test_the_plane_based_motion_of_opensfm_is_the_first_of_the_eight():
-    import cv2
-
-    scene = make_scene("plane", 0.15, 7001)
-    m, n = CAMERA.bearings(scene.pixels1), CAMERA.bearings(scene.pixels2)
-    found = OpenSfm()._plane(Pair(CAMERA, scene.pixels1, scene.pixels2, m, n, 0))
-    H, _ = cv2.findHomography(m[:, :2] / m[:, 2:], n[:, :2] / n[:, 2:], cv2.RANSAC, 0.004)
-    R, t, _ = motions_of_homography(H, 1.0001)
-    assert np.allclose(found[0], R[0]) and np.allclose(found[1], t[0])

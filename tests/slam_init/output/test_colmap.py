@@ -8,7 +8,7 @@ import pytest
 from make_lenses import LENSES, directions
 from make_map import CAMERAS, make_map
 
-from slam_init.output.colmap import colmap_model, colmap_note, numbers_text
+from slam_init.output.colmap import colmap_model, colmap_note
 from slam_init.output.names import COLMAP_FILES
 
 
@@ -114,7 +114,3 @@ def test_a_part_of_a_panorama_and_a_bent_lens_have_no_model_of_colmap():
     part = replace(LENSES["equirectangular"], fx=200.0, fy=200.0)
     for camera in (part, LENSES["fov"].bent(0.1), LENSES["eucm"].bent(0.1)):
         assert "PINHOLE" in colmap_note(camera)
-
-
-def test_numbers_have_twelve_significant_digits():
-    assert numbers_text([1 / 3, 1e-9, 2.0]) == "0.333333333333 1e-09 2"

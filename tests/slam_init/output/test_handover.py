@@ -12,7 +12,6 @@ from read_handover import main, read_handover
 from slam_init.output import handover
 from slam_init.output.handover import handover_arrays, handover_bytes
 from slam_init.types.camera import Camera
-from slam_init.types.initial_map import Descriptors
 from slam_init.types.scale import Scale, ScaleOrigin
 
 
@@ -43,16 +42,6 @@ def test_the_same_map_gives_the_same_bytes_and_the_unit_is_told():
     assert str(loaded(map_)["unit"]) == "median depth"
     metric = loaded(replace(map_, scale=Scale(ScaleOrigin.HEIGHT, 2.0, 0.1)))
     assert (str(metric["unit"]), float(metric["metres_per_unit"]), float(metric["scale_sigma"])) == ("metre", 2.0, 0.1)
-
-
-def test_descriptors_and_located_frames_are_handed_over():
-    map_ = make_map()
-    described = np.arange(len(map_.points)) % 2 == 0
-    orb = np.where(described[:, None], np.uint8(7), np.uint8(0)).repeat(32, axis=1)
-    data = loaded(map_, map_.keyframes[1:3], Descriptors(orb, described))
-    assert data["located_frames"].tolist() == [17, 24]
-    np.testing.assert_array_equal(data["point_descriptors"], orb)
-    np.testing.assert_array_equal(data["point_described"], described)
 
 
 def test_the_reader_of_the_example_gives_what_each_keyframe_sees(tmp_path, capsys):

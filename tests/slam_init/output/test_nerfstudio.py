@@ -30,10 +30,3 @@ def test_the_intrinsics_have_nerfstudios_names_and_pixel_centres(model):
     names = ("k1", "k2", "k3", "k4") if model == "fisheye" else ("k1", "k2", "p1", "p2", "k3")
     assert [content.get(name, 0.0) for name in names[: len(camera.distortion)]] == list(camera.distortion)
     assert content["ply_file_path"] == "map.ply"
-
-
-def test_located_frames_join_the_keyframes_in_time_order():
-    map_ = make_map()
-    (first, second, third, fourth) = map_.keyframes
-    names = [frame["file_path"] for frame in json.loads(transforms_text(map_, (third,)))["frames"]]
-    assert names == [f"images/{keyframe.name}" for keyframe in (first, second, third, fourth)]

@@ -10,7 +10,7 @@ from make_summary import summarize
 
 from slam_init.output.records import ContinuationRecord
 from slam_init.output.report import report_text
-from slam_init.types.evidence import Margin, WindowEvidence
+from slam_init.types.evidence import WindowEvidence
 from slam_init.types.refusal import Verdict
 from slam_init.types.result import Attempt, GroundTruthErrors
 from slam_init.types.scale import Scale, ScaleOrigin
@@ -47,37 +47,6 @@ def test_the_risk_of_the_last_window_is_reported_with_the_depths_of_the_landmark
     window = replace(zeros, risk=0.00321, direction_sigma_deg=3.14, depth_sigma=29321.0)
     result = replace(result, attempts=(*result.attempts[:-1], replace(result.attempts[-1], window=window)))
     assert lines_of(result)[1]["risk"] == "0.0032 that the map is wrong, direction +- 3.1 deg, depths +- 2.0%"
-
-
-def test_a_direction_within_the_accuracy_of_the_truth_is_told_from_an_error():
-    for error_deg, sigma_deg, is_told in (
-        (13.1, 11.0, True),
-        (30.0, 11.0, False),
-        (0.3, 0.2, False),
-        (13.1, 0.0, False),
-    ):
-        truth = GroundTruthErrors(0.9, error_deg, None, 0.1, true_direction_sigma_deg=sigma_deg, true_baseline=0.051)
-        _, lines = lines_of(make_result(make_map()), ground_truth=truth)
-        known = "; the true direction is known to about 11 deg (baseline of 5.1 cm)"
-        assert lines["ground truth"].removesuffix(known) == f"rotation 0.9 deg, direction {error_deg:.3g} deg"
-        assert lines["ground truth"].endswith(known) == is_told
-
-
-def test_a_refusal_is_reported_with_its_advice():
-    title, lines = lines_of(make_result(None, Verdict.STATIC_CAMERA))
-    assert title == "not initialized: static camera"
-    assert lines["advice"] == Verdict.STATIC_CAMERA.advice
-    assert lines["frames read"] == "32"
-    assert "keyframes" not in lines
-
-
-def test_two_undecided_maps_are_reported_with_their_margin():
-    for ahead, preferred in ((3.0, "the first"), (-3.0, "the second")):
-        result = replace(
-            make_result(None, Verdict.AMBIGUOUS_PLANE), hypotheses=(make_map(), make_map()), margin=Margin(ahead, 1.5)
-        )
-        _, lines = lines_of(result)
-        assert lines["kept"] == f"two maps of frames 10, 17, 24, 31; the tracks prefer {preferred} by 3.0 nats"
 
 
 def test_a_scale_does_not_hide_that_depths_are_less_certain():

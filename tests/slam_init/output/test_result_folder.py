@@ -36,16 +36,6 @@ def test_a_refusal_is_told_with_its_advice(tmp_path):
     assert Verdict.PURE_ROTATION.advice in result_text(facts)
 
 
-def test_a_copy_without_the_hidden_folder_is_still_a_result(tmp_path):
-    folder = written(tmp_path / "out", make_result(make_map()))
-    copy = tmp_path / "copy"
-    copy.mkdir()
-    for name in ("summary.json", "config.toml"):
-        (copy / name).write_bytes((folder / name).read_bytes())
-    assert is_result_folder(copy)
-    assert read_result(copy)["landmarks"] == 60
-
-
 @pytest.mark.parametrize("name", ["", "missing", "a\0b", "synth:room"])
 def test_other_places_are_no_results(tmp_path, name):
     (tmp_path / "rgb.txt").write_text("")

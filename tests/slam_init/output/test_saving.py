@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
-from make_map import make_map
 from matched_points import map_of_matches
 
 import slam_init
 from slam_init.errors import OutputError
 from slam_init.output.names import COLMAP_FILES
 from slam_init.output.result_folder import read_result
-from slam_init.types.pose import Pose
 
 
 @pytest.fixture(scope="module")
@@ -60,13 +58,3 @@ def test_a_folder_of_somebody_else_is_refused(result, tmp_path):
             save(tmp_path)
         assert "--" not in str(told.value)
     assert (tmp_path / "map.ply").read_text() == "mine"
-
-
-def test_stacked_poses_are_the_matrices_of_the_keyframes():
-    map_ = make_map()
-    assert map_.poses.shape == (len(map_.keyframes), 4, 4)
-    point = np.array([0.3, -0.2, 2.0])
-    for matrix, keyframe in zip(map_.poses, map_.keyframes, strict=True):
-        np.testing.assert_allclose((matrix @ [*point, 1.0])[:3], keyframe.world_from_cam.apply(point))
-        np.testing.assert_array_equal(matrix, keyframe.world_from_cam.matrix())
-    np.testing.assert_array_equal(Pose.identity().matrix(), np.eye(4))

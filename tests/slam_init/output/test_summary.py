@@ -9,7 +9,6 @@ from make_map import make_map, make_result
 from make_summary import summarize
 
 from slam_init.output.summary import SCHEMA, Summary, summary_text
-from slam_init.types.evidence import Margin
 from slam_init.types.refusal import GateName, Verdict, at_least
 from slam_init.types.result import GroundTruthErrors
 
@@ -84,18 +83,6 @@ def test_the_summary_without_a_map_has_the_same_keys_and_the_reason():
     assert list(read(summary)) == [field.name for field in fields(Summary)]
 
 
-def test_the_two_maps_of_an_undecided_plane_are_hypotheses():
-    undecided = replace(
-        make_result(None, Verdict.AMBIGUOUS_PLANE), hypotheses=(make_map(), make_map()), margin=Margin(3.0, 1.5)
-    )
-    content = read(summarize(undecided))
-    assert [len(kept["keyframes"]) for kept in content["hypotheses"]] == [4, 4]
-    assert set(content["hypotheses"][0]["keyframes"][0]) == {"frame", "timestamp", "q_wxyz", "t"}
-    assert content["margin"] == {"log_likelihood": 3.0, "z": 1.5, "z_needed": 4.0}
-    map_ = make_map()
-    assert summarize(replace(make_result(map_), hypotheses=(map_,))).hypotheses == ()
-
-
 @pytest.mark.parametrize("bad", [float("nan"), float("inf"), np.float64("nan"), np.float32("-inf")])
 def test_numbers_that_are_not_finite_are_null(bad):
     result = make_result(make_map())
@@ -106,10 +93,3 @@ def test_numbers_that_are_not_finite_are_null(bad):
     (content,) = read(summary)["attempts"]
     assert content["method_evidence"] == {"noise_px": None, "count": 3, "planar": True}
     assert content["gates"][0]["value"] is None
-
-
-def test_the_text_is_ascii_and_ends_with_a_newline():
-    text = summary_text(replace(summarize(make_result(make_map())), notes=("größer", "\udcff.png")))
-    assert text.isascii()
-    assert text.endswith("}\n")
-    assert json.loads(text)["notes"] == ["größer", "\udcff.png"]

@@ -12,18 +12,14 @@ from make_map import make_attempts, make_map, make_result, make_truth, make_wind
 from make_summary import summarize
 from report_run import report_run
 
-from slam_init.pictures.overview import (
-    VERDICT_COLORS,
-    ShownFrame,
-    Story,
-    StoryRecorder,
-    canvas,
-    draw_decision,
-    draw_frame,
-    overview_png,
-)
+from slam_init.pictures.canvas import canvas
+from slam_init.pictures.decision import VERDICT_COLORS, draw_decision
+from slam_init.pictures.frames import draw_frame
+from slam_init.pictures.map_drawing import ABOVE, BEHIND, SIDE, widest_view
+from slam_init.pictures.overview import overview_png
+from slam_init.recording.story import ShownFrame, StoryRecorder
 from slam_init.types.evidence import FreeFocal, Margin
-from slam_init.types.refusal import Verdict
+from slam_init.types.refusal import GateName, Verdict, at_most
 from slam_init.types.result import Segment
 
 
@@ -31,7 +27,7 @@ from slam_init.types.result import Segment
 def story():
     recorder = StoryRecorder()
     report_run(recorder)
-    return recorder.story()
+    return recorder
 
 
 def draw(result, story, truth=None, name="arc"):
@@ -65,7 +61,7 @@ def test_each_end_of_a_run_has_a_picture_of_its_own(story):
     ends = (make_result(make_map()), undecided(), make_result(None, Verdict.PURE_ROTATION))
     pictures = [picture(draw(result, story)).astype(int) for result in ends]
     assert all(np.any(one != other) for one, other in pairwise(pictures))
-    dark = [np.mean(one[320:700, 770:].max(axis=2) < 60) for one in pictures]  # maps have a dark ground
+    dark = [np.mean(one[200:900, 680:].max(axis=2) < 60) for one in pictures]  # maps have a dark ground
     assert dark[0] > 0.5 and dark[1] > 0.5 > dark[2]
 
 
@@ -87,7 +83,7 @@ def test_a_wrong_focal_length_is_written_into_the_picture_of_each_end(story, tol
 
 def test_a_run_without_a_frame_or_an_attempt_has_a_picture_and_names_are_no_mathematics():
     result = replace(make_result(None, Verdict.TOO_FEW_FRAMES), attempts=(), frames_read=0)
-    png = draw(result, Story(), name="$x^{ \u202e\udcff 地図\n")
+    png = draw(result, StoryRecorder(), name="$x^{ \u202e\udcff 地図\n")
     assert picture(png).shape == (1000, 1600, 3)
 
 
@@ -97,6 +93,10 @@ def artists_of(draw_into):
         axes = figure.add_axes((0.1, 0.1, 0.8, 0.8))
         draw_into(axes)
         return [line.get_label() for line in axes.lines], list(axes.collections)
+
+
+#: Rows and columns of the four maps of a run.
+Y1, Y2, X1, X2 = slice(250, 500), slice(650, 900), slice(700, 1050), slice(1180, 1550)
 
 
 def attempts_of(count, every, verdict):
@@ -131,19 +131,32 @@ def test_a_link_by_descriptors_draws_no_path():
     assert len(tails.get_segments()) == 2
 
 
-def test_a_run_that_started_anew_has_a_row_for_each_map_and_the_story_of_the_first(story):
+def test_a_run_that_started_anew_shows_each_map(story):
     map_ = make_map()
     segments = tuple(Segment(map_, 10 * k, 5, lost_at=9 + 10 * k) for k in range(3))
-    shown = picture(draw(replace(make_result(map_), segments=segments), story))
-    dark = np.mean(shown[300:700, 770:1000].max(axis=2) < 60, axis=1) > 0.5
-    assert np.count_nonzero(np.diff(dark.astype(int)) == 1) + int(dark[0]) == 3
+    shown = picture(draw(replace(make_result(map_), segments=segments), story)).max(axis=2) < 60
+    corners = [np.mean(shown[rows, columns]) > 0.5 for rows in (Y1, Y2) for columns in (X1, X2)]
+    assert corners == [True, True, True, False]
 
-    recorder = StoryRecorder()
-    report_run(recorder)
-    pair = recorder.story().pair
-    recorder.restarted()
-    recorder.attempt(make_attempts(map_)[-1])
-    assert recorder.story().pair is pair
+
+def test_a_map_is_seen_in_the_view_in_which_it_fills_most():
+    map_ = make_map(points=400)
+    for flat, view in ((0, SIDE), (1, ABOVE), (2, BEHIND)):
+        stretch = np.full(3, 100.0)
+        stretch[flat] = 0.1
+        assert widest_view(replace(map_, points=map_.points * stretch)) == view
+
+
+def test_the_head_states_the_focal_length_every_note_and_the_gate_that_refused(story, told):
+    result = make_result(None, Verdict.LOW_PARALLAX)
+    notes = ("the first note", "the second note")
+    gate = at_most(GateName.RISK, 0.42, 0.005, Verdict.LOW_PARALLAX)
+    attempts = (*result.attempts[:-1], replace(result.attempts[0], gates=(gate,)))
+    draw(replace(result, notes=notes, camera=make_map().camera, attempts=attempts), story)
+    text = "\n".join(told)
+    assert all(f"note: {note}" in text for note in notes)
+    assert "focal length stated 5" in text and "direction of the baseline" in text
+    assert "0.42" in told and "at most 0.005" in told
 
 
 def test_every_verdict_has_a_colour_of_its_own():

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import rerun as rr
-from make_map import CAMERAS, make_attempts, make_frame, make_map, make_observations, make_preview, make_truth
+from make_map import CAMERAS, make_attempts, make_frame, make_map, make_observations, make_truth
 from read_recording import chunks, column, entities, rerun_tool
 from report_run import report_run
 from rerun.chunk import RrdReader
@@ -16,9 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from slam_init.errors import OutputError, SourceError
 from slam_init.recording import rerun_recorder
-from slam_init.recording.layout import SERIES
 from slam_init.recording.rerun_recorder import RerunRecorder
-from slam_init.types.refusal import GateName, Verdict, at_least, at_most
 from slam_init.types.scale import Scale, ScaleOrigin
 from slam_init.types.status import CameraPose, PoseKind
 
@@ -117,18 +115,6 @@ def test_two_maps_are_drawn_while_they_are_kept_with_the_evidence_that_decides(p
     assert "one of the maps is right" in column(path, "/twins/evidence", "TextDocument:text")[0][0]
 
 
-def test_matches_are_neither_inliers_nor_outliers_where_no_motion_was_estimated(path):
-    attempt = make_attempts(make_map())[0]
-    no, none = np.zeros(len(attempt.inliers), bool), np.zeros((0, 2))
-    with pinhole(path) as recorder:
-        recorder.attempt(replace(attempt, inliers=no, moving=no, window=None, two_view=None, map=None))
-        recorder.attempt(replace(attempt, pixels1=none, pixels2=none, inliers=no[:0], moving=no[:0]))
-    names = ("inliers", "outliers", "moving", "tracks")
-    drawn = [column(path, f"/pairs/image/{name}/points", "Points2D:positions")[0] or () for name in names]
-    assert [len(points) for points in drawn] == [0, 0, 0, 2 * len(no)]
-    assert len(column(path, "/pairs/image", "EncodedImage:blob")) == 2  # also without their images
-
-
 def test_tracks_on_moving_bodies_are_drawn_in_their_frame_only(path):
     attempt = make_attempts(make_map())[0]
     first, second, third, *_ = make_observations(make_map())
@@ -177,17 +163,6 @@ def test_the_id_depends_on_the_source_and_the_seed_only(tmp_path):
     assert len(set(ids)) == 3
 
 
-def test_a_large_image_and_its_keypoints_are_reduced_equally(path):
-    seen = make_observations(make_map())[0]
-    frame = make_frame(0, 0.0, "a.png")
-    large = replace(frame, image=frame.image.repeat(4, axis=0).repeat(4, axis=1))
-    with RerunRecorder(path, CAMERAS["pinhole"].scaled(4), "wide") as recorder:
-        recorder.frame(large, replace(seen, pixels=(seen.pixels + 0.5) * 4 - 0.5))
-    shown = column(path, "/world/camera/image/keypoints", "Points2D:positions")[0]
-    np.testing.assert_allclose(shown, seen.pixels + 0.5, atol=1e-3)
-    assert column(path, "/world/camera/image", "Pinhole:resolution") == [[[640, 480]]]
-
-
 def test_of_many_frames_only_some_images_are_kept_but_all_tracks(path, monkeypatch):
     monkeypatch.setattr(rerun_recorder, "FRAMES_AT_FULL_RATE", 5)
     first = make_observations(make_map())[0]
@@ -197,21 +172,6 @@ def test_of_many_frames_only_some_images_are_kept_but_all_tracks(path, monkeypat
     batches = [b for b in chunks(path, "/world/camera/image") if "EncodedImage:blob" in b.schema.names]
     assert [frame for b in batches for frame in b["frame"].to_pylist()] == [0, 1, 2, 3, 4, 6, 8, 12]
     assert len(column(path, "/stats/counts/tracks", "Scalars:scalars")) == 15
-
-
-def test_figures_that_an_attempt_lacks_or_that_are_not_finite_are_not_plotted(path):
-    attempt = make_attempts(make_map())[0]
-    landmarks = at_least(GateName.LANDMARKS, 80, 50, Verdict.TOO_FEW_LANDMARKS)
-    risk = replace(at_most(GateName.RISK, float("nan"), 0.005, Verdict.LOW_PARALLAX), threshold=float("nan"))
-    with pinhole(path) as recorder:
-        recorder.attempt(replace(attempt, preview=None, window=None, gates=()))
-        nan = replace(make_preview(parallax_px=float("nan")), parallax_share=float("nan"))
-        terms = ("risk", "risk_direction", "risk_rival", "risk_rotation", "risk_moving")
-        window = replace(attempt.window, direction_sigma_deg=float("nan"), **dict.fromkeys(terms, float("nan")))
-        recorder.attempt(replace(attempt, preview=nan, window=window, gates=(landmarks, risk)))
-    shown = [series.entity for series in SERIES if f"/{series.entity}" in entities(path)]
-    scalars = {entity: column(path, f"/{entity}", "Scalars:scalars") for entity in shown}
-    assert {entity: values for entity, values in scalars.items() if values} == {"stats/counts/landmarks": [[80.0]]}
 
 
 def test_a_wide_pair_is_stacked_and_a_tall_one_put_side_by_side(path):

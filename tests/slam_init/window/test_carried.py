@@ -1,14 +1,9 @@
 """Laws of the points that a fit hands to the next one."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from make_window import hypotheses_of, pair_and_further, point_source
 
-from quest.geometry.quaternion import rotation_from_vector
-from slam_init.types.pose import Pose
-from slam_init.window.carried import CarriedPoints
 from slam_init.window.hypotheses import fit_hypotheses
 from slam_init.window.joint_fit import MAX_STEPS
 from slam_init.window.state import Priors
@@ -21,33 +16,6 @@ def fitted(scene="room", seed=0, views=6):
     observations = list(source.observations())
     picks = np.linspace(0, len(observations) - 1, views).round().astype(int)
     return hypotheses_of(source.camera, pair_and_further([observations[k] for k in picks], views), PRIORS)
-
-
-def test_a_state_starts_where_its_points_came_from():
-    motion = fitted().motions[0]
-    state, used = motion.fit.state, motion.tracks.anchor >= 0
-    emptied = replace(state, rays=np.zeros_like(state.rays), inverse_distances=np.full(len(state.rays), 7.0))
-    again = CarriedPoints.of(motion.tracks, state, motion.fit.explains).start(motion.tracks, emptied)
-    np.testing.assert_allclose(again.rays[used], state.rays[used], atol=1e-12)
-    np.testing.assert_allclose(again.inverse_distances[used], state.inverse_distances[used], atol=1e-12)
-
-
-def test_points_that_move_there_and_back_stay():
-    points = fitted().motions[0].motion.points
-    pose = Pose(rotation_from_vector(np.array([0.3, -0.2, 0.1])), np.array([0.5, 0.1, -0.2]))
-    back = points.moved(pose).moved(pose.inverse())
-    np.testing.assert_allclose(back.points, points.points, atol=1e-12)
-
-
-def test_a_point_at_infinity_is_far_and_not_lost():
-    points = fitted().motions[0].motion.points
-    points = replace(points, explained=np.ones(len(points.track_ids), bool))
-    points.points[0, 3] = 0.0
-    found = points.of_tracks(points.track_ids)
-    assert np.isfinite(found).all()
-    lengths = np.linalg.norm(found, axis=1)
-    assert lengths[0] > 1000 * np.median(lengths)
-    assert np.isnan(points.of_tracks(np.array([-5]))).all()
 
 
 @pytest.mark.parametrize("scene", ["room", "wall"])

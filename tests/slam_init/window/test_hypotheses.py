@@ -10,7 +10,6 @@ from quest import Hypothesis
 from quest.geometry.quaternion import quaternion_from_matrix, rotation_from_vector
 from slam_init.types.frame import Observations
 from slam_init.types.pose import Pose
-from slam_init.window import motion as motion_module
 from slam_init.window.hypotheses import fit_hypotheses, motions_of_pair
 from slam_init.window.motion import Motion
 from slam_init.window.state import Priors
@@ -121,12 +120,6 @@ def proposed(scene="room", seed=1, **options):
     return pose, motions_of_pair(pose, FRAMES, rays1, rays2)
 
 
-def turned(pose, *, by_deg, axis=(0, 1, 0)):
-    """A pose with the camera centre moved about the first camera by an angle."""
-    turn = rotation_from_vector(np.radians(by_deg) * np.array(axis, float))
-    return Pose(pose.R, -pose.R @ turn @ pose.centre)
-
-
 def in_another_world(motion: Motion, scale=1.0) -> Motion:
     """The same motion in another frame of reference and another scale."""
     world_from_new = Pose(rotation_from_vector(np.array([0.3, -0.2, 0.5])), np.array([0.1, 0.2, -0.1]))
@@ -150,32 +143,6 @@ def test_each_proposal_of_a_pair_is_a_motion_with_a_plane_where_the_matches_lie_
     assert motion.plane is None
 
 
-def test_the_alternatives_of_a_pair_without_parallax_start_on_a_plane():
-    pose, (motion, *_) = proposed("room")
-    again = Hypothesis(pose.q_wxyz, pose.R, pose.t, pose.inliers)
-    still = replace(pose, kind="rotation", t=np.zeros(3), alternatives=(again,))
-    source, views = window_of("room", 1, 2)
-    _, rays1, rays2 = pose_of_pair(source.camera, *views)
-    (other,) = motions_of_pair(still, FRAMES, rays1, rays2)
-    assert motion.plane is None
-    assert other.plane is not None
-    np.testing.assert_array_equal(other.cam_from_world[8].t, pose.t)
-
-
-def test_a_proposal_without_translation_is_no_motion():
-    pose, _ = proposed()
-    still = replace(pose, t=np.zeros(3))
-    empty = np.zeros((0, 3))
-    assert len(motions_of_pair(still, FRAMES, empty, empty)) == len(pose.alternatives)
-
-
-@pytest.mark.parametrize(("by_deg", "near"), [(4, True), (6, False)])
-def test_motions_are_near_up_to_five_degrees_of_the_direction(by_deg, near):
-    motion = Motion({3: Pose.identity(), 8: Pose(np.eye(3), np.array([-1.0, 0, 0]))})
-    other = Motion({3: Pose.identity(), 8: turned(motion.cam_from_world[8], by_deg=by_deg)})
-    assert motion.is_near(other) == other.is_near(motion) == near
-
-
 @pytest.mark.parametrize("scene", ["room", "wall"])
 def test_the_world_and_the_scale_of_a_motion_do_not_matter(scene):
     source, views = window_of(scene, 0, 5, baseline=0.3)
@@ -189,39 +156,12 @@ def test_the_world_and_the_scale_of_a_motion_do_not_matter(scene):
     assert a.motions[0].same_as(b.motions[0])
 
 
-def test_rounding_errors_of_rotations_do_not_grow_from_frame_to_frame():
-    """A fit that goes on multiplies the first rotation with its own inverse, which doubles its error."""
-    source, views = window_of("room", 3)
-    fitted = hypotheses_of(source.camera, views, PRIORS).motions[0]
-    off = replace(fitted.fit.state, R=fitted.fit.state.R * (1 + 1e-8))
-    for pose in replace(fitted, fit=replace(fitted.fit, state=off)).motion.cam_from_world.values():
-        np.testing.assert_allclose(pose.R @ pose.R.T, np.eye(3), atol=1e-14)
-
-
 def test_no_motion_has_no_hypotheses():
     source, views = window_of("room", 0)
     tracks = gather_tracks(source.camera, views, 0.7)
     assert fit_hypotheses(tracks, [], PRIORS) is None
     unknown = Motion({100: Pose.identity(), 101: Pose(np.eye(3), np.array([1.0, 0, 0]))})
     assert fit_hypotheses(tracks, [unknown], PRIORS) is None
-
-
-@pytest.mark.parametrize(("by_deg", "fitted"), [(1.0, False), (20.0, True)])
-def test_a_motion_near_an_earlier_one_is_not_fitted(monkeypatch, by_deg, fitted):
-    source, views = window_of("room", 1)
-    pose, rays1, rays2 = pose_of_pair(source.camera, *views[:2])
-    frames = (views[0].frame, views[1].frame)
-    (motion, *_) = motions_of_pair(pose, frames, rays1, rays2)
-    other = Motion({frames[0]: Pose.identity(), frames[1]: turned(motion.cam_from_world[frames[1]], by_deg=by_deg)})
-    fits = []
-    fit = motion_module.fit_window
-    monkeypatch.setattr(motion_module, "fit_window", lambda *args, **options: fits.append(1) or fit(*args, **options))
-    counts = []
-    for motions in ([motion], [motion, other]):
-        fits.clear()
-        fit_hypotheses(gather_tracks(source.camera, views, 0.7), motions, PRIORS)
-        counts.append(len(fits))
-    assert (counts[1] > counts[0]) == fitted
 
 
 # -- noise ----------------------------------------------------------------------------------------
@@ -273,14 +213,6 @@ def test_where_a_relief_would_not_show_nothing_is_held_on_a_plane(scene):
     assert not found.planar
 
 
-def test_the_gain_over_a_rotation_is_half_of_the_difference_of_the_costs_where_all_views_are_located():
-    source, views = window_of("room", 0, 5)
-    found = hypotheses_of(source.camera, views, PRIORS)
-    gain, freedom = found.gain_over_rotation
-    assert gain == pytest.approx(0.5 * (found.rotation_only.cost - found.motions[0].fit.cost))
-    assert gain > 5 * freedom
-
-
 def of_rotation_only_camera(seed, **options):
     """The hypotheses of a sideways translation where the camera only rotates."""
     source, views = window_of("rotation", seed, 6, **options)
@@ -310,27 +242,3 @@ def test_a_camera_that_turns_about_several_axes_may_have_another_principal_point
     # Without translation, the best motion gains no more than by chance.
     gain, freedom = found.gain_over_rotation
     assert 2 * gain < 1.5 * freedom
-
-
-def test_tracks_off_the_plane_do_not_show_that_the_camera_moves():
-    source, views = window_of("wall", 2, 6, baseline=0.3, outliers=0)
-    found = hypotheses_of(source.camera, views, PRIORS)
-    assert found.planar
-    gain, freedom = found.gain_over_rotation
-    best = found.motions[0]
-    on_plane = best.fit.state.on_plane.copy()
-    dropped = np.flatnonzero(on_plane & (found.tracks.anchor >= 0))[:10]
-    on_plane[dropped] = False
-    state = replace(best.fit.state, on_plane=on_plane)
-    left = replace(best, fit=replace(best.fit, state=state))
-    less, same = replace(found, motions=(left, *found.motions[1:])).gain_over_rotation
-    theirs = (found.rotation_only.track_costs - found.costs_of(best))[dropped].sum()
-    assert theirs > 0
-    assert less == pytest.approx(gain - 0.5 * theirs)
-    assert same == freedom
-
-
-def test_a_motion_is_not_near_one_that_does_not_know_its_frames():
-    _, (motion, *_) = proposed()
-    renamed = Motion({3: motion.cam_from_world[3], 9: motion.cam_from_world[8]})
-    assert not motion.is_near(renamed)

@@ -58,16 +58,3 @@ def test_a_scaled_and_bent_lens_is_that_of_the_camera(model):
         seen, pixel, _ = projected(camera, ray, 1.03, 0.02)
         if seen and np.isfinite(expected).all():
             np.testing.assert_allclose(pixel, expected, atol=1e-9)
-
-
-@pytest.mark.parametrize("coefficients", [4, 5])
-def test_the_lens_sees_up_to_its_largest_angle(coefficients):
-    """With k1 alone the lens polynomial stops growing at 1 / sqrt(3 |k1|)."""
-    camera = replace(CAMERAS["radtan"], distortion=(-0.2, *([0.0] * (coefficients - 1))))
-    assert camera.max_tangent == pytest.approx(1 / np.sqrt(0.6))
-    for factor, visible in ((0.999, True), (1.001, False)):
-        point = (*(factor * camera.max_tangent * np.array([np.cos(0.7), np.sin(0.7)])), 1.0)
-        seen, pixel, _ = projected(camera, point)
-        assert seen is visible
-        assert np.isfinite(pixel).all() == visible
-        assert np.isfinite(camera.project(np.array([point]))).all() == visible

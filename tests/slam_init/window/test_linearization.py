@@ -1,7 +1,5 @@
 """Laws of the expansion of a fit in all its unknowns and in the error fields of the views."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from make_window import PRIORS, fit_near_truth, make_window
@@ -36,15 +34,6 @@ def test_the_gradient_of_the_expansion_is_the_sum_of_the_shares_and_vanishes_at_
     scale = np.sqrt(np.diag(found.information))
     assert np.abs(found.gradient / scale)[~found.is_field].max() < 1e-3
     assert np.abs(found.gradient / scale)[found.is_field].max() > 0.1
-
-
-def test_fields_without_a_prior_are_the_limit_of_wide_priors():
-    window = make_window("room", 3, 4, 100, noise_px=0.7, baseline=0.3)
-    fit = fit_near_truth(window, seed=3)
-    found = linearize_with_fields(fit)
-    wide = fit_window(window.tracks, fit.state, replace(PRIORS, field_sigma_px=1e6), max_steps=0)
-    largest = np.abs(found.information).max()
-    np.testing.assert_allclose(found.information, wide.information, atol=1e-9 * largest)
 
 
 def test_the_variance_of_a_distance_is_the_inverse_of_its_curvature():

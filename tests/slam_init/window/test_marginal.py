@@ -85,23 +85,6 @@ def test_shifts_and_covariances_are_those_of_the_full_normal_equations(lineariza
     np.testing.assert_allclose(covariances[index], full @ np.linalg.solve(information, full.T), rtol=1e-5, atol=1e-6)
 
 
-@pytest.mark.parametrize("index", range(1, len(FIELD_SCALES_PX)))
-def test_functions_of_the_fields_too_have_the_moments_of_the_full_normal_equations(linearization, index):
-    rng = np.random.default_rng(1)
-    J, fields = functions(linearization), rng.normal(size=(3, int(linearization.is_field.sum())))
-    information, gradient = dense(linearization, FIELD_SCALES_PX[index])
-    full = np.zeros((3, len(information)))
-    full[:, ~linearization.is_field], full[:, linearization.is_field] = J, fields
-    moments = (
-        np.diag(full @ np.linalg.solve(information, full.T)) + (full @ np.linalg.solve(information, gradient)) ** 2
-    )
-    weights = (np.arange(len(FIELD_SCALES_PX)) == index).astype(float)
-    found = exact(linearization).variances(J, fields, weights)
-    np.testing.assert_allclose(found, moments, rtol=1e-5, atol=1e-6)
-    # The law is not empty: the fields matter.
-    assert not np.allclose(found, exact(linearization).variances(J, 0 * fields, weights), rtol=1e-4)
-
-
 def log_integral(linearization, scale):
     """Logarithm of the integral of the likelihood and the prior of the fields over all unknowns, up to a constant."""
     information, gradient = dense(linearization, scale)
@@ -116,21 +99,6 @@ def test_the_evidence_is_the_gaussian_integral_over_all_unknowns(linearization):
     assert found[0] == 0
     expected = [log_integral(linearization, s) - log_integral(linearization, 0.0) for s in FIELD_SCALES_PX]
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-4)
-
-
-def test_the_fields_lower_the_cost_by_what_the_minimum_of_the_full_equations_is_lower(linearization):
-    def lowest(scale):
-        information, gradient = dense(linearization, scale)
-        return -gradient @ np.linalg.solve(information, gradient)
-
-    found = exact(linearization).lowered_cost
-    np.testing.assert_allclose(found, [lowest(0.0) - lowest(s) for s in FIELD_SCALES_PX], rtol=1e-5, atol=1e-4)
-
-
-def test_a_certain_scale_is_the_expected_one():
-    marginal = marginalize_fields(small_fit("room", 0, 0.0)[0])
-    for weights, scale in zip(np.eye(len(FIELD_SCALES_PX)), FIELD_SCALES_PX, strict=True):
-        assert marginal.expected_scale_px(weights) == scale
 
 
 def small_fit(scene, seed, field_px):

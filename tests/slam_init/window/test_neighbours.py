@@ -63,23 +63,6 @@ def test_tracks_on_a_body_agree_and_noise_does_not(fitted):
     assert agreement(fitted, two) > 0.8
 
 
-def test_the_agreement_of_few_tracks_is_not_known(fitted):
-    rng = np.random.default_rng(3)
-    residuals = 8 * rng.normal(size=(*fitted.tracks.seen.shape, 2))
-    few = np.zeros(residuals.shape[1], bool)
-    few[:3] = True
-    assert agreement(fitted, residuals, few) == 1.0
-    few[:12] = True
-    # The bound of twelve tracks is wider than that of all.
-    assert agreement(fitted, residuals) < agreement(fitted, residuals, few) <= 1.0
-
-
-def test_tracks_far_from_their_projections_agree_with_nobody(fitted):
-    """Residuals beyond thirty deviations, or behind a camera, do not count."""
-    for far in (100.0, np.inf):
-        assert agreement(fitted, np.full((*fitted.tracks.seen.shape, 2), far)) == 0.0
-
-
 def test_without_tracks_there_is_no_factor(fitted):
     none = replace(fitted.tracks, anchor=np.full_like(fitted.tracks.anchor, -1))
     assert factor(replace(fitted, tracks=none), fitted.residuals) == 1.0

@@ -188,7 +188,7 @@ def test_the_relative_errors_of_the_depths_have_the_stated_size():
             inverse[best.on_plane] = best.rays[best.on_plane] @ best.plane
         seen = (tracks.anchor == 0) & (inverse > 0)
         depths = truth.depths(0)[tracks.track_ids] / best.rays[:, 2]
-        relative = np.linalg.norm(best.t[1]) / np.linalg.norm(true_motion(PointSource(truth), 0, 11).t)
+        relative = np.linalg.norm(best.t[1]) / np.linalg.norm(true_motion(PointSource.of(truth), 0, 11).t)
         errors = np.log(inverse * depths * relative)[seen]
         # The median of the absolute value of a Gaussian is 0.67 standard deviations.
         ratios.append(np.median(np.abs(errors)) / 0.67 / risk_of(found).depth_sigma)

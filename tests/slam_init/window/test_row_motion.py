@@ -8,7 +8,7 @@ from make_window import point_source
 
 from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.types.history import History
-from slam_init.window.lens_offset import IN_USE
+from slam_init.types.lens import SAME_LENS
 from slam_init.window.row_motion import with_translation
 from slam_init.window.state import WindowState
 from slam_init.window.tracks import gather_tracks
@@ -32,7 +32,7 @@ def window(scene, seed, **options):
     in_anchor = np.einsum("tij,tj->ti", R[anchor], points) + t[anchor]
     distance = np.linalg.norm(in_anchor, axis=1)
     nothing, nowhere = np.zeros((len(R), 12)), np.zeros(len(points), bool)
-    state = WindowState(R, t, in_anchor / distance[:, None], 1 / distance, IN_USE, nothing, None, nowhere)
+    state = WindowState(R, t, in_anchor / distance[:, None], 1 / distance, SAME_LENS, nothing, None, nowhere)
     middle = np.array([camera.project(points @ R[k].T + t[k]) for k in range(len(R))])
     return tracks, state, middle
 
@@ -50,15 +50,6 @@ def test_turning_and_translation_undo_a_rolling_shutter():
     assert turned < 0.4 * raw
     assert both < 0.7 * turned
     assert both < 0.1 * raw
-
-
-def test_pixels_that_are_corrected_for_a_readout_are_corrected_for_its_translation_too():
-    tracks, state, _ = window("handheld", 1, readout_ms=30.0, speed=0.4)
-    raw = with_translation(tracks, state)
-    added = raw.sweep_px_s - tracks.sweep_px_s
-    np.testing.assert_array_equal(raw.pixels, tracks.pixels)
-    corrected = with_translation(replace(tracks, readout_s=0.02), state)
-    np.testing.assert_allclose(corrected.pixels, tracks.pixels - 0.02 * added, atol=1e-9)
 
 
 @pytest.mark.parametrize("case", ["no translation", "photographs", "repeated time stamps"])

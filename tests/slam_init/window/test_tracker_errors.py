@@ -22,23 +22,8 @@ def test_errors_of_the_turning_move_each_pixel_by_a_share_of_its_sweep(tracks):
     assert gain_of_turning_errors(tracks, 0.02) == pytest.approx(0.04 * seen.sum())
 
 
-@pytest.mark.parametrize("sweep_errors", [0.0, 0.1])
-def test_no_readout_and_a_certain_turning_gain_nothing(tracks, sweep_errors):
-    readout_s = 0.0 if sweep_errors else 0.02
-    assert gain_of_turning_errors(replace(tracks, sweep_errors=np.full(3, sweep_errors)), readout_s) == 0.0
-
-
 def test_errors_of_the_tracker_count_less_where_the_noise_is_larger(tracks):
     noisy = tracks.with_noise(5.0)
     R = np.broadcast_to(np.diag([-1.0, 1.0, -1.0]), (3, 3, 3))
     assert 1 < gain_of_lasting_errors(noisy, R) < gain_of_lasting_errors(tracks, R)
     assert gain_of_shared_errors(noisy) == pytest.approx(gain_of_shared_errors(tracks) / 100)
-
-
-def test_the_noise_of_an_anchor_view_which_has_no_residuals_plays_no_part(tracks):
-    """In two views half of the observations are those of the anchor view."""
-    pair, R = tracks.of_views((0, 1)), np.broadcast_to(np.diag([-1.0, 1.0, -1.0]), (2, 3, 3))
-    assert (pair.anchor[pair.anchor >= 0] == 0).all()
-    sure = replace(pair, sigma_px=np.stack([pair.sigma_px[0] / 10, pair.sigma_px[1]]))
-    assert gain_of_lasting_errors(sure, R) == gain_of_lasting_errors(pair, R)
-    assert gain_of_shared_errors(sure) == gain_of_shared_errors(pair)

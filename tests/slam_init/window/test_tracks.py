@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from make_lenses import LENSES
 from make_window import pair_and_further, point_source
 
 from slam_init.types.frame import Observations
-from slam_init.window.tracks import MAX_TRACKS, WindowTracks, gather_tracks
+from slam_init.window.tracks import MAX_TRACKS, gather_tracks
 
 
 def views_of(points, views=5, seed=1):
@@ -70,14 +69,6 @@ def test_of_the_tracks_of_a_cell_those_of_both_views_of_the_pair_and_of_most_vie
     assert in_pair.mean() > 0.8  # of all tracks, half are in both views
 
 
-@pytest.mark.parametrize(("noise_px", "sigma_px"), [(0.4, 0.4), (0.0, 1e-3)])
-def test_the_noise_is_that_of_all_pixels_and_never_zero(noise_px, sigma_px):
-    camera, views = views_of(30)
-    tracks = gather_tracks(camera, views, noise_px)
-    np.testing.assert_array_equal(tracks.sigma_px, sigma_px)
-    assert np.isfinite(tracks.places).all()
-
-
 def drifting(views, covariance):
     """The views with a drift that grows by this covariance (2, 2) from frame to frame."""
     return [
@@ -117,23 +108,3 @@ def test_a_blurred_corner_slides_where_the_turning_changes():
     slide_px = 0.15 * 0.02 * np.linalg.norm(turns[-1]) * camera.fx
     assert np.median(np.sqrt(far[:, 0, 0] - 0.1**2)) == pytest.approx(slide_px, rel=0.3)
     assert np.median(far[:, 1, 1]) < 0.2 * np.median(far[:, 0, 0])
-
-
-def test_the_polynomials_of_the_fields_are_orthonormal_over_the_image():
-    camera, _ = views_of(60)
-    rows, columns = np.arange(float(camera.height)), np.arange(float(camera.width))
-    pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(1, -1, 2)
-    pixels = np.concatenate([pixels, pixels])
-    count = pixels.shape[1]
-    tracks = WindowTracks.gather(camera, (0, 1), np.arange(count), pixels, np.ones((2, count), bool), 0.5)
-    values = 0.5 * tracks.places[0]
-    np.testing.assert_allclose(values.T @ values / count, np.eye(6), atol=0.01)
-
-
-def test_a_track_has_a_unit_ray_through_any_lens_also_where_no_view_sees_it():
-    for lens in LENSES.values():
-        anywhere = np.array([[0.0, 0.0], [lens.width / 2, lens.height / 2], [1e4, 1e4]])
-        pixels, seen = np.stack([anywhere, anywhere]), np.array([[True, True, False], [True, True, False]])
-        tracks = WindowTracks.gather(lens, (0, 1), np.arange(3), pixels, seen, 0.5)
-        np.testing.assert_allclose(np.linalg.norm(tracks.rays, axis=1), 1.0)
-        assert tracks.anchor[1] == 0 and tracks.anchor[2] == -1

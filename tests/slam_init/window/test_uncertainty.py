@@ -4,20 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from make_window import PRIORS, Window, direction_covariance, equations, make_window, moved
+from make_window import PRIORS, Window, make_window
 
 from quest.geometry.quaternion import rotation_angle
 from slam_init.types.camera import Camera
-from slam_init.types.error_fields import FIELD_SCALES_PX
-from slam_init.types.lens import SAME_LENS, Lens
+from slam_init.types.lens import SAME_LENS
 from slam_init.window.joint_fit import fit_window
 from slam_init.window.linearization import information_by_chance, linearize_with_fields
 from slam_init.window.marginal import marginalize_fields
 from slam_init.window.state import Priors
-from slam_init.window.tracks import WindowTracks
 from slam_init.window.uncertainty import (
     ExpandedFit,
-    direction_sigmas_deg,
     direction_uncertainty,
     inverse_distances,
     moved_by_lens,
@@ -86,43 +83,6 @@ def test_the_uncertainty_does_not_depend_on_the_scale_of_the_map(window_and_fit,
     assert_same_uncertainty(expanded(fit), expanded(replace(fit, state=scaled)))
 
 
-def test_without_fields_the_direction_has_the_covariance_of_the_fit(window_and_fit):
-    _, fit = window_and_fit
-    found = expanded(fit)
-    marginal = replace(
-        found.marginal, fields=found.marginal.fields._replace(log_evidence=np.where(FIELD_SCALES_PX == 0, 0.0, -1e9))
-    )
-    without = replace(found, marginal=marginal)
-    assert without.scale_weights[0] == 1
-    for view in range(1, 5):
-        covariance, basis = direction_covariance(fit, view)
-        expected = basis.T @ covariance @ basis
-        stated = direction_in_space(direction_uncertainty(without, view))
-        np.testing.assert_allclose(stated, expected, atol=0.03 * np.trace(expected))
-
-
-def test_the_direction_of_the_risk_is_at_least_that_of_the_expansion(window_and_fit):
-    found = expanded(window_and_fit[1])
-    for view in range(1, 5):
-        by_scale = direction_sigmas_deg(found)[view - 1]
-        largest = np.linalg.eigvalsh(direction_uncertainty(found, view).covariance)[-1]
-        assert np.sqrt(found.scale_weights @ by_scale**2) >= 0.999999 * np.degrees(np.sqrt(largest))
-        assert (np.diff(by_scale) > -1e-3 * by_scale[1:]).all()
-
-
-def test_the_rotation_from_the_second_view_is_that_of_a_fit_with_this_reference():
-    window = make_window("room", 1, 5, 80, noise_px=0.5, baseline=0.3)
-    order = [1, 0, 2, 3, 4]
-    R = window.R[order] @ window.R[1].T
-    t = window.t[order] - R @ window.t[1]
-    again = Window(window.tracks.of_views(tuple(order)), R, t, window.points @ window.R[1].T + window.t[1])
-    found, other = (rotation_covariances(expanded(fitted(one, plane=False))) for one in (window, again))
-    assert len(found) == 2 * 5 - 3
-    # The second view stands first now, and the vectors of further views are those of the same cameras.
-    np.testing.assert_allclose(found[4:], other[1:4], rtol=0.1, atol=0.03 * np.abs(other[1:4]).max())
-    np.testing.assert_allclose(found[1:4], other[4:], rtol=0.1, atol=0.03 * np.abs(other[4:]).max())
-
-
 def test_a_view_that_few_tracks_link_to_the_pair_has_an_uncertain_rotation():
     window = make_window("room", 1, 5, 80, noise_px=0.5, baseline=0.3)
     seen = window.tracks.seen.copy()
@@ -131,25 +91,6 @@ def test_a_view_that_few_tracks_link_to_the_pair_has_an_uncertain_rotation():
     by_all, by_few = (rotation_sigmas_deg(expanded(fitted(one, plane=False))) for one in (window, few))
     assert by_few[2] > 1.3 * by_all[2]
     np.testing.assert_allclose(np.delete(by_few, 2), np.delete(by_all, 2), rtol=0.3)
-
-
-def test_distances_on_a_plane_follow_the_other_unknowns_as_the_state_does():
-    """The ray of a track moves with the focal length, so its distance on a tilted plane does as well."""
-    window = make_window("tilted-45", 1, 4, 60, noise_px=0.3, baseline=0.3)
-    fit = fitted(window, plane=True)
-    lin = linearize_with_fields(fit)
-    state = fit.state
-    back = equations(window.tracks, state, PRIORS.gate_sigmas).back
-    on_plane = state.on_plane & (window.tracks.anchor == 0)
-    coupling = lin.distance_coupling[on_plane][:, ~lin.is_field]
-    for column in range(coupling.shape[1]):
-        step = np.zeros(coupling.shape[1])
-        step[column] = 1e-6
-        after = moved(state, step, back, with_field=False)
-        change = np.einsum("tj,j->t", after.rays, after.plane) - np.einsum("tj,j->t", state.rays, state.plane)
-        np.testing.assert_allclose(coupling[:, column], change[on_plane] / 1e-6, rtol=1e-3, atol=1e-4)
-    focal = coupling.shape[1] - 4
-    assert np.abs(coupling[:, focal]).max() > 0.05
 
 
 def with_pair_first(window: Window, current: int) -> Window:
@@ -234,41 +175,6 @@ def test_information_by_chance_is_not_counted_where_the_parallax_is_no_larger_th
     assert 0.1 < left_out < 1.4
 
 
-def test_a_track_with_one_observation_left_makes_no_information_by_chance():
-    """The reference sees some tracks far from their projections, so that the other view alone is left of them."""
-    window = make_window("room", 0, 2, 300, noise_px=0.1, baseline=0.1)
-    tracks, pixels = window.tracks, window.tracks.pixels.copy()
-    pixels[0, :8] += 30.0
-    tracks = WindowTracks.gather(tracks.camera, tracks.frames, tracks.track_ids, pixels, tracks.seen, tracks.noise_px)
-    state, baseline = window.true_state(), np.linalg.norm(window.t[1])
-    state = replace(state, t=state.t / baseline, inverse_distances=state.inverse_distances * baseline)
-    fit = fit_window(tracks, state, PRIORS, max_steps=0)
-    found = expanded(fit)
-    without = replace(found, marginal=found.marginal.without_chance(information_by_chance(fit)))
-    all_of_it, left = (np.trace(direction_uncertainty(one).covariance) for one in (found, without))
-    assert left < 1.1 * all_of_it
-
-
-def test_the_information_by_chance_is_that_which_errors_of_the_distances_add():
-    """Compared with the mean over drawn errors; the poses and rays are the same."""
-    window = make_window("corridor", 3, 3, 100, noise_px=0.7, baseline=0.05)
-    state = window.start(3)
-    fit = fit_window(window.tracks, state, replace(KNOWN_FOCAL, gate_sigmas=1e6), max_steps=0)
-    own = equations(window.tracks, state, 1e6)
-    sigmas = np.sqrt(own.back[:, 2, 3])
-    rng, drawn = np.random.default_rng(0), []
-    for _ in range(400):
-        moved_by = sigmas * rng.normal(size=len(sigmas)) * (state.inverse_distances > 0)
-        for drawn_error in (moved_by, -moved_by):
-            at = replace(state, inverse_distances=state.inverse_distances + drawn_error)
-            drawn.append(equations(window.tracks, at, 1e6).normal - own.normal)
-    translation = slice(3, 6)
-    expected = np.mean(drawn, axis=0)[translation, translation]
-    found = information_by_chance(fit)[translation, translation]
-    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
-    np.testing.assert_allclose(found / scale, expected / scale, atol=0.1)
-
-
 @pytest.mark.parametrize("scene", ["room", "tilted-45"])
 def test_a_map_whose_lens_is_held_is_as_far_from_the_fit_as_stated(scene):
     """The tracks are those of a lens of another focal length and distortion; the fit moves the lens, a map does not."""
@@ -292,12 +198,3 @@ def test_a_map_whose_lens_is_held_is_as_far_from_the_fit_as_stated(scene):
     np.testing.assert_allclose(found.directions_deg, moved_deg, rtol=0.3, atol=0.02)
     turned_deg = np.degrees(rotation_angle(np.swapaxes(free.state.R[1:], 1, 2) @ held.state.R[1:]))
     np.testing.assert_allclose(found.rotations_deg, turned_deg, rtol=0.3, atol=0.02)
-
-
-def test_a_map_that_follows_the_lens_moves_with_the_principal_point_only(window_and_fit):
-    _, fit = window_and_fit
-    found = expanded(replace(fit, state=replace(fit.state, lens=Lens(1e-3, 1e-3))))
-    moved = moved_by_lens(found, held=False)
-    assert not moved.rotations_deg.any()
-    assert not moved.directions_deg.any()
-    assert moved_by_lens(found, held=True).directions_deg.min() > 0.0

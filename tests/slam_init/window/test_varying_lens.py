@@ -4,14 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from make_window import VIEWS_OF_CHANGING_LENS as VIEWS
 from make_window import hypotheses_of_changing_lens as hypotheses
 from make_window import looks_small
 
-from slam_init.window.levels import SHIFTS, ZOOMS
+from slam_init.window.levels import ZOOMS
 from slam_init.window.risk import risk_of, with_zooming_rotation
 from slam_init.window.uncertainty import expand
-from slam_init.window.varying_lens import varying_lens, zoom_covariance
+from slam_init.window.varying_lens import varying_lens
 from slam_init.window.zooming_rotation import with_zooms
 
 
@@ -40,27 +39,6 @@ def test_a_slow_zoom_is_told(baseline):
     assert zoomed.probabilities[0] < 0.3
     by_mode = zoomed.probabilities[1 : 1 + 2 * len(ZOOMS)].reshape(len(ZOOMS), 2)
     assert by_mode[:, 0].sum() > 10 * by_mode[:, 1].sum()
-
-
-def test_the_covariance_of_zooms_is_that_of_a_smooth_function_of_time():
-    covariance = zoom_covariance(np.array([0.0, 1.0, 0.1, 0.2]))
-    assert (np.linalg.eigvalsh(covariance) > 0).all()
-    sigmas = np.sqrt(np.diag(covariance))
-    assert (np.diff(sigmas[[1, 2, 0]]) > 0).all()  # the longer the time, the larger the zoom over the first view
-    assert covariance[1, 2] > 0.9 * sigmas[1] * sigmas[2]  # neighbours zoom alike
-    assert zoom_covariance(np.zeros(3)) == pytest.approx(1e-6 * np.eye(2))
-
-
-def test_the_modes_widen_the_directions_and_the_lens_as_stated_does_not():
-    lens = lens_of(hypotheses("room", baseline=0.1))
-    assert lens.probabilities.sum() == pytest.approx(1)
-    assert lens.factors.shape == lens.moved_deg.shape == (1 + 2 * len(ZOOMS) + len(SHIFTS), VIEWS - 1)
-    assert (lens.factors[0] == 1).all()
-    assert (lens.moved_deg[0] == 0).all()
-    assert (lens.factors >= 1).all()
-    # The more a lens may zoom, smoothly or not, the less is known.
-    for proceeds in (lens.factors[1:7:2], lens.factors[2:7:2]):
-        assert (np.diff(proceeds, axis=0) >= -1e-9).all()
 
 
 def test_a_lens_that_is_said_to_be_fixed_has_no_other_modes():
@@ -107,17 +85,6 @@ def test_what_the_model_of_a_zoom_lacks_is_no_motion():
     assert with_zooms(found).cost > found.motions[0].fit.cost + 1000
     risk = with_zooming_rotation(found, risk_of(found))
     assert risk.total > 0.005
-
-
-def test_a_zoom_leaves_errors_in_proportion_to_it_and_more_where_it_is_fast():
-    found = hypotheses("static", 1, ramp=0.2, points=300)
-    zooming = with_zooms(found)
-    tracks, priors = found.tracks, found.priors
-    steady = zooming.errors_px(tracks, priors)
-    assert zooming.errors_px(tracks, replace(priors, readout_sigma_s=0.02))[1:].min() > steady[1:].min()
-    half = replace(zooming, zooms=zooming.zooms / 2).errors_px(tracks, priors)
-    assert half == pytest.approx(steady / 2)
-    assert (replace(zooming, zooms=np.zeros(VIEWS)).errors_px(tracks, priors) == 0).all()
 
 
 @pytest.mark.parametrize(("scene", "seed"), [("static", 4), ("rotation", 4)])

@@ -106,14 +106,3 @@ def test_matches_that_fix_no_pose_have_none():
     assert solve(m, n, np.array([0, 1, 2, 3, 3])) == []
     R = rotation_from_vector(np.array([0.1, -0.2, 0.3]))
     assert solve(m, m @ R.T) == []
-
-
-def test_the_real_roots_are_those_of_numpy():
-    rng = np.random.default_rng(1)
-    f, chain, stack, roots = np.empty((3, 11)), np.empty((10, 3)), np.empty((64, 4)), np.empty(11)
-    for _ in range(200):
-        powers = rng.normal(size=11) * 10.0 ** rng.uniform(-3, 3, 11)
-        known = np.roots(powers[::-1])
-        known = np.sort(known[np.abs(known.imag) < 1e-9 * (1 + np.abs(known))].real)
-        count = quest_five._real_roots(powers.copy(), f, chain, stack, roots)
-        np.testing.assert_allclose(np.sort(roots[:count]), known, rtol=1e-6, atol=1e-9)

@@ -17,11 +17,10 @@ from make_pose_matches import (
 )
 from make_views import unit
 
-from quest.geometry.epipolar import sampson_error, tangent_basis
 from quest.geometry.quaternion import rotation_from_vector
 from quest.robust import kernels
 from quest.robust.loss import log_likelihoods
-from tests.benchmarks.quest.reference import refine_pose, sampson_jacobian
+from tests.benchmarks.quest.reference import refine_pose
 
 SEEDS = st.integers(0, 2**32 - 1)
 laws = settings(max_examples=40)
@@ -83,39 +82,3 @@ def test_half_turns_and_the_identity_are_refined(axis):
     found = rotation_from_vector([0.02, -0.03, 0.01]) @ R
     kernels.refine_rotation(m, m @ R.T, found, 0.1, 50)
     assert angle_between(found, R) < 1e-9
-
-
-# --- the readable refinement ---
-
-
-@laws
-@given(seed=SEEDS)
-def test_the_errors_equal_those_of_the_epipolar_geometry(seed):
-    R, t, m, n = pose_and_matches(seed, noise_rad=0.05)
-    r, _ = sampson_jacobian(R, t, m, n)
-    assert r == pytest.approx(sampson_error(R, t, m, n), abs=1e-12)
-
-
-@laws
-@given(seed=SEEDS)
-def test_the_jacobian_equals_finite_differences(seed):
-    R, t, m, n = pose_and_matches(seed, noise_rad=0.05)
-    _, J = sampson_jacobian(R, t, m, n)
-    B, h = tangent_basis(t), 1e-6
-
-    def moved(step):
-        return sampson_jacobian(rotation_from_vector(step[:3]) @ R, unit(t + B @ step[3:]), m, n)[0]
-
-    differences = [(moved(step) - moved(-step)) / (2 * h) for step in h * np.eye(5)]
-    # Near an epipole the residual is not linear within the step.
-    away = (np.abs(m @ R.T @ t) < 0.99) & (np.abs(n @ t) < 0.99)
-    assert J[away] == pytest.approx(np.column_stack(differences)[away], abs=1e-6)
-
-
-@laws
-@given(seed=SEEDS)
-def test_exact_matches_give_the_true_pose_by_the_readable_refinement(seed):
-    R, t, m, n = pose_and_matches(seed, noise_rad=0.0)
-    R_end, t_end = refine_pose(*disturbed(R, t, seed, 0.01), m, n, 0.05, iterations=30)
-    assert angle_between(R_end, R) < 1e-8
-    assert t_end == pytest.approx(t, abs=1e-7)

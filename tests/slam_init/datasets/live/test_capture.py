@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import socket
 import subprocess
-import sys
 import time
 from contextlib import contextmanager
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -19,24 +16,6 @@ from slam_init.datasets.live import open_live
 from slam_init.errors import SourceError
 
 pytestmark = pytest.mark.process
-
-SERVER = """
-import sys, gi
-gi.require_version("Gst", "1.0")
-gi.require_version("GstRtspServer", "1.0")
-from gi.repository import GLib, Gst, GstRtspServer
-Gst.init(None)
-server = GstRtspServer.RTSPServer()
-server.set_service("0")
-factory = GstRtspServer.RTSPMediaFactory()
-factory.set_launch("( videotestsrc ! video/x-raw,format=I420,width=64,height=48,framerate=30/1 "
-                   "! jpegenc ! rtpjpegpay name=pay0 pt=26 )")
-server.get_mount_points().add_factory("/test", factory)
-server.attach(None)
-print(server.get_bound_port(), flush=True)
-GLib.timeout_add_seconds(30, sys.exit)
-GLib.MainLoop().run()
-"""
 
 
 @pytest.fixture(scope="module")
@@ -105,32 +84,3 @@ def test_a_stream_over_http_is_received(video):
     assert len(frames) >= 18
     assert [round(frame.image.mean() / 10) for frame in frames] == [frame.index for frame in frames]
     np.testing.assert_allclose(np.diff([frame.timestamp_s for frame in frames]), 1 / 30, atol=2e-5)
-
-
-def rtsp_python() -> str | None:
-    """A Python that has the RTSP server of GStreamer: Debian's own has, an environment has not."""
-    code = "import gi; gi.require_version('GstRtspServer', '1.0'); from gi.repository import GstRtspServer"
-    for python in (sys.executable, "/usr/bin/python3"):
-        if (
-            Path(python).is_file()
-            and not subprocess.run([python, "-c", code], capture_output=True, check=False).returncode
-        ):
-            return python
-    return None
-
-
-@pytest.mark.skipif(os.name != "posix", reason="needs Debian's packages")
-def test_a_stream_over_rtsp_is_received():
-    python = rtsp_python()
-    if python is None:
-        pytest.skip("needs GStreamer's RTSP server (Debian: gir1.2-gst-rtsp-server-1.0, python3-gi)")
-    with started(python, "-c", SERVER) as server:
-        assert server.stdout is not None
-        port = server.stdout.readline().decode().strip()
-        if not port:
-            pytest.skip("GStreamer lacks a plugin (Debian: gstreamer1.0-plugins-good)")
-        with open_live(f"rtsp://127.0.0.1:{port}/test") as source:
-            frames = list(source.frames(0, 10))
-    assert [frame.image.shape for frame in frames] == [(48, 64, 3)] * 10
-    steps = np.diff([frame.timestamp_s for frame in frames])
-    assert (steps > 0).all() and 0.02 < np.median(steps) < 0.05

@@ -10,8 +10,7 @@ import pytest
 
 from slam_init.config import Config
 from slam_init.datasets import open_source
-from slam_init.datasets.live import LiveSource, is_live, open_live
-from slam_init.datasets.live.address import without_password
+from slam_init.datasets.live import LiveSource, is_live, open_live, without_password
 from slam_init.datasets.live.source import QUEUE_FRAMES
 from slam_init.datasets.live.streams import StreamImage
 from slam_init.errors import SourceError
@@ -23,7 +22,7 @@ CAMERA = Camera("pinhole", 64, 48, 60.0, 60.0, 31.5, 23.5)
 
 
 def images(count: int, stated: Callable[[int], float | None] = lambda k: None) -> list[StreamImage]:
-    return [StreamImage(np.full((48, 64), k, np.uint8), stated(k)) for k in range(count)]
+    return [(np.full((48, 64), k, np.uint8), stated(k)) for k in range(count)]
 
 
 def endless(given: list[StreamImage]) -> Iterator[StreamImage]:
@@ -128,7 +127,7 @@ def test_a_lost_stream_ends_the_source_with_a_note():
 
 
 def test_an_image_of_another_size_ends_the_source_with_a_note():
-    given = [*images(2), StreamImage(np.zeros((10, 10), np.uint8), None)]
+    given = [*images(2), (np.zeros((10, 10), np.uint8), None)]
     with LiveSource("test", lambda: iter(given), keep_all=True) as source:
         assert numbers(source.frames()) == [0, 1]
     assert any("image 2 is 10x10" in note for note in source.notes)

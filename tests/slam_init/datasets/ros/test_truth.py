@@ -8,7 +8,7 @@ from make_bag import ODOMETRY, POSE, TRANSFORM, Messages
 
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.datasets import open_source
-from slam_init.datasets.ros.motion import fixed_above, fixed_between
+from slam_init.datasets.ros.motion import fixed_above
 from slam_init.errors import SourceError
 from slam_init.types.pose import Pose
 
@@ -111,14 +111,6 @@ def test_a_pose_that_is_none_is_refused_by_place(tmp_path):
     messages.pose("/truth", 1.0, broken)
     with pytest.raises(SourceError, match="/truth, message 0: a pose holds a number that is not finite"):
         _ = open_source(messages.write(tmp_path / "bag")).groundtruth
-
-
-def test_a_transform_between_fixed_frames_goes_up_and_down():
-    edges = {"a": ("root", pose(0, 0, 1, 1, 0, 0)), "b": ("root", pose(1, 0, 0, 0, 2, 0))}
-    there, back = fixed_between(edges, "a", "b"), fixed_between(edges, "b", "a")
-    np.testing.assert_allclose((there @ back).R, np.eye(3), atol=1e-12)
-    np.testing.assert_allclose(there.t, pose(0, 0, 1, 1, 0, 0).inverse().apply(np.array([0, 2.0, 0])), atol=1e-12)
-    assert fixed_between(edges, "a", "elsewhere") is None
 
 
 def test_a_circle_of_frames_ends():
