@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from slam_init.types.evidence import Margin
 from slam_init.types.refusal import GateName, Stage, Verdict, at_least, at_most, progress
+from slam_init.types.result import Attempt
 
 numbers = st.floats(-1e6, 1e6, allow_nan=False)
 
@@ -59,3 +60,27 @@ def test_a_margin_decides_by_its_weaker_figure():
 def test_a_margin_and_its_reverse_never_both_decide(margin):
     assert not (margin.decides() and Margin(-margin.log_likelihood, -margin.z).decides())
     assert margin.decides() == (margin.decision_ratio() >= 1)
+
+
+ATTEMPT = Attempt((0, 1), Verdict.ACCEPTED)
+PASSED = at_least(GateName.MATCHES, 60, 30, Verdict.TOO_FEW_MATCHES)
+FAILED = at_most(GateName.RISK, 0.2, 0.1, Verdict.LOW_PARALLAX, "come nearer")
+WORSE = at_least(GateName.LANDMARKS, 5, 50, Verdict.TOO_FEW_LANDMARKS)
+
+
+def test_the_first_failed_gate_gives_reason_and_advice_and_the_worst_one_the_progress():
+    attempt = ATTEMPT.refused_by(Stage.MAP, (PASSED, FAILED, WORSE))
+    assert (attempt.verdict, attempt.advice, attempt.stage) == (Verdict.LOW_PARALLAX, "come nearer", Stage.MAP)
+    assert attempt.progress == progress(Stage.MAP, (WORSE,)) < progress(Stage.MAP, (FAILED,))
+
+
+def test_a_refusal_without_a_gate_has_the_advice_of_its_reason():
+    attempt = ATTEMPT.refused_at(Verdict.PURE_ROTATION, Stage.MOTION)
+    assert (attempt.verdict, attempt.stage) == (Verdict.PURE_ROTATION, Stage.MOTION)
+    assert attempt.advice == Verdict.PURE_ROTATION.advice
+    assert attempt.progress == progress(Stage.MOTION)
+
+
+def test_a_refusal_of_another_system_has_no_stage_and_no_progress():
+    attempt = ATTEMPT.refused_at(Verdict.LOW_PARALLAX)
+    assert (attempt.verdict, attempt.stage, attempt.progress) == (Verdict.LOW_PARALLAX, None, 0.0)
