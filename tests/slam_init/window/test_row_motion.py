@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from make_window import point_source
-from slam_init.window.lens_offset import IN_USE
 
 from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.types.history import History
+from slam_init.types.lens import SAME_LENS
 from slam_init.window.row_motion import with_translation
 from slam_init.window.state import WindowState
 from slam_init.window.tracks import gather_tracks
@@ -32,7 +32,7 @@ def window(scene, seed, **options):
     in_anchor = np.einsum("tij,tj->ti", R[anchor], points) + t[anchor]
     distance = np.linalg.norm(in_anchor, axis=1)
     nothing, nowhere = np.zeros((len(R), 12)), np.zeros(len(points), bool)
-    state = WindowState(R, t, in_anchor / distance[:, None], 1 / distance, IN_USE, nothing, None, nowhere)
+    state = WindowState(R, t, in_anchor / distance[:, None], 1 / distance, SAME_LENS, nothing, None, nowhere)
     middle = np.array([camera.project(points @ R[k].T + t[k]) for k in range(len(R))])
     return tracks, state, middle
 
