@@ -76,9 +76,8 @@ def adjust_focal(stated: Camera, fit: BundleFit, config: MapConfig) -> BundleFit
                 continue
             try:
                 tried = camera_with_focal_factor(stated, tried_factor)
-                polished, more = minimize(
-                    with_lenses(tried, step.moved(problem, share)), noise_px, iterations=15, tolerance=1e-6
-                )
+                moved = stepped(problem, step.equations, share * step.poses, share * step.of_points)
+                polished, more = minimize(with_lenses(tried, moved), noise_px, iterations=15, tolerance=1e-6)
             except (RuntimeError, CalibrationError):  # the step is too long: try a shorter one
                 continue
             new = error_of(tried_factor, more[-1])
@@ -103,10 +102,6 @@ class _NewtonStep(NamedTuple):
     #: (3 L,) Of the points, over their roots.
     of_points: Floats
     equations: Equations
-
-    def moved(self, problem: BundleProblem, share: float) -> BundleProblem:
-        """Poses and points after a share of the step."""
-        return stepped(problem, self.equations, share * self.poses, share * self.of_points)
 
 
 def _newton_step(camera: Camera, problem: BundleProblem, noise_px: float, factor: float, sigma: float) -> _NewtonStep:

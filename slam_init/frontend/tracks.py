@@ -309,8 +309,7 @@ def confirmed_by(old: Floats, new: Floats, before: Floats, after: Floats, tolera
     """
     if len(old) < _NEIGHBOURS or not len(before):
         return np.zeros(len(before), bool)
-    squares = np.sum((before[:, None] - old[None]) ** 2, axis=2)
-    around = (new - old)[np.argpartition(squares, _NEIGHBOURS - 1, axis=1)[:, :_NEIGHBOURS]]
+    around = _moves_around(old, new, before)
     low, high = around.min(axis=1) - tolerance_px, around.max(axis=1) + tolerance_px
     moved = after - before
     agrees = ((low <= moved) & (moved <= high)).all(axis=1)
@@ -326,9 +325,13 @@ def expected_by(old: Floats, new: Floats, points: Floats) -> Floats:
     """
     if len(old) < _NEIGHBOURS or not len(points):
         return np.zeros((0, 2))
+    return np.asarray(points + np.median(_moves_around(old, new, points), axis=1))
+
+
+def _moves_around(old: Floats, new: Floats, points: Floats) -> Floats:
+    """How far the matches next to each point have moved, (N, 4, 2)."""
     squares = np.sum((points[:, None] - old[None]) ** 2, axis=2)
-    around = (new - old)[np.argpartition(squares, _NEIGHBOURS - 1, axis=1)[:, :_NEIGHBOURS]]
-    return np.asarray(points + np.median(around, axis=1))
+    return np.asarray((new - old)[np.argpartition(squares, _NEIGHBOURS - 1, axis=1)[:, :_NEIGHBOURS]])
 
 
 def colors_at(image: Image, pixels: Floats) -> Image:

@@ -34,6 +34,7 @@ from slam_init.frontend.rolling_shutter import RollingShutter, corrected_pixels
 from slam_init.mapping.map_building import initial_map
 from slam_init.mapping.resection import resect
 from slam_init.mapping.triangulation import triangulate
+from slam_init.mapping.views import seen_by
 from slam_init.system.linear_algebra import deviations
 from slam_init.types.arrays import Bools, Floats, Image, Ints
 from slam_init.types.frame import Observations
@@ -279,10 +280,7 @@ class GrowingMap:
         """
         tracks = np.setdiff1d(seen.track_ids, self._problem.track_ids)
         frames = list(self._views)  # the newest is the last one
-        bearings = np.full((len(frames), len(tracks), 3), np.nan)
-        for k, frame in enumerate(frames):
-            _, at, of = np.intersect1d(tracks, self._views[frame].track_ids, return_indices=True)
-            bearings[k, at] = self._views[frame].bearings[of]
+        _, bearings = seen_by(list(self._views.values()), tracks)
         observed = np.isfinite(bearings[:, :, 0])
         points = triangulate([poses[frame] for frame in frames], bearings)
         good: Bools = np.asarray(np.isfinite(points).all(axis=1) & (observed.sum(axis=0) >= 2))
