@@ -12,7 +12,7 @@ from enum import StrEnum
 # ``two_views`` for a pair (a reason of :mod:`quest` has the name of its member), ``_reason`` of ``judged_window`` for a
 # window, ``depths`` and ``_map_gates`` of ``window_rule`` for a map. The check of the stated focal length names the
 # reason of a whole run (``AttemptLog``). ``VERDICT_COLORS`` of
-# ``slam_init.pictures.overview`` gives it a colour. The page of the reasons is made from this list.
+# ``slam_init.pictures.decision`` gives it a colour. The page of the reasons is made from this list.
 class Verdict(StrEnum):
     """The verdict on a frame: accepted, or the reason of the refusal.
 
