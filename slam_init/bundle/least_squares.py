@@ -218,6 +218,17 @@ def _poses(R: Floats, t: Floats) -> tuple[Pose, ...]:
     return tuple(Pose(one, centre) for one, centre in zip(R, t, strict=True))
 
 
+def forward_substituted(roots: Floats, z: Floats) -> Floats:
+    """``C^-1 z`` of all points.
+
+    Shapes: ``roots`` (L, 6), ``z`` (L, 3, ...), returns (L, 3, ...).
+    """
+    c00, c11, c22, c10, c20, c21 = roots.T.reshape(6, -1, *(1,) * (z.ndim - 2))
+    x0 = z[:, 0] / c00
+    x1 = (z[:, 1] - c10 * x0) / c11
+    return np.stack([x0, x1, (z[:, 2] - c20 * x0 - c21 * x1) / c22], axis=1)
+
+
 def back_substituted(roots: Floats, z: Floats) -> Floats:
     """``C^-T z`` of all points.
 
