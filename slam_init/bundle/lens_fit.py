@@ -25,6 +25,7 @@ import numpy as np
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.bundle.damped import descend
 from slam_init.bundle.least_squares import CAUCHY
+from slam_init.bundle.noise import MEDIAN_SQUARE
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.lens import PULL_FREEDOM, UNKNOWN_K1_SIGMA
@@ -48,9 +49,9 @@ _REGIONS = (4, 3)
 #: Levenberg-Marquardt: first damping and its largest value, largest number of steps, and the decrease of the cost below
 #: which it ends: a fortieth of a nat.
 _DAMPING, _MOST_DAMPING, _STEPS, _TOLERANCE = 1e-4, 1e4, 15, 0.05
-#: How often the noise is measured again, until it changes by less than a twentieth. A 2-D Gaussian has this median of
-#: its squared length. No tracker is better than the last number, in pixels.
-_NOISE_ROUNDS, _NOISE_TOLERANCE, _MEDIAN_SQUARE, _LEAST_NOISE_PX = 10, 0.05, 1.386, 0.03
+#: How often the noise is measured again, until it changes by less than a twentieth. No tracker is better than the last
+#: number, in pixels.
+_NOISE_ROUNDS, _NOISE_TOLERANCE, _LEAST_NOISE_PX = 10, 0.05, 0.03
 #: Least growth of the distorted radius, and largest tangent, where a lens sees.
 _LEAST_GROWTH, _LARGEST_TANGENT = 0.05, 5.0
 #: Largest cost of an observation, that of a point behind a camera: a residual of twelve times the noise.
@@ -176,7 +177,7 @@ class _Fit:
     def measured_noise_px(self) -> float:
         """The noise by the median residual."""
         squares = self._squares(self._state, self._lens)
-        median = float(np.median(squares)) * self.noise_px**2 / _MEDIAN_SQUARE
+        median = float(np.median(squares)) * self.noise_px**2 / MEDIAN_SQUARE
         return max(math.sqrt(median), _LEAST_NOISE_PX)
 
     def _squares(self, state: _State, lens: Floats) -> Floats:

@@ -95,14 +95,20 @@ class Tracker:
             new = self._detect(gray, pixels, wanted - len(ids))
             ids = np.concatenate([ids, self._new_ids(len(new))])
             pixels = np.concatenate([pixels, new])
-        bearings = self.history.camera.bearings(pixels)
-        # Pixels beyond the field of view of the lens model have no ray and are left out.
-        order = np.argsort(ids)
-        order = order[np.isfinite(bearings[order]).all(axis=1)]
-        drifts = self._drift.covariances(ids[order])
-        self._patches.follow(smooth, ids[order], pixels[order], drifts)
+        seen = self._seen(frame, ids, pixels)
+        drifts = self._drift.covariances(seen.track_ids)
+        self._patches.follow(smooth, seen.track_ids, seen.pixels, drifts)
         self._before = self._last
-        self._last = Observations(
+        self._last = replace(seen, drifts=drifts, step_px=self._step_px, exposure_s=self._exposure_s)
+        self._last_gray, self._last_trackable = gray, self._trackable
+        self.history.put(self._last)
+        return self._last
+
+    def _seen(self, frame: Frame, ids: Ints, pixels: Floats) -> Observations:
+        """The tracks of a frame, without drift and without pixels beyond the field of view, which have no ray."""
+        bearings, order = self.history.camera.bearings(pixels), np.argsort(ids)
+        order = order[np.isfinite(bearings[order]).all(axis=1)]
+        return Observations(
             frame=frame.index,
             timestamp_s=frame.timestamp_s,
             name=frame.name,
@@ -110,13 +116,8 @@ class Tracker:
             pixels=pixels[order],
             bearings=bearings[order],
             colors=colors_at(frame.image, pixels[order]),
-            drifts=drifts,
-            step_px=self._step_px,
-            exposure_s=self._exposure_s,
+            drifts=np.zeros((len(order), 2, 2)),
         )
-        self._last_gray, self._last_trackable = gray, self._trackable
-        self.history.put(self._last)
-        return self._last
 
     def _check_size(self, frame: Frame) -> None:
         """Refuse an image of another size than that of the camera, before anything changes."""
