@@ -33,7 +33,7 @@ from slam_init.config import MapConfig
 from slam_init.frontend.rolling_shutter import RollingShutter, corrected_pixels
 from slam_init.mapping.map_building import initial_map
 from slam_init.mapping.resection import resect
-from slam_init.mapping.triangulation import triangulate
+from slam_init.mapping.triangulation import parallax_rad, triangulate
 from slam_init.mapping.views import seen_by
 from slam_init.system.linear_algebra import deviations
 from slam_init.types.arrays import Bools, Floats, Image, Ints
@@ -208,9 +208,8 @@ class GrowingMap:
     def _parallax_deg(self, points: Floats) -> float:
         """Median angle between the rays to points from this camera and from that of the last keyframe."""
         assert self._guess is not None
-        a, b = points - self._guess.inverse().t, points - self._problem.world_from_cam[-1].t
-        cosine = np.sum(a * b, axis=1) / (np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1))
-        return float(np.degrees(np.median(np.arccos(np.clip(cosine, -1, 1)))))
+        centres = self._guess.inverse().t, self._problem.world_from_cam[-1].t
+        return float(np.degrees(np.median(parallax_rad(points, *centres))))
 
     def _survival(self, seen: Observations) -> float:
         assert self._guess is not None
