@@ -112,11 +112,17 @@ class BundleProblem:
 
         Shapes: ``landmarks`` (N,), ``pixels`` (N, 2).
         """
+        longer = replace(self, frames=(*self.frames, frame), world_from_cam=(*self.world_from_cam, world_from_cam))
+        return longer.with_observations(len(self.frames), landmarks, pixels)
+
+    def with_observations(self, view: int, landmarks: Ints, pixels: Floats) -> BundleProblem:
+        """Add observations of a view, without virtual cameras.
+
+        Shapes: ``landmarks`` (N,), ``pixels`` (N, 2).
+        """
         return replace(
             self,
-            frames=(*self.frames, frame),
-            world_from_cam=(*self.world_from_cam, world_from_cam),
-            views=np.concatenate([self.views, np.full(len(landmarks), len(self.frames))]),
+            views=np.concatenate([self.views, np.full(len(landmarks), view)]),
             landmarks=np.concatenate([self.landmarks, landmarks]),
             pixels=np.concatenate([self.pixels, pixels]),
             lenses=None,
