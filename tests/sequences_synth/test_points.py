@@ -60,10 +60,6 @@ def test_in_a_rotation_scene_the_true_rotation_maps_the_tracks_only_with_the_tru
     assert largest_error(sequence.camera) > 1
 
 
-def rms(values):
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
 @pytest.mark.parametrize("scene", ["room", "static"])
 def test_correlated_error_is_the_only_difference_from_the_world_without_it(scene):
     clean, wrong = (make_points(scene, 8, PointOptions(moving=0.2, field_px=f, drift_px=2 * f)) for f in (0.0, 0.5))
@@ -77,7 +73,7 @@ def test_correlated_error_is_the_only_difference_from_the_world_without_it(scene
         np.testing.assert_allclose((wrong.pixels - clean.pixels)[index, seen], expected, atol=1e-9)
     # The tracks of moving bodies are real tracks too.
     shift = (wrong.pixels - clean.pixels)[-1, clean.is_moving & clean.visible[-1]]
-    assert rms(shift) > 0.2
+    assert np.sqrt(np.mean(shift**2)) > 0.2
 
 
 # -- shutter, hand-held turning, bodies, lens ---------------------------------------------------------

@@ -11,7 +11,7 @@ from written import contents
 from slam_init.calibration.prior import camera_with_focal
 from slam_init.config import Config, load_config
 from slam_init.datasets import open_source
-from slam_init.errors import ConfigError, SourceError
+from slam_init.errors import SourceError
 from slam_init.output.summary import Summary
 from slam_init.runner import run
 from slam_init.types.refusal import REASONS
@@ -137,12 +137,6 @@ def test_frames_beyond_the_maximum_are_not_read(room):
 
 
 # -- errors ---------------------------------------------------------------------------------------
-
-
-def test_an_unknown_method_is_an_error_before_anything_is_written(room, tmp_path):
-    with pytest.raises(ConfigError, match="--list-methods names all"):
-        run(room, room.camera, Config(method="magic"), out=tmp_path / "out")
-    assert not (tmp_path / "out").exists()
 
 
 class Broken(GivenFrames):

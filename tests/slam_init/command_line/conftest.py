@@ -54,7 +54,6 @@ def world(tmp_path, images):
         "unknown.toml": "magic = 1\n",
         "file": "a file",
         "garbage.mp4": b"\0\1\2garbage" * 500,
-        "empty.mp4": b"",
         "cut/0.png": (images / "0.png").read_bytes()[:60],
         "full/something": "x",
         "empty/images/.keep": "",
