@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from slam_init.calibration.formats import camera_of_content, content_of_text
+from slam_init.calibration.metadata import size_remedy
 from slam_init.calibration.prior import AUTO, FIELDS_DEG, NUMBERS, camera_of_number, prior_camera
-from slam_init.calibration.size_problem import size_remedy
 from slam_init.calibration.syntax import parse_arrays, parse_yaml
 from slam_init.calibration.values import at_place
 from slam_init.errors import CalibrationError

@@ -32,7 +32,7 @@ from slam_init.compare.rows import COLUMNS, TrialRow
 from slam_init.compare.sources import focal_error_of
 from slam_init.compare.statistics import Interval, cluster_mean, holm, mcnemar_exact, restricted_mean, wilson
 from slam_init.compare.trials import Plan
-from slam_init.datasets.points import POINTS
+from slam_init.datasets.synth import POINTS
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Series

@@ -19,7 +19,7 @@ from slam_init.types.pose import Pose, Trajectory
 
 if TYPE_CHECKING:
     from slam_init.datasets import TimedSource
-    from slam_init.datasets.points import PointSource
+    from slam_init.datasets.synth import PointSource
 
 #: Bounds of rotation and direction in degrees. Tracking recovers from errors within the bounds of
 #: :mod:`slam_init.compare.judging`; errors within these bounds need no recovery.
@@ -140,8 +140,7 @@ def depth_errors(map_: InitialMap, source: TimedSource | PointSource) -> tuple[f
 
 
 def _true_depths(source: TimedSource | PointSource, frame: int, track_ids: Ints, pixels: Floats) -> Floats:
-    from slam_init.datasets.points import PointSource
-    from slam_init.datasets.synth import SynthSource
+    from slam_init.datasets.synth import PointSource, SynthSource
 
     if isinstance(source, PointSource):
         return source.sequence.depths(frame)[track_ids]

@@ -25,7 +25,7 @@ from slam_init.types.frame import Observations
 
 if TYPE_CHECKING:
     from slam_init.datasets import TimedSource
-    from slam_init.datasets.points import PointSource
+    from slam_init.datasets.synth import PointSource
 
 #: Tracks of a frame whose positions are hashed.
 _HASHED_TRACKS = 20

@@ -17,7 +17,7 @@ from slam_init.compare.rows import COLUMNS, Journal, TrialRow
 from slam_init.compare.suites import Suite
 from slam_init.compare.trials import Plan
 from slam_init.compare.workers import DASK, run_on_cluster, run_trials, track_sources
-from slam_init.datasets.points import POINTS
+from slam_init.datasets.synth import POINTS
 from slam_init.datasets.views import SourceView
 from slam_init.errors import ConfigError
 from slam_init.methods.external_command import is_external, method_label

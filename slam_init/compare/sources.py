@@ -20,7 +20,7 @@ from slam_init.types.frame import Frame
 
 if TYPE_CHECKING:
     from slam_init.datasets import TimedSource
-    from slam_init.datasets.points import PointSource
+    from slam_init.datasets.synth import PointSource
 
 #: Excluded: a person holds the chessboard in front of a fixed camera, so no single motion explains the image.
 _SEVERAL_MOTIONS = ("opencv_chessboard",)
@@ -62,7 +62,7 @@ def open_compared(text: str) -> TimedSource | PointSource:
       ``seed=N`` (0 by default). Or one of these with a view (:meth:`slam_init.datasets.views.SourceView.text`): then
       the frames that are used have consecutive indices. Large images are reduced, as for ``run``.
     """
-    from slam_init.datasets.points import PointSource
+    from slam_init.datasets.synth import PointSource
     from slam_init.runner import reduction_of
 
     source = _named(text)
@@ -75,8 +75,7 @@ def open_compared(text: str) -> TimedSource | PointSource:
 def _named(text: str) -> TimedSource | PointSource:
     """Open a source with its own calibration, and with images of their own size."""
     from slam_init.datasets import open_source
-    from slam_init.datasets.points import POINTS, open_points
-    from slam_init.datasets.synth import PREFIX
+    from slam_init.datasets.synth import POINTS, PREFIX, open_points
 
     view, text = SourceView.parse(text)
     if not text.startswith((PREFIX, POINTS)):
@@ -147,7 +146,7 @@ class _Reduced(DerivedSource):
 def _expand(text: str) -> list[tuple[str, str]]:
     """Return (label, text) of each sequence that the user's text stands for."""
     from slam_init.datasets import detect_kind
-    from slam_init.datasets.points import POINTS
+    from slam_init.datasets.synth import POINTS
 
     if text.startswith(POINTS):
         return [(text, text)]

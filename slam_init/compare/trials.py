@@ -17,7 +17,7 @@ from slam_init.compare.replay import Step, replay
 from slam_init.compare.rows import Key, Outcome, TrialRow
 from slam_init.compare.sources import ComparedSource, calibration_of, open_compared
 from slam_init.config import Config, ExternalConfig
-from slam_init.datasets.points import POINTS
+from slam_init.datasets.synth import POINTS
 from slam_init.decision.attempt_log import reported_distortion
 from slam_init.errors import SlamInitError
 from slam_init.methods.external_command import is_external
@@ -28,7 +28,7 @@ from slam_init.types.result import Result
 
 if TYPE_CHECKING:
     from slam_init.datasets import TimedSource
-    from slam_init.datasets.points import PointSource
+    from slam_init.datasets.synth import PointSource
     from slam_init.types.camera import Camera
     from slam_init.types.pose import Trajectory
 

@@ -16,11 +16,10 @@ from typing import cast
 
 import numpy as np
 
-from slam_init.calibration.metadata import jpeg_head, photograph_facts
-from slam_init.calibration.size_problem import TURNS, size_remedy
+from slam_init.calibration.metadata import TURNS, jpeg_head, photograph_facts, size_remedy
 from slam_init.datasets.grey_levels import SAMPLES, GreyLevels, Pixels
-from slam_init.datasets.inertial import InertialSensor, WithSensor
-from slam_init.datasets.stamps import image_times
+from slam_init.datasets.inertial import InertialSensor, of_sensor
+from slam_init.datasets.text import image_times
 from slam_init.errors import SourceError, check_type
 from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.arrays import Floats, Floats32, Image, evenly_spaced
@@ -234,7 +233,7 @@ def stored_camera(folder: Path, first_image: Path, *names: str) -> Camera | None
 
 
 @dataclass(frozen=True, eq=False)
-class ImageFileSource(WithSensor):
+class ImageFileSource:
     """A :class:`slam_init.types.frame.Source` over image files."""
 
     #: name, kind, camera, groundtruth: See :class:`slam_init.types.frame.Source`.
@@ -252,6 +251,7 @@ class ImageFileSource(WithSensor):
     root: Path | None = None
     #: Reads the inertial sensor that is fixed to the camera; None for a sequence without one.
     imu: Callable[[], InertialSensor] | None = None
+    gyroscope, inertial = of_sensor("gyroscope"), of_sensor("record")
     _seen: set[str] = field(default_factory=set, init=False, repr=False)
 
     def __len__(self) -> int:

@@ -13,18 +13,16 @@ point up). The stamps are on the clock of the images, in any unit that :mod:`sla
 from __future__ import annotations
 
 import os
-from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from slam_init.calibration.files import load_yaml
 from slam_init.calibration.values import Section, at_place
 from slam_init.datasets.gyroscope import NOISE_DENSITY, Gyroscope, without_bias
-from slam_init.datasets.stamps import stamp_of
-from slam_init.datasets.text import fields_of, numbers, pose_from_matrix, read_rows
+from slam_init.datasets.text import fields_of, numbers, pose_from_matrix, read_rows, stamp_of
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.system.regular_file import user_path
 from slam_init.types.arrays import Floats
@@ -76,23 +74,12 @@ class InertialSensor(NamedTuple):
         return InertialSensor(without_bias(raw), record)
 
 
-class WithSensor(ABC):
-    """What a source tells of the inertial sensor that is fixed to its camera."""
+def of_sensor(part: str) -> Any:
+    """A property of a source: a part of the sensor that is fixed to its camera; None without one.
 
-    @property
-    @abstractmethod
-    def _sensor(self) -> InertialSensor | None:
-        """The sensor; None without one. Its file is read when it is asked for."""
-
-    @property
-    def gyroscope(self) -> Gyroscope | None:
-        """The gyroscope that is fixed to the camera; None without one, or if nothing tells its rotation against it."""
-        return None if self._sensor is None else self._sensor.gyroscope
-
-    @property
-    def inertial(self) -> InertialRecord | None:
-        """The record of rates and accelerations; None without one."""
-        return None if self._sensor is None else self._sensor.record
+    The source has the sensor as its attribute ``_sensor``, which is read when it is asked for.
+    """
+    return property(lambda source: getattr(source._sensor, part, None))
 
 
 def inertial_of(source: Source) -> InertialRecord | None:

@@ -31,8 +31,15 @@ from slam_init.datasets.image_files import ImageFileSource, check_size, find_by_
 from slam_init.datasets.layouts.photographs import TRANSFORMS, find_colmap, read_transforms
 from slam_init.datasets.match_chains import TrackTable
 from slam_init.datasets.posed_images import common_camera, file_of
-from slam_init.datasets.stamps import line_by_line, truth_on_clock
-from slam_init.datasets.text import TUM_COLUMNS, pose_from_matrix, read_poses, stamps_of, trajectory
+from slam_init.datasets.text import (
+    TUM_COLUMNS,
+    line_by_line,
+    pose_from_matrix,
+    read_poses,
+    stamps_of,
+    trajectory,
+    truth_on_clock,
+)
 from slam_init.datasets.track_source import KnowsTracks, TrackSource
 from slam_init.errors import SourceError
 from slam_init.frontend.tracks import Tracker

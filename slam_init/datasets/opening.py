@@ -27,8 +27,8 @@ from slam_init.datasets.posed_images import Layout
 from slam_init.datasets.ros.bag import MCAP, ROS1, STORAGE_SUFFIXES, is_bag_folder
 from slam_init.datasets.ros.source import RosSource
 from slam_init.datasets.ros.topics import BagName
-from slam_init.datasets.stamps import image_times
 from slam_init.datasets.synth import PREFIX, open_synth
+from slam_init.datasets.text import image_times
 from slam_init.datasets.track_source import open_tracks_file
 from slam_init.datasets.video import open_video
 from slam_init.errors import SlamInitError, SourceError, check_type

@@ -22,8 +22,7 @@ import numpy as np
 
 from slam_init.datasets.image_files import PHOTO_RATE_HZ, ImageFileSource, natural_key
 from slam_init.datasets.inertial import InertialSensor
-from slam_init.datasets.stamps import image_times, truth_on_clock
-from slam_init.datasets.text import trajectory
+from slam_init.datasets.text import image_times, trajectory, truth_on_clock
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera

@@ -1,4 +1,10 @@
-"""Synthetic sequences as a source: ``synth:NAME``, or with options ``synth:NAME?frames=50&noise=4``."""
+"""Synthetic sequences as a source: ``synth:NAME``, or with options ``synth:NAME?frames=50&noise=4``.
+
+Tracks without images are ``points:NAME``, or ``points:NAME?noise_px=1&baseline=0.05``. A hand-held rolling-shutter
+camera that only turns is ``points:handheld?turning_deg_s=60&readout_ms=30&fps=30&views=60``. A switch is 1 or 0. The
+names are those of :data:`sequences_synth.POINT_SCENES`, the options those of
+:class:`sequences_synth.PointOptions`.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +17,10 @@ from urllib.parse import parse_qsl
 import numpy as np
 
 from slam_init.datasets.image_files import frame_range
-from slam_init.datasets.inertial import InertialSensor, WithSensor
+from slam_init.datasets.inertial import InertialSensor, of_sensor
+from slam_init.datasets.match_chains import TrackTable
 from slam_init.datasets.text import pose_from_matrix
+from slam_init.datasets.track_source import TrackSource
 from slam_init.errors import SourceError
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera
@@ -21,6 +29,9 @@ from slam_init.types.pose import Trajectory
 
 if TYPE_CHECKING:
     from sequences_synth import PointSequence, SynthOptions, SynthSequence
+    from slam_init.types.camera import Camera
+    from slam_init.types.pose import Trajectory
+
 
 PREFIX = "synth:"
 # Values of options that are on or off.
@@ -39,7 +50,7 @@ def stated_by(sequence: SynthSequence | PointSequence) -> tuple[str, Camera, Tra
 
 
 @dataclass(frozen=True, eq=False)
-class SynthSource(WithSensor):
+class SynthSource:
     """A :class:`slam_init.types.frame.Source` that renders a frame when it is requested."""
 
     sequence: SynthSequence
@@ -49,6 +60,7 @@ class SynthSource(WithSensor):
     groundtruth: Trajectory
     timestamps_s: Floats
     kind = "synth"
+    gyroscope, inertial = of_sensor("gyroscope"), of_sensor("record")
     #: The newest image by its index: a command reads the first frame before its run, to check it.
     _newest: dict[int, Image] = field(default_factory=dict, init=False, repr=False)
 
@@ -117,5 +129,44 @@ def make_synth(name: str, seed: int, values: dict[str, Any]) -> SynthSequence:
     try:
         options: SynthOptions = sequences_synth.SynthOptions(**values)
         return sequences_synth.make_sequence(name, seed, options)
+    except ValueError as error:
+        raise SourceError(str(error)) from None
+
+
+# -- tracks without images -------------------------------------------------------------------------
+
+
+POINTS = "points:"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PointSource(TrackSource):
+    """The tracks of a simulated sequence, which also knows what is true of them."""
+
+    camera: Camera
+    groundtruth: Trajectory
+    sequence: PointSequence
+
+    @classmethod
+    def of(cls, sequence: PointSequence) -> PointSource:
+        """Make the source of a sequence."""
+        name, camera, truth, times_s = stated_by(sequence)
+        frames, ids = np.nonzero(sequence.visible)
+        table, size = TrackTable(frames, ids, sequence.pixels[frames, ids]), (camera.width, camera.height)
+        names = tuple(f"frame-{index:06d}" for index in range(len(sequence)))
+        return cls(name, "points", names, times_s, size, table, camera=camera, groundtruth=truth, sequence=sequence)
+
+
+def open_points(text: str, seed: int) -> PointSource:
+    """Open ``points:NAME[?option=value&...]``.
+
+    * ``text``: Name of the source; the options are those of :class:`sequences_synth.PointOptions`.
+    """
+    from sequences_synth import PointOptions, make_points
+
+    name, _, query = text.removeprefix(POINTS).partition("?")
+    values = option_values(text, query, PointOptions())
+    try:
+        return PointSource.of(make_points(name, seed, PointOptions(**values)))
     except ValueError as error:
         raise SourceError(str(error)) from None

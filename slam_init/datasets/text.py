@@ -1,4 +1,4 @@
-"""Readers of the text tables of data sets.
+"""Readers of the text tables of data sets, and their time stamps: checked, and converted to seconds.
 
 Byte order marks, CRLF line ends, blank lines, ``#`` comments and trailing spaces are allowed. A broken line is an error
 whose message names file and line.
@@ -21,6 +21,7 @@ from slam_init.errors import SourceError
 from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose, Trajectory
+from slam_init.types.time_stamps import LARGEST_STAMP, TimeUnit, in_seconds, problem_of, time_unit, unit_notes
 
 #: The place of a line for error messages (``file:line``), and its text.
 Row = tuple[str, str]
@@ -201,8 +202,7 @@ def check_count(table: str | os.PathLike[str], rows: Sequence[object], what: str
     * ``what``: The rows, for the message: ``poses``.
     """
     if len(rows) != len(paths):
-        where = f" in {paths[0].parent.name}" if paths else ""
-        raise SourceError(f"{table}: {len(rows)} {what} for {len(paths)} images{where}")
+        raise SourceError(f"{table}: {len(rows)} {what} for {len(paths)} images in {paths[0].parent.name}")
 
 
 def read_poses_of(paths: Sequence[Path], table: Path, root: str | os.PathLike[str], columns: str = "") -> list[Pose]:
@@ -240,3 +240,85 @@ def stamps_of(rows: Sequence[StampedPose]) -> list[float] | None:
     """The time stamps of poses; None where they have none."""
     stamps = [stamp for stamp, _ in rows if stamp is not None]
     return stamps if len(stamps) == len(rows) else None
+
+
+# -- time stamps -----------------------------------------------------------------------------------
+
+
+# A true pose belongs to an image if their time stamps differ by no more than this.
+_TOLERANCE_S = 0.02
+
+
+def stamp_of(row: Row, fields: list[str], what: str) -> float:
+    """Parse the first field of a line as a time stamp in any unit."""
+    (stamp,) = numbers(row, fields, 1, what)
+    if problem := problem_of(stamp):
+        raise SourceError(f"{row[0]}: time stamp {fields[0][:40]} {problem}")
+    return stamp
+
+
+def image_times(
+    stamps: Sequence[float], places: Sequence[str], stated: TimeUnit = TimeUnit.SECONDS
+) -> tuple[Floats, tuple[str, ...]]:
+    """Check that the time stamps of images increase, and convert them to seconds.
+
+    Shapes: returns ``timestamps_s`` (N,).
+    """
+    raw = np.array(stamps, float)
+    _check(raw, raw, places)
+    unit = time_unit(raw, stated)
+    times_s = in_seconds(raw, unit)
+    _check(times_s, raw, places)
+    return times_s, unit_notes("the time stamps", unit, stated)
+
+
+def _check(times: Floats, raw: Floats, places: Sequence[str]) -> None:
+    """Raise the problem of the first time that has one; the message tells the stamp that it comes from."""
+    previous = np.concatenate([[-1.0], times[:-1]])
+    with np.errstate(invalid="ignore"):
+        suspects = np.flatnonzero(~((times > previous) & (times >= 0) & (raw < LARGEST_STAMP)))
+    for at in suspects[:1].tolist():
+        stamp = float(raw[at])
+        shown = f"{stamp:.0f}" if stamp.is_integer() else repr(stamp)
+        problem = problem_of(float(times[at]), None if at == 0 else float(previous[at]))
+        raise SourceError(f"{places[at]}: time stamp {shown} {problem}")
+
+
+def truth_on_clock(
+    truth: Trajectory | None, timestamps_s: Floats, stated: TimeUnit = TimeUnit.SECONDS
+) -> tuple[Trajectory | None, tuple[str, ...]]:
+    """Convert the stamps of a true trajectory to seconds on the clock of the images.
+
+    Poses may come at any rate, so that their step tells nothing. Their unit is the one in which most images have a true
+    pose; the stated one if no other gives more.
+
+    Shapes: ``timestamps_s`` (N,).
+    """
+    if truth is None:
+        return None, ()
+    matched = {unit: _matched(in_seconds(truth.timestamps_s, unit), timestamps_s) for unit in (stated, *TimeUnit)}
+    unit = max(matched, key=matched.__getitem__)  # of equal ones the first, which is the stated one
+    notes = unit_notes("the time stamps of the ground truth", unit, stated)
+    if unit == TimeUnit.SECONDS:
+        return truth, notes
+    stamps = in_seconds(truth.timestamps_s, unit).tolist()
+    return trajectory(zip(stamps, truth.world_from_cam, strict=True)), notes
+
+
+def line_by_line(stamps: Floats, timestamps_s: Floats) -> bool:
+    """Whether the stamps of poses, in any unit, differ from the times of the images by an offset alone.
+
+    Shapes: ``stamps`` (M,), ``timestamps_s`` (N,).
+    """
+    if len(stamps) != len(timestamps_s):
+        return False
+    passed_s, since_first = timestamps_s - timestamps_s[0], stamps - stamps[0]
+    return any((np.abs(in_seconds(since_first, unit) - passed_s) <= _TOLERANCE_S).all() for unit in TimeUnit)
+
+
+def _matched(truth_s: Floats, timestamps_s: Floats) -> int:
+    """How many images have a true pose near in time."""
+    bounded = np.concatenate([[-np.inf], truth_s, [np.inf]])
+    after = np.searchsorted(truth_s, timestamps_s)
+    nearest = np.minimum(timestamps_s - bounded[after], bounded[after + 1] - timestamps_s)
+    return int((nearest <= _TOLERANCE_S).sum())

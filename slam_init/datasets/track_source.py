@@ -29,8 +29,7 @@ from slam_init.datasets.image_files import (
     natural_key,
 )
 from slam_init.datasets.match_chains import TrackTable
-from slam_init.datasets.stamps import image_times
-from slam_init.datasets.text import pose_from_matrix, trajectory
+from slam_init.datasets.text import image_times, pose_from_matrix, trajectory
 from slam_init.errors import SourceError
 from slam_init.types.arrays import Floats, Image, Ints, as_array
 from slam_init.types.camera import Camera

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from slam_init.datasets import open_source
-from slam_init.datasets.points import open_points
+from slam_init.datasets.synth import open_points
 from slam_init.initializer import Initializer
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from slam_init.config import Config, MapConfig
-from slam_init.datasets.points import open_points
+from slam_init.datasets.synth import open_points
 from slam_init.initializer import Initializer
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.initial_map import InitialMap

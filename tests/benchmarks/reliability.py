@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 
 from slam_init.compare.statistics import wilson
-from slam_init.datasets.points import PointSource, open_points
+from slam_init.datasets.synth import PointSource, open_points
 from slam_init.initializer import Initializer
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera

@@ -25,7 +25,7 @@ import numpy as np
 
 from slam_init.calibration.prior import prior_camera
 from slam_init.compare.statistics import wilson
-from slam_init.datasets.points import PointSource, open_points
+from slam_init.datasets.synth import PointSource, open_points
 from slam_init.initializer import Initializer
 from slam_init.types.camera import Camera
 from slam_init.types.result import Result

@@ -11,7 +11,7 @@ from quest import NoPose, RelativePose, algebra, estimate_relative_pose
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
 from sequences_synth.points import PointOptions, PointSequence, make_points
 from slam_init.config import Config
-from slam_init.datasets.points import PointSource
+from slam_init.datasets.synth import PointSource
 from slam_init.initializer import Initializer
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations

@@ -26,8 +26,7 @@ import numpy as np
 from slam_init.calibration.files import camera_of
 from slam_init.datasets.image_files import ImageFileSource, image_size, list_images, stored_camera
 from slam_init.datasets.posed_images import Layout, image_sequence, with_axes
-from slam_init.datasets.stamps import stamp_of
-from slam_init.datasets.text import check_count, fields_of, numbers, read_poses_of, read_rows
+from slam_init.datasets.text import check_count, fields_of, numbers, read_poses_of, read_rows, stamp_of
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import check_inside
 from slam_init.types.camera import Camera

@@ -38,8 +38,7 @@ from slam_init.calibration.values import Section
 from slam_init.datasets.image_files import ImageFileSource, image_size, stored_camera
 from slam_init.datasets.inertial import InertialSensor, pose_of_yaml, read_densities, read_samples
 from slam_init.datasets.posed_images import Layout, file_of, image_sequence
-from slam_init.datasets.stamps import stamp_of
-from slam_init.datasets.text import Row, fields_of, read_rows, read_trajectory
+from slam_init.datasets.text import Row, fields_of, read_rows, read_trajectory, stamp_of
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import check_inside
 from slam_init.types.camera import Camera

@@ -1,7 +1,6 @@
 """Live sources: a camera of this machine, a network stream, and a video on the standard input.
 
-The names are read here; :mod:`~slam_init.datasets.live.streams` receives images, and
-:mod:`~slam_init.datasets.live.source` makes a source of them.
+The names are read here; :mod:`~slam_init.datasets.live.source` receives images and makes a source of them.
 """
 
 from __future__ import annotations
@@ -9,8 +8,7 @@ from __future__ import annotations
 import re
 from functools import partial
 
-from slam_init.datasets.live.source import LiveSource
-from slam_init.datasets.live.streams import read_camera, read_pipe, read_url
+from slam_init.datasets.live.source import LiveSource, read_camera, read_pipe, read_url
 from slam_init.errors import SourceError
 
 _PIPE = "-"

@@ -11,7 +11,7 @@ import numpy as np
 
 from slam_init.datasets.grey_levels import SAMPLES, GreyLevels
 from slam_init.datasets.image_files import check_size, frame_range
-from slam_init.datasets.inertial import InertialSensor, WithSensor
+from slam_init.datasets.inertial import InertialSensor, of_sensor
 from slam_init.datasets.ros.bag import Bag, Message
 from slam_init.datasets.ros.messages import camera_of_info, decode
 from slam_init.datasets.ros.motion import read_sensor, read_truth
@@ -24,7 +24,7 @@ from slam_init.types.pose import Trajectory
 from slam_init.types.time_stamps import problem_of
 
 
-class RosSource(WithSensor):
+class RosSource:
     """A :class:`slam_init.types.frame.TimedSource` over a topic of images.
 
     The time stamp of a frame is that of the header of its message; where the first header has none, all frames have the
@@ -39,6 +39,8 @@ class RosSource(WithSensor):
     * ``topic``: Of the images.
     * ``truth``: Topic of the true poses, or ``none``. By default the only one that holds poses.
     """
+
+    gyroscope, inertial = of_sensor("gyroscope"), of_sensor("record")
 
     def __init__(self, path: Path, topic: str | None = None, truth: str | None = None) -> None:
         self.path, self.name = path, path.resolve().name

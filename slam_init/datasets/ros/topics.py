@@ -43,7 +43,8 @@ class BagName:
         """Read the text form."""
         path, mark, query = text.rpartition(_QUERY)
         options = dict(parse_qsl(query))
-        if not mark or not options or set(options) - {"topic", "truth_topic"} or os.path.exists(user_path(text)):  # noqa: PTH110 (a Path raises for a null byte)
+        is_path = os.path.exists(user_path(text))  # noqa: PTH110 (a Path raises for a null byte)
+        if not mark or not options or set(options) - {"topic", "truth_topic"} or is_path:
             return None
         return BagName(path, options.get("topic"), options.get("truth_topic"))
 

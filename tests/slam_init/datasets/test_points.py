@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sequences_synth import PointOptions, make_points
-from slam_init.datasets.points import open_points
+from slam_init.datasets.synth import open_points
 from slam_init.errors import SourceError
 
 

@@ -13,7 +13,7 @@ from make_window import WINDOW_CONFIG, errors_deg, finished, point_source, pose_
 from slam_init.bundle.problem import BundleFailure
 from slam_init.calibration.prior import camera_with_focal
 from slam_init.config import Config
-from slam_init.datasets.points import PointSource
+from slam_init.datasets.synth import PointSource
 from slam_init.decision import window_map, window_rule
 from slam_init.decision.window_rule import WindowRule
 from slam_init.frontend.rolling_shutter import RollingShutter

@@ -8,7 +8,7 @@ from make_map import CAMERAS
 
 from quest.geometry.quaternion import rotation_from_vector
 from sequences_synth.points import PointOptions, make_points
-from slam_init.datasets.points import PointSource
+from slam_init.datasets.synth import PointSource
 from slam_init.frontend.rolling_shutter import RollingShutter, readout_places, turning_flow
 from slam_init.initializer import Initializer
 from slam_init.types.camera import Camera

@@ -10,7 +10,7 @@ from make_window import hypotheses_of_scene as hypotheses
 from quest.robust.spatial_blocks import regions_of
 from sequences_synth.points import PointOptions, make_points
 from slam_init.config import AcceptanceConfig
-from slam_init.datasets.points import PointSource
+from slam_init.datasets.synth import PointSource
 from slam_init.window.levels import BODIES_MOVE, FLOOR, PRINCIPAL_SIGMA
 from slam_init.window.motion import fit_motion
 from slam_init.window.risk import risk_of
