@@ -52,7 +52,7 @@ def draw_decision(axes: Axes, attempts: Sequence[Attempt]) -> None:
     """Draw the risk of each attempt with its terms and the bound, and below them what held the decision."""
     from matplotlib.ticker import MaxNLocator
 
-    axes.set_title("the decision: risk that the map is wrong", loc="left", color=INK, weight="bold")
+    axes.set_title("the decision: risk by the model that the map is wrong", loc="left", color=INK, weight="bold")
     axes.set_xlabel("frame", fontsize=9, labelpad=1)
     axes.tick_params(labelsize=9, colors=FAINT)
     axes.spines[["top", "right"]].set_visible(False)

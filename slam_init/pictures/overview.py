@@ -131,13 +131,14 @@ def _facts(result: Result) -> list[str]:
         return [*facts, "  |  ".join(parts)]
     evidence, stated = window.window, result.camera
     depth_sigma = evidence.depth_sigma if map_ is None else map_.depth_sigma
+    risk = evidence.risk if map_ is None else map_.risk or evidence.risk
     known = "unknown" if stated.source == "prior" else f"stated {stated.focal_px:.0f} px ({stated.source})"
     estimate = f"{evidence.focal_factor * stated.focal_px:.0f} px +- {evidence.focal_sigma:.1%}"
     direction = f"+- {evidence.direction_sigma_deg:.2g} deg" if evidence.direction_sigma_deg < 90 else "unknown"
     depths = f"+- {depth_sigma:.1%}" if depth_sigma < 1 else "unknown"
     return [
         *facts,
-        "  |  ".join([f"risk {evidence.risk:.2g} that the map is wrong", *parts]),
+        "  |  ".join([f"risk {risk:.2g} that the map is wrong ({evidence.risk:.2g} by the model)", *parts]),
         f"focal length {known}, fitted {estimate}  |  direction of the baseline {direction}  |  depths {depths}",
     ]
 
