@@ -323,9 +323,9 @@ def _risk_facts(result: Result) -> _Facts:
     direction = "" if window.direction_sigma_deg is None else f", direction +- {window.direction_sigma_deg:.1f} deg"
     depth_sigma = math.nan if result.map is None else result.map.depth_sigma
     depths = f", depths +- {depth_sigma:.1%}" if math.isfinite(depth_sigma) else ""
-    risk = window.risk if result.map is None else result.map.risk or window.risk
-    parts = "" if result.map is None else f" ({window.risk:.2g} by the model, {UNMODELLED_RISK:.2g} by what it lacks)"
-    return [("risk", f"{risk:.2g} that the map is wrong{parts}{direction}{depths}")]
+    of_map = None if result.map is None else result.map.risk
+    parts = "" if of_map is None else f" ({window.risk:.2g} by the model, {UNMODELLED_RISK:.2g} by what it lacks)"
+    return [("risk", f"{of_map or window.risk:.2g} that the map is wrong{parts}{direction}{depths}")]
 
 
 def _map_facts(result: Result, map_: InitialMap) -> _Facts:
