@@ -28,7 +28,7 @@ import numpy as np
 
 from slam_init.bundle.covariances import LENS, MapCovariances, covariances
 from slam_init.bundle.focal import adjust_focal, camera_with_focal_factor
-from slam_init.bundle.graph import GAUGE, build_graph
+from slam_init.bundle.graph import build_graph
 from slam_init.bundle.least_squares import fit_points, minimize, with_lenses
 from slam_init.bundle.lens import at_projections, lens_prior
 from slam_init.bundle.noise import estimate_noise, least_squares_noise, min_parallax_rad
@@ -155,7 +155,6 @@ def _solution(stated: _Stated, start: BundleProblem, expected: Camera, lens: Len
         seen_depth_sigmas=_depth_sigmas(final, found.by_noise),
         unknown_depths=stated.fit.unknown_depths,
         camera=camera,
-        gauge=GAUGE,
     )
 
 

@@ -164,7 +164,7 @@ class _Fit:
             if at[1] is not self._lens:
                 self._state, self._lens = at
                 equations = self._equations()
-            moved = self._moved(equations, self._step(equations, damping))
+            moved = self._stepped(equations, damping)
             return moved, self._cost(*moved)
 
         start = self._state, self._lens
@@ -190,20 +190,18 @@ class _Fit:
         pulls = (lens - self._mean) / self._sigma
         return float(np.minimum(costs, _LARGEST_COST).sum() + pulls @ pulls)
 
-    def _step(self, equations: _Equations, damping: float) -> Floats:
-        """A step of poses and lens (G,)."""
-        information, gradient, _ = equations.reduced(damping)
-        information[np.diag_indices(len(information))] *= 1 + damping
-        free, step = self._held(information), np.zeros(len(gradient))
-        step[free] = -np.linalg.solve(information[np.ix_(free, free)], gradient[free])
-        return step
-
-    def _moved(self, equations: _Equations, step: Floats) -> _Unknowns:
+    def _stepped(self, equations: _Equations, damping: float) -> _Unknowns:
         """State and lens after a step, which the points follow."""
+        reduced = equations.reduced(damping)
+        information, step = reduced.information, np.zeros(len(reduced.information))
+        information[np.diag_indices(len(information))] *= 1 + damping
+        free = self._held(information)
+        gradient = reduced.scores.sum(axis=0) + equations.pull
+        step[free] = -np.linalg.solve(information[np.ix_(free, free)], gradient[free])
         R, t, X = self._state
         poses = step[: self._first].reshape(-1, 6)
         turned = rotation_from_vector(poses[:, :3])
-        follow = np.einsum("tab,tb->ta", equations.inverse, equations.own) + equations.follow @ step
+        follow = np.einsum("tab,tb->ta", reduced.inverse, equations.own) + reduced.follow @ step
         X = X - np.einsum("tab,tb->ta", _tangents(X), follow)
         X[:, 3] = np.maximum(X[:, 3], 0.0)  # beyond infinity is behind the cameras
         X /= np.linalg.norm(X, axis=1)[:, None]
@@ -288,7 +286,7 @@ class _Fit:
 
     def estimate(self) -> LensEstimate:
         """The lens with its deviations."""
-        information, _, scores = self._equations().reduced(0.0)
+        information, scores = self._equations().reduced(0.0)[:2]
         free = self._held(information)
         response = np.linalg.inv(information[np.ix_(free, free)])[-_LENS:]
         moved = scores[:, free] @ response.T
@@ -310,33 +308,37 @@ class _Fit:
         )
 
 
-class _Equations:
-    """The equations of a step, with the unknowns of the points.
+class _Reduced(NamedTuple):
+    """The equations of poses and lens with the points eliminated."""
 
-    * ``information, pull``: (G, G), (G,) Of poses and lens before the points are eliminated; the pull of the prior.
-    * ``scores``: (T, G) The share of each point in the gradient.
-    * ``block, own, coupling``: (T, 3, 3), (T, 3), (T, 3, G) Those of the points.
-    * ``inverse, follow``: (T, 3, 3), (T, 3, G) How the points follow, by the last elimination.
-    """
+    information: Floats
+    scores: Floats
+    #: inverse, follow: (T, 3, 3), (T, 3, G) How the points follow.
+    inverse: Floats
+    follow: Floats
 
-    def __init__(
-        self, information: Floats, pull: Floats, scores: Floats, block: Floats, own: Floats, coupling: Floats
-    ) -> None:
-        self._information, self._pull, self._scores, self._block = information, pull, scores, block
-        self.own, self._coupling = own, coupling
-        self.inverse: Floats = np.zeros(0)
-        self.follow: Floats = np.zeros(0)
 
-    def reduced(self, damping: float) -> tuple[Floats, Floats, Floats]:
-        """Information, gradient and scores with the points eliminated."""
+class _Equations(NamedTuple):
+    """The equations of a step, with the unknowns of the points."""
+
+    #: information, pull: (G, G), (G,) Of poses and lens before the points are eliminated; the pull of the prior.
+    information: Floats
+    pull: Floats
+    #: (T, G) The share of each point in the gradient.
+    scores: Floats
+    #: block, own, coupling: (T, 3, 3), (T, 3), (T, 3, G) Those of the points.
+    block: Floats
+    own: Floats
+    coupling: Floats
+
+    def reduced(self, damping: float) -> _Reduced:
+        """Eliminate the points."""
         # A point at infinity tells nothing about its distance.
-        block = self._block * (1 + damping * np.eye(3)) + 1e-9 * np.eye(3)
-        self.inverse = np.asarray(np.linalg.inv(block), np.float64)
-        self.follow = self.inverse @ self._coupling
-        size = len(self._pull)
-        information = self._information - self._coupling.reshape(-1, size).T @ self.follow.reshape(-1, size)
-        scores = self._scores - np.einsum("tag,ta->tg", self.follow, self.own)
-        return information, scores.sum(axis=0) + self._pull, scores
+        block = self.block * (1 + damping * np.eye(3)) + 1e-9 * np.eye(3)
+        inverse = np.asarray(np.linalg.inv(block), np.float64)
+        follow, size = inverse @ self.coupling, len(self.pull)
+        information = self.information - self.coupling.reshape(-1, size).T @ follow.reshape(-1, size)
+        return _Reduced(information, self.scores - np.einsum("tag,ta->tg", follow, self.own), inverse, follow)
 
 
 def _tangents(X: Floats) -> Floats:

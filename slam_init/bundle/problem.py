@@ -183,8 +183,6 @@ class BundleSolution:
     unknown_depths: int
     #: The camera of this map: the stated one, or the one with the adjusted focal length.
     camera: Camera
-    #: The variables that are held, and how.
-    gauge: str
     #: The adjusted focal length over the stated one; 1 if the focal length was held.
     focal_factor: float = 1.0
     #: Standard deviation of ``focal_factor`` from the noise of the tracks and the prior; None if the focal length was
