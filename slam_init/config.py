@@ -131,7 +131,8 @@ class MapConfig(_Section, name="map"):
 class AcceptanceConfig(_Section, name="acceptance"):
     """What a map has to reach (:mod:`slam_init.decision.window_rule`)."""
 
-    #: Largest probability that a map is wrong, stated by the joint estimate of all views: one map in 200.
+    #: Largest probability that a map is wrong by the model of the joint estimate of all views: one map in 200. What no
+    #: model has comes on top (:data:`slam_init.types.initial_map.UNMODELLED_RISK`), and nothing lowers it.
     max_risk: float = _within(0.005, 0.0011, 1, "a probability; 0.001 of it is for what is not modelled")
     #: Factor on the probability that focus or a stabilizer changes the lens from view to view, which short baselines
     #: before a plane do not tell from a motion. 0: the focus is fixed and nothing stabilizes the images.
@@ -225,14 +226,14 @@ class Config(Described):
 
 
 def load_config(path: str | os.PathLike[str] | None, overrides: Mapping[str, object] | None = None) -> Config:
-    """Read a TOML file over the defaults, then apply top-level overrides.
+    """Read a TOML file over the defaults, then apply overrides.
 
     Parameters
     ----------
     path : str, path or None
         The file; without one the defaults hold.
     overrides : mapping of str to object, optional
-        Top-level options; those that are None are ignored.
+        Options by their names, as ``seed`` or ``map.noise_px``; those that are None are ignored.
 
     Returns
     -------
@@ -244,7 +245,7 @@ def load_config(path: str | os.PathLike[str] | None, overrides: Mapping[str, obj
         Where the file cannot be read or parsed, or holds an unknown key or a value of the wrong type.
         The name of the method is checked when the method is made.
     """
-    table: dict[str, object] = {}
+    table: dict[str, Any] = {}
     if path is not None:
         path = user_path(path, ConfigError)
         try:
@@ -252,7 +253,10 @@ def load_config(path: str | os.PathLike[str] | None, overrides: Mapping[str, obj
         # ValueError: no TOML, no UTF-8, or an integer of thousands of digits.
         except (ValueError, RecursionError) as error:
             raise ConfigError(f"{path} is not valid TOML: {error}") from None
-    table |= {key: value for key, value in (overrides or {}).items() if value is not None}
+    for name, value in (overrides or {}).items():
+        section, _, option = name.rpartition(".")
+        if value is not None:
+            (table.setdefault(section, {}) if section else table)[option] = value
     where = str(path) if path else "options"
     return _build(Config, table, where=where, prefix="")
 

@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from slam_init.datasets.track_source import TrackSource
 from slam_init.errors import SlamInitError, SourceError, check_type
 from slam_init.output.folder import OutputFolder
-from slam_init.output.names import EXPORTS, SCENE
+from slam_init.output.names import SCENE
 from slam_init.output.scene import Undistortion, image_name, png, scene_files
 from slam_init.types.arrays import Image
 from slam_init.types.frame import Frame, Source, as_image
@@ -57,8 +57,8 @@ def check_formats(formats: Collection[str], source: Source | None = None) -> Non
     if isinstance(formats, str) or not isinstance(formats, Collection):
         raise SlamInitError(f"the formats of an export are {formats!r:.40}: give a list, as in ['scene']")
     for one in formats:
-        if one not in EXPORTS:
-            raise SlamInitError(f"unknown format {one!r:.40} of an export: use {', '.join(EXPORTS)}")
+        if one != SCENE:
+            raise SlamInitError(f"unknown format {one!r:.40} of an export: use {SCENE}")
     if formats and source is not None and source.kind == "live":
         raise SlamInitError("the export scene reads the images again, and a live source is gone: record it first")
     if formats and isinstance(source, TrackSource) and source.pictures is None:

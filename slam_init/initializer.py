@@ -353,8 +353,8 @@ class Initializer:
         It is built when it is asked for, which takes as long as a bundle adjustment. None where no motion is known, or
         where its frames are forgotten.
         """
-        if self.map is not None and self.status.risk is not None:
-            return ProvisionalMap(self.map, self.status.risk)
+        if self.map is not None and self.map.risk is not None:
+            return ProvisionalMap(self.map)
         return self._window.provisional()
 
     @property
@@ -420,14 +420,7 @@ def load_all() -> None:
         # Tracks drift by a random walk: 0.02 px^2 a frame in each coordinate, with a correlation of one half.
         drifts = np.tile(0.01 * frame * np.array([[2.0, 1.0], [1.0, 2.0]]), (len(points), 1, 1))
         seen = np.flatnonzero(np.isfinite(pixels).all(axis=1))
-        observed = Observations(
-            frame=frame,
-            timestamp_s=frame / 30,
-            name="",
-            track_ids=seen,
-            pixels=pixels[seen],
-            bearings=camera.bearings(pixels[seen]),
-            drifts=drifts[seen],
-        )
+        rays = camera.bearings(pixels[seen])
+        observed = Observations(frame, frame / 30, "", seen, pixels[seen], rays, drifts=drifts[seen])
         if initializer.process_tracks(observed):
             return

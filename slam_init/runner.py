@@ -482,8 +482,6 @@ class _Run:
             result,
             SourceRecord(job.source.name, job.source.kind),
             result.map.camera if estimated and result.map is not None else job.camera,
-            job.config.method,
-            job.config.seed,
             ground_truth=parts[0].truth,
             continued=None if continued is None else continued.record(),
             segments=tuple(
@@ -557,7 +555,11 @@ def reduction_of(source: Source, camera: Camera) -> Reduction:
 
 def _metadata_notes(source: Source, camera: Camera) -> tuple[str, ...]:
     """A note where the files of a source state another focal length than the given camera."""
-    stated = camera_of_metadata(source, (camera.width, camera.height)) if camera.source in ("stated", "file") else None
+    stated = (
+        camera_of_metadata(source, (camera.width, camera.height))
+        if camera.source in ("stated", "file", "machine")
+        else None
+    )
     if stated is None or abs(stated.focal_px - camera.focal_px) <= _METADATA_SIGMAS * (stated.focal_sigma_px or 0.0):
         return ()
     known = f"{stated.focal_px:.0f} +- {stated.focal_sigma_px:.0f} px"

@@ -22,12 +22,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
 from slam_init.bundle.covariances import LENS, MapCovariances, covariances
 from slam_init.bundle.focal import adjust_focal, camera_with_focal_factor
-from slam_init.bundle.graph import GAUGE, build_graph
+from slam_init.bundle.graph import build_graph
 from slam_init.bundle.least_squares import fit_points, minimize, with_lenses
 from slam_init.bundle.lens import at_projections, lens_prior
 from slam_init.bundle.noise import estimate_noise, least_squares_noise, min_parallax_rad
@@ -92,53 +93,68 @@ def _adjusted(
             fit = _with_unit_depth(adjust_focal(camera, fit, config))
         if isinstance(fit, BundleFailure):
             return fit
-        fit, found, errors = _with_known_depths(fit, config, camera if refined else None, lens)
+        stated = _with_known_depths(fit, config, camera if refined else None, lens)
         if problem.prior is not None:
-            fit, found, errors = _weighed_against_poses(fit, found, errors, config, lens)
-        residuals = fit.problem.residuals(fit.camera)
-        noise_px = least_squares_noise(fit.problem, residuals, config)
-        solution = _solution(fit, start, residuals, noise_px, camera, lens, errors, found)
+            stated = _weighed_against_poses(stated, config, lens)
+        solution = _solution(stated, start, camera, lens)
     except (RuntimeError, np.linalg.LinAlgError) as error:  # how gtsam and numpy report singular systems
         return BundleFailure(" ".join(str(error).split())[:160])
     return replace(
         solution,
-        focal_factor=fit.camera.fx / camera.fx if config.refine_focal else 1.0,
-        focal_factor_sigma=config.focal_sigma if held else _focal_sigma(camera, fit.camera, found) if refined else None,
+        focal_factor=solution.camera.fx / camera.fx if config.refine_focal else 1.0,
+        focal_factor_sigma=config.focal_sigma if held else _focal_sigma(camera, stated) if refined else None,
     )
 
 
-def _solution(
-    fit: BundleFit,
-    start: BundleProblem,
-    residuals: Floats,
-    noise_px: float,
-    stated: Camera,
-    lens: LensPrior,
-    errors: ErrorModel,
-    found: MapCovariances,
-) -> BundleSolution:
-    """The solution of a fit; ``residuals`` (M, 2)."""
-    final, camera = fit.problem, fit.camera
+class _Stated(NamedTuple):
+    """A fit, and what its residuals tell of it."""
+
+    fit: BundleFit
+    #: (M, 2)
+    residuals: Floats
+    noise_px: float
+    errors: ErrorModel
+    found: MapCovariances
+
+    @property
+    def noise_of_graph_px(self) -> float:
+        """The noise that the graph states, which covers errors that are not independent."""
+        return self.errors.overdispersion * self.noise_px
+
+
+def _stated(fit: BundleFit, config: MapConfig, lens: LensPrior) -> _Stated:
+    residuals = fit.problem.residuals(fit.camera)
+    noise_px = least_squares_noise(fit.problem, residuals, config)
+    projected = at_projections(fit.camera, fit.problem)
+    errors = error_model(fit.camera, projected, fit.problem, noise_px, lens)
+    found = covariances(projected, errors.by_tracks * noise_px, errors.shared)
+    return _Stated(fit, residuals, noise_px, errors, found)
+
+
+def _solution(stated: _Stated, start: BundleProblem, expected: Camera, lens: LensPrior) -> BundleSolution:
+    """The solution of a fit.
+
+    * ``expected``: The camera that the prior of the lens expects.
+    """
+    (final, camera), found = (stated.fit.problem, stated.fit.camera), stated.found
     variable = lens if lens.sigmas.any() and not needs_virtual_cameras(camera) else None
-    graph_noise_px = errors.overdispersion * noise_px
     depth_sigmas = _depth_sigmas(final, found.in_newest)
     return BundleSolution(
         problem=final,
         before=_same_landmarks(start, final),
-        noise_px=noise_px,
-        rmse_px=float(np.sqrt(np.mean(np.sum(residuals**2, axis=1)))),
-        errors=fit.errors,
-        make_graph=partial(build_graph, camera, final, graph_noise_px, prior=variable, stated=stated),
-        overdispersion=errors.overdispersion,
+        noise_px=stated.noise_px,
+        rmse_px=float(np.sqrt(np.mean(np.sum(stated.residuals**2, axis=1)))),
+        errors=stated.fit.errors,
+        make_graph=partial(build_graph, camera, final, stated.noise_of_graph_px, prior=variable, stated=expected),
+        overdispersion=stated.errors.overdispersion,
         pose_covariances=found.poses,
         point_covariances=found.points,
         depth_sigmas=depth_sigmas,
         unit_error=_unit_error(depth_sigmas, found.stretched),
         seen_covariances=found.by_noise,
         seen_depth_sigmas=_depth_sigmas(final, found.by_noise),
-        unknown_depths=fit.unknown_depths,
+        unknown_depths=stated.fit.unknown_depths,
         camera=camera,
-        gauge=GAUGE,
     )
 
 
@@ -146,12 +162,7 @@ def solution_of(camera: Camera, problem: BundleProblem, config: MapConfig) -> Bu
     """The map of a problem that is at its optimum, in its own frame and unit, with its graph and covariances."""
     lens = lens_prior(camera, config)
     try:
-        residuals = problem.residuals(camera)
-        noise_px = least_squares_noise(problem, residuals, config)
-        projected = at_projections(camera, problem)
-        errors = error_model(camera, projected, problem, noise_px, lens)
-        found = covariances(projected, errors.by_tracks * noise_px, errors.shared)
-        return _solution(BundleFit(camera, problem, ()), problem, residuals, noise_px, camera, lens, errors, found)
+        return _solution(_stated(BundleFit(camera, problem, ()), config, lens), problem, camera, lens)
     except (RuntimeError, np.linalg.LinAlgError) as error:  # how gtsam and numpy report singular systems
         return BundleFailure(" ".join(str(error).split())[:160])
 
@@ -171,70 +182,45 @@ def restated(solution: BundleSolution, prior: PosePrior, config: MapConfig) -> B
     )
 
 
-def _with_known_depths(
-    fit: BundleFit, config: MapConfig, stated: Camera | None, lens: LensPrior
-) -> tuple[BundleFit, MapCovariances, ErrorModel]:
+def _with_known_depths(fit: BundleFit, config: MapConfig, expected: Camera | None, lens: LensPrior) -> _Stated:
     """Leave the landmarks out whose depths are unknown, or that nothing tests, and minimize the rest.
 
     Where too few landmarks would be left to solve for the poses, all of them stay.
 
-    * ``stated``: Where the focal length is adjusted: the stated camera.
-    * Returns: With the covariances and the errors of the result.
+    * ``expected``: Where the focal length is adjusted: the stated camera.
     """
-    noise_px = least_squares_noise(fit.problem, fit.problem.residuals(fit.camera), config)
-    projected = at_projections(fit.camera, fit.problem)
-    errors = error_model(fit.camera, projected, fit.problem, noise_px, lens)
     while True:
-        found = covariances(projected, errors.by_tracks * noise_px, errors.shared)
-        known: Bools = np.asarray(_depth_sigmas(fit.problem, found.by_noise) <= config.max_depth_sigma)
-        known &= found.leverage <= _LARGEST_LEVERAGE
-        kept = known[fit.problem.landmarks]
-        rest = fit.problem.keep(kept)
+        stated, problem = _stated(fit, config, lens), fit.problem
+        known: Bools = np.asarray(_depth_sigmas(problem, stated.found.by_noise) <= config.max_depth_sigma)
+        known &= stated.found.leverage <= _LARGEST_LEVERAGE
+        rest = problem.keep(known[problem.landmarks])
         if known.all() or _cannot_be_solved(rest) is not None:
-            return fit, found, errors
-        fewer = _settled(fit.camera, rest, noise_px, _FEW_ITERATIONS)
+            return stated
+        fewer = _settled(fit.camera, rest, stated.noise_px, _FEW_ITERATIONS)
         if isinstance(fewer, BundleFailure):
-            return fit, found, errors
-        dropped = len(fit.problem.points) - len(fewer.problem.points)
+            return stated
+        dropped = len(problem.points) - len(fewer.problem.points)
         fit = fewer._replace(errors=(*fit.errors, *fewer.errors), unknown_depths=fit.unknown_depths + dropped)
-        if stated is not None:
-            fit = adjust_focal(stated, fit, config)
-        noise_px = least_squares_noise(fit.problem, fit.problem.residuals(fit.camera), config)
-        if stated is None and len(fit.problem.pixels) == len(rest.pixels):
-            # Poses and points move by much less than the noise: the errors stay those of the first fit.
-            projected = replace(fit.problem, pixels=projected.pixels[kept], lenses=_rows(projected.lenses, kept))
-            errors = errors._replace(shared=errors.shared.of_observations(kept))
-        else:
-            projected = at_projections(fit.camera, fit.problem)
-            errors = error_model(fit.camera, projected, fit.problem, noise_px, lens)
+        if expected is not None:
+            fit = adjust_focal(expected, fit, config)
 
 
-def _weighed_against_poses(
-    fit: BundleFit, found: MapCovariances, errors: ErrorModel, config: MapConfig, lens: LensPrior
-) -> tuple[BundleFit, MapCovariances, ErrorModel]:
+def _weighed_against_poses(stated: _Stated, config: MapConfig, lens: LensPrior) -> _Stated:
     """Weigh the tracks against the prior of the poses by the noise that the graph states.
 
     The errors of the tracks are not independent. Their overdispersion changes no optimum of the tracks alone, but with
     the noise of single tracks a hundred of them would outweigh the prior by what they share.
     """
     for _ in range(_WEIGHING_ROUNDS):
-        noise_px = least_squares_noise(fit.problem, fit.problem.residuals(fit.camera), config)
-        stated_px = errors.overdispersion * noise_px
-        settled = _settled(fit.camera, fit.problem, stated_px, _ITERATIONS)
+        fit, noise_px = stated.fit, stated.noise_of_graph_px
+        settled = _settled(fit.camera, fit.problem, noise_px, _ITERATIONS)
         if isinstance(settled, BundleFailure):
             break
         fit = settled._replace(errors=(*fit.errors, *settled.errors), unknown_depths=fit.unknown_depths)
-        noise_px = least_squares_noise(fit.problem, fit.problem.residuals(fit.camera), config)
-        projected = at_projections(fit.camera, fit.problem)
-        errors = error_model(fit.camera, projected, fit.problem, noise_px, lens)
-        found = covariances(projected, errors.by_tracks * noise_px, errors.shared)
-        if abs(errors.overdispersion * noise_px / stated_px - 1) < _WEIGHED:
+        stated = _stated(fit, config, lens)
+        if abs(stated.noise_of_graph_px / noise_px - 1) < _WEIGHED:
             break
-    return fit, found, errors
-
-
-def _rows(lenses: Floats | None, kept: Bools) -> Floats | None:
-    return None if lenses is None else lenses[kept]
+    return stated
 
 
 def _depth_sigmas(problem: BundleProblem, in_newest: Floats) -> Floats:
@@ -258,9 +244,9 @@ def _unit_error(depth_sigmas: Floats, stretched: Floats) -> UnitError:
     return UnitError(float(np.sqrt(np.sum(shared[:-LENS] ** 2) + weights**2 @ own)), shared[-LENS:])
 
 
-def _focal_sigma(stated: Camera, camera: Camera, found: MapCovariances) -> float:
-    """Standard deviation of the adjusted focal length over the stated one."""
-    return float(np.sqrt(found.lens[0, 0])) * camera.fx / stated.fx
+def _focal_sigma(expected: Camera, stated: _Stated) -> float:
+    """Standard deviation of the adjusted focal length over the expected one."""
+    return float(np.sqrt(stated.found.lens[0, 0])) * stated.fit.camera.fx / expected.fx
 
 
 def fit_with_held_camera(

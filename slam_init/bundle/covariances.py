@@ -22,10 +22,11 @@ from slam_init.bundle.least_squares import (
     back_substituted,
     by_landmark,
     equations_of,
+    forward_substituted,
 )
 from slam_init.bundle.problem import BundleProblem
 from slam_init.system.linear_algebra import single_threaded
-from slam_init.types.arrays import Bools, Floats
+from slam_init.types.arrays import Bools, Floats, Ints
 
 #: Parameters of the lens, and of the field of a view, among the shared errors.
 LENS, FIELD = 4, 12
@@ -192,31 +193,49 @@ def shared_equations(
 
     * ``residuals``: In pixels of the virtual cameras; by default none.
     """
-    from slam_init.bundle.kernel import couple_shared_errors
+    from slam_init.bundle.kernel import derivatives
 
     observed, terms = by_landmark(problem, noise_px), PoseTerms(problem)
     R, t = arrays_of(problem.world_from_cam)
-    points, landmarks, views = np.ascontiguousarray(problem.points), len(problem.points), len(R)
+    points, count, views = np.ascontiguousarray(problem.points), len(problem.points), len(R)
+    by_pose, by_point = derivatives(R, t, points, *observed[:3])
+    left = np.zeros((len(problem.pixels), 2)) if residuals is None else residuals
+    by_lens, left = (one[observed.order] / noise_px for one in (shared.by_lens, left))
+    # A field moves a pixel along both coordinates, as the principal point does, by the sum of six polynomials each.
+    by_field = by_lens[:, :, 1:3, None] * shared.places[observed.order][:, None, None]
+    errors = np.concatenate([by_lens, by_field.reshape(len(left), 2, FIELD)], axis=2)
+    size, landmarks = LENS + FIELD * views, np.repeat(np.arange(count), np.diff(observed.starts))
+    columns = np.broadcast_to(np.arange(LENS + FIELD), (len(left), LENS + FIELD)).copy()
+    columns[:, LENS:] += FIELD * observed.views[:, None]
+    rows = 3 * landmarks[:, None] + np.arange(3)
+    of_points = _summed(
+        size * rows[:, :, None] + columns[:, None], np.swapaxes(by_point, 1, 2) @ errors, 3 * count * size
+    )
+    solved = _summed(rows, np.einsum("mji,mj->mi", by_point, left), 3 * count).reshape(-1, 3)
+    gradient = _summed(columns, np.einsum("mji,mj->mi", errors, left), size)
+    poses = 6 * (views * landmarks + observed.views)[:, None] + np.arange(6)
+    scores = _summed(poses, np.einsum("mji,mj->mi", by_pose, left), 6 * views * count).reshape(count, -1)
+    coupling, own = np.zeros((views, 6, size)), np.zeros((views, LENS + FIELD, LENS + FIELD))
     with single_threaded():
         equations = equations_of(observed, terms, R, t, points, NONE)
-    size = LENS + FIELD * views
-    left = np.zeros((len(problem.pixels), 2)) if residuals is None else residuals
-    by_lens, left = (np.ascontiguousarray(one[observed.order] / noise_px) for one in (shared.by_lens, left))
-    places = np.ascontiguousarray(shared.places[observed.order])
-    of_points, by_view, own, gradient, solved, scores = couple_shared_errors(
-        R, t, points, *observed[:3], equations.roots, by_lens, places, left
-    )
-    coupling = np.zeros((views, 6, size))
-    coupling[:, :, :LENS] = by_view[:, :, :LENS]
-    for view in range(views):
-        first = LENS + FIELD * view
-        coupling[view, :, first : first + FIELD] = by_view[view, :, LENS:]
-    with single_threaded():
+        for view in range(views):
+            of_view = np.flatnonzero(observed.views == view)
+            flat = errors[of_view].reshape(-1, LENS + FIELD)
+            own[view] = flat.T @ flat
+            at = np.r_[:LENS, LENS + FIELD * view : LENS + FIELD * (view + 1)]
+            coupling[view][:, at] = by_pose[of_view].reshape(-1, 6).T @ flat
+        of_points = forward_substituted(equations.roots, of_points.reshape(count, 3, size))
+        solved = forward_substituted(equations.roots, solved)
         flat, of_poses = of_points.reshape(-1, size), equations.coupling
         reduced = coupling.reshape(-1, size) - of_poses.T @ flat
         gradient -= flat.T @ solved.ravel()
-        scores -= np.einsum("li,lij->lj", solved, of_poses.reshape(landmarks, 3, -1))
+        scores -= np.einsum("li,lij->lj", solved, of_poses.reshape(count, 3, -1))
     return SharedEquations(observed, equations, of_points, reduced, own, gradient, scores)
+
+
+def _summed(places: Ints, terms: Floats, size: int) -> Floats:
+    """Sums (size,) of terms by their places."""
+    return np.asarray(np.bincount(places.ravel(), terms.ravel(), size), np.float64)
 
 
 def inverse_of_poses(information: Floats) -> Floats:

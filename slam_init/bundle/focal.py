@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slam_init.bundle.covariances import SharedErrors, inverse_of_poses, shared_equations
+from slam_init.bundle.damped import descend
 from slam_init.bundle.least_squares import Equations, minimize, stepped, with_lenses
 from slam_init.bundle.lens import at_projections, lens_derivatives, residuals_of
 from slam_init.bundle.noise import least_squares_noise
@@ -27,11 +28,10 @@ from slam_init.types.lenses.lens import scaled_coefficients
 
 #: Newton's method ends after a step that lowers the error by less than this share. With a thousand observations this
 #: is 0.01, a seventh of a standard deviation of the focal length, and the next step would be much smaller.
-_NEWTON_TOLERANCE, _NEWTON_STEPS = 1e-5, 10
-#: Shares of a step that are tried in this order. The full step is mostly right; shorter ones are for wrong maps.
-_STEP_SHARES = (1.0, 0.5, 0.25, 0.1)
-#: Range of the focal length over the stated one. A larger error cannot be corrected by adjustment.
-_FACTORS = (0.1, 10.0)
+_LEAST_SHARE, _STEPS = 1e-5, 10
+#: Damping of the steps, over the information about the focal length. Nearly the full step is mostly right; shorter
+#: ones, down to a tenth, are for wrong maps.
+_DAMPING, _MOST_DAMPING = 0.01, 10.0
 
 
 def camera_with_focal_factor(camera: Camera, factor: float) -> Camera:
@@ -57,41 +57,31 @@ def adjust_focal(stated: Camera, fit: BundleFit, config: MapConfig) -> BundleFit
     * ``config``: ``focal_sigma`` is the standard deviation of the stated focal length.
     * Returns: With the adjusted camera; the given fit if no step lowers the error.
     """
-    camera, problem, errors, _ = fit
-    noise_px = least_squares_noise(problem, problem.residuals(camera), config)
-    factor, rms_px = camera.fx / stated.fx, minimize(problem, noise_px, iterations=0, tolerance=0.0)[1][-1]
+    noise_px = least_squares_noise(fit.problem, fit.problem.residuals(fit.camera), config)
 
-    def error_of(factor: float, rms_px: float) -> float:
-        return 0.5 * len(problem.views) * (rms_px / noise_px) ** 2 + 0.5 * ((factor - 1) / config.focal_sigma) ** 2
+    def error_of(camera: Camera, rms_px: float) -> float:
+        pull = (camera.fx / stated.fx - 1) / config.focal_sigma
+        return 0.5 * len(fit.problem.views) * (rms_px / noise_px) ** 2 + 0.5 * pull**2
 
-    error = error_of(factor, rms_px)
-    for _ in range(_NEWTON_STEPS):
+    def step(at: BundleFit, damping: float) -> tuple[BundleFit, float]:
+        factor, share = at.camera.fx / stated.fx, 1 / (1 + damping)
         try:
-            step = _newton_step(camera, problem, noise_px, factor, config.focal_sigma)
-        except RuntimeError:  # the poses are not determined
-            break
-        for share in _STEP_SHARES:
-            tried_factor = factor * math.exp(share * step.log_scale)
-            if not _FACTORS[0] < tried_factor < _FACTORS[1]:
-                continue
-            try:
-                tried = camera_with_focal_factor(stated, tried_factor)
-                polished, more = minimize(
-                    with_lenses(tried, step.moved(problem, share)), noise_px, iterations=15, tolerance=1e-6
-                )
-            except (RuntimeError, CalibrationError):  # the step is too long: try a shorter one
-                continue
-            new = error_of(tried_factor, more[-1])
-            if new < error and np.isfinite(polished.residuals(tried)).all():
-                break
-        else:
-            break
-        gain, error = error - new, new
-        camera, problem, factor = tried, polished, tried_factor
-        errors = (*errors, *more)
-        if gain < _NEWTON_TOLERANCE * error:
-            break
-    return fit._replace(camera=camera, problem=problem, errors=errors)
+            newton = _newton_step(at.camera, at.problem, noise_px, factor, config.focal_sigma)
+            camera = camera_with_focal_factor(stated, factor * math.exp(share * newton.log_scale))
+            moved = stepped(at.problem, newton.equations, share * newton.poses, share * newton.of_points)
+            problem, more = minimize(with_lenses(camera, moved), noise_px, iterations=15, tolerance=1e-6)
+        except (RuntimeError, CalibrationError):  # the poses are not determined, or the step is too long
+            return at, math.inf
+        if not np.isfinite(problem.residuals(camera)).all():
+            return at, math.inf
+        return at._replace(camera=camera, problem=problem, errors=(*at.errors, *more)), error_of(camera, more[-1])
+
+    error = error_of(fit.camera, minimize(fit.problem, noise_px, iterations=0, tolerance=0.0)[1][-1])
+    adjusted, _ = descend(
+        fit, error, step, steps=_STEPS, damping=_DAMPING, most_damping=_MOST_DAMPING, tolerance=0.0,
+        least_decrease=_LEAST_SHARE * error,
+    )  # fmt: skip
+    return adjusted
 
 
 class _NewtonStep(NamedTuple):
@@ -103,10 +93,6 @@ class _NewtonStep(NamedTuple):
     #: (3 L,) Of the points, over their roots.
     of_points: Floats
     equations: Equations
-
-    def moved(self, problem: BundleProblem, share: float) -> BundleProblem:
-        """Poses and points after a share of the step."""
-        return stepped(problem, self.equations, share * self.poses, share * self.of_points)
 
 
 def _newton_step(camera: Camera, problem: BundleProblem, noise_px: float, factor: float, sigma: float) -> _NewtonStep:

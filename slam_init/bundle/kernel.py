@@ -162,69 +162,6 @@ def eliminate_points(
 
 
 @compiled
-def couple_shared_errors(
-    R: Floats,
-    t: Floats,
-    points: Floats,
-    starts: Ints,
-    views: Ints,
-    lenses: Floats,
-    roots: Floats,
-    by_lens: Floats,
-    places: Floats,
-    residuals: Floats,
-) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats]:
-    """The part of errors that observations share in the equations: of the lens, and of a smooth field in each view.
-
-    A field moves a pixel along both coordinates, as the principal point does, by the sum of six polynomials each. All
-    derivatives and residuals are over the noise.
-
-    Shapes: ``roots`` (L, 6), ``by_lens`` (M, 2, 4), ``places`` (M, 6), ``residuals`` (M, 2).
-
-    * ``roots``: Of :func:`eliminate_points`.
-    * ``by_lens``: Columns 1 and 2 are those of the principal point.
-    * Returns: ``C^-1 V`` (L, 3, 4 + 12 K) with the coupling V of the points to lens and fields; the products of a view
-      (K, 6, 16) with lens and field, and of both with both (K, 16, 16); the gradient by lens and fields; ``C^-1 b``
-      (L, 3); and the part of each landmark in the gradient of the poses (L, 6 K), before the elimination.
-    """
-    count, K, size = len(points), len(R), 4 + 12 * len(R)
-    p, e, J, JX, S = np.empty(3), np.empty(2), np.empty((2, 6)), np.empty((2, 3)), np.empty((2, 16))
-    of_points, of_poses, own = np.zeros((count, 3, size)), np.zeros((K, 6, 16)), np.zeros((K, 16, 16))
-    gradient, solved, scores = np.zeros(size), np.zeros((count, 3)), np.zeros((count, 6 * K))
-    for landmark in range(count):
-        V, z, C = of_points[landmark], solved[landmark], roots[landmark]
-        for m in range(starts[landmark], starts[landmark + 1]):
-            k = views[m]
-            if not _linearize(lenses[m], R[k], t[k], points[landmark], p, e, J, JX):
-                continue
-            for j in range(2):
-                for i in range(4):
-                    S[j, i] = by_lens[m, j, i]
-                for i in range(6):
-                    S[j, 4 + i] = by_lens[m, j, 1] * places[m, i]
-                    S[j, 10 + i] = by_lens[m, j, 2] * places[m, i]
-            field = 4 + 12 * k
-            e0, e1 = residuals[m, 0], residuals[m, 1]
-            for q in range(16):
-                column = q if q < 4 else field + q - 4
-                gradient[column] += S[0, q] * e0 + S[1, q] * e1
-                for i in range(3):
-                    V[i, column] += JX[0, i] * S[0, q] + JX[1, i] * S[1, q]
-                for i in range(6):
-                    of_poses[k, i, q] += J[0, i] * S[0, q] + J[1, i] * S[1, q]
-                for i in range(16):
-                    own[k, i, q] += S[0, i] * S[0, q] + S[1, i] * S[1, q]
-            for i in range(3):
-                z[i] += JX[0, i] * e0 + JX[1, i] * e1
-            for i in range(6):
-                scores[landmark, 6 * k + i] += J[0, i] * e0 + J[1, i] * e1
-        for q in range(size):
-            V[0, q], V[1, q], V[2, q] = _solve_lower(C, V[0, q], V[1, q], V[2, q])
-        z[0], z[1], z[2] = _solve_lower(C, z[0], z[1], z[2])
-    return of_points, of_poses, own, gradient, solved, scores
-
-
-@compiled
 def derivatives(
     R: Floats, t: Floats, points: Floats, starts: Ints, views: Ints, lenses: Floats
 ) -> tuple[Floats, Floats]:

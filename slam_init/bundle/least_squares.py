@@ -11,11 +11,12 @@ pixels by the square of the residual over the focal length: by 0.002 px for 1 px
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from quest.geometry.quaternion import rotation_from_vector
+from slam_init.bundle.damped import descend
 from slam_init.bundle.graph import PoseTerms
 from slam_init.bundle.problem import BundleProblem
 from slam_init.bundle.reprojection import is_undistorted_first, measured_pixels
@@ -25,9 +26,9 @@ from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 
-#: Levenberg-Marquardt with the numbers of gtsam: first damping, its factor after a step, its largest value, and the
-#: absolute decrease of the error below which the iterations end.
-_DAMPING, _FACTOR, _MOST_DAMPING, _LEAST_DECREASE = 1e-5, 10.0, 1e5, 1e-5
+#: Levenberg-Marquardt with the numbers of gtsam: first damping, its largest value, and the absolute decrease of the
+#: error below which the iterations end.
+_DAMPING, _MOST_DAMPING, _LEAST_DECREASE = 1e-5, 1e5, 1e-5
 #: Damping of the covariances: a landmark whose rays are parallel tells nothing about the poses, and must not stop them.
 NONE = 1e-9
 #: Tuning constant of the robust kernel with 95 % efficiency on Gaussian residuals (Holland and Welsch 1977).
@@ -41,6 +42,8 @@ _POINT_STEPS = 5
 _POINT_DAMPING = 1.0
 #: An error from here on is that of a landmark behind a camera.
 _WRONG = 1e11
+#: R, t and points.
+_State: TypeAlias = tuple[Floats, Floats, Floats]
 
 
 class Observed(NamedTuple):
@@ -119,30 +122,20 @@ def _minimized(
     problem: BundleProblem, noise_px: float, iterations: int, tolerance: float, cauchy2: float
 ) -> tuple[BundleProblem, list[float]]:
     observed, terms = by_landmark(problem, noise_px), PoseTerms(problem)
-    R, t = arrays_of(problem.world_from_cam)
-    points = np.ascontiguousarray(problem.points)
-    error, damping = _error(observed, terms, R, t, points, cauchy2), _DAMPING
-    errors = [_rms_px(error, noise_px, problem)]
-    for _ in range(iterations):
-        moved, lower = None, np.inf
-        while damping <= _MOST_DAMPING:
-            equations = equations_of(observed, terms, R, t, points, damping, cauchy2)
-            moved = _moved(equations, R, t, points)
-            lower = np.inf if moved is None else _error(observed, terms, *moved, cauchy2)
-            # At the optimum a step changes the error by rounding only. It need not be tried again.
-            if lower - error <= tolerance * error:
-                break
-            damping *= _FACTOR
-        if moved is None or not lower <= error:
-            break
-        gain, error, damping = error - lower, lower, damping / _FACTOR
-        R, t, points = moved
-        errors.append(_rms_px(error, noise_px, problem))
-        if gain <= max(tolerance * (error + gain), _LEAST_DECREASE):
-            break
-    if not error < _WRONG:
+
+    def step(at: _State, damping: float) -> tuple[_State, float]:
+        moved = _moved(equations_of(observed, terms, *at, damping, cauchy2), *at)
+        return (at, np.inf) if moved is None else (moved, _error(observed, terms, *moved, cauchy2))
+
+    start = *arrays_of(problem.world_from_cam), np.ascontiguousarray(problem.points)
+    (R, t, points), errors = descend(
+        start, _error(observed, terms, *start, cauchy2), step, steps=iterations, damping=_DAMPING,
+        most_damping=_MOST_DAMPING, tolerance=tolerance, least_decrease=_LEAST_DECREASE,
+    )  # fmt: skip
+    if not errors[-1] < _WRONG:
         raise RuntimeError("bundle adjustment diverged: a landmark is behind a camera, or the error is not finite")
-    return replace(problem, world_from_cam=_poses(R, t), points=points), errors
+    rms_px = [_rms_px(error, noise_px, problem) for error in errors]
+    return replace(problem, world_from_cam=_poses(R, t), points=points), rms_px
 
 
 def by_landmark(problem: BundleProblem, noise_px: float) -> Observed:
@@ -192,7 +185,7 @@ def equations_of(
     return Equations(information, gradient + of_terms - coupling.T @ solved, roots, solved, coupling)
 
 
-def _moved(equations: Equations, R: Floats, t: Floats, points: Floats) -> tuple[Floats, Floats, Floats] | None:
+def _moved(equations: Equations, R: Floats, t: Floats, points: Floats) -> _State | None:
     """Poses and points after a step; None where the equations have no solution."""
     try:
         step = np.asarray(np.linalg.solve(equations.information, -equations.gradient), np.float64)
@@ -223,6 +216,17 @@ def _moved_poses(step: Floats, R: Floats, t: Floats) -> tuple[Floats, Floats]:
 
 def _poses(R: Floats, t: Floats) -> tuple[Pose, ...]:
     return tuple(Pose(one, centre) for one, centre in zip(R, t, strict=True))
+
+
+def forward_substituted(roots: Floats, z: Floats) -> Floats:
+    """``C^-1 z`` of all points.
+
+    Shapes: ``roots`` (L, 6), ``z`` (L, 3, ...), returns (L, 3, ...).
+    """
+    c00, c11, c22, c10, c20, c21 = roots.T.reshape(6, -1, *(1,) * (z.ndim - 2))
+    x0 = z[:, 0] / c00
+    x1 = (z[:, 1] - c10 * x0) / c11
+    return np.stack([x0, x1, (z[:, 2] - c20 * x0 - c21 * x1) / c22], axis=1)
 
 
 def back_substituted(roots: Floats, z: Floats) -> Floats:

@@ -23,7 +23,9 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from quest.geometry.quaternion import rotation_from_vector
+from slam_init.bundle.damped import descend
 from slam_init.bundle.least_squares import CAUCHY
+from slam_init.bundle.noise import MEDIAN_SQUARE
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.lens import PULL_FREEDOM, UNKNOWN_K1_SIGMA
@@ -44,24 +46,24 @@ _MODEL_SIGMA = 0.03
 #: Parts of the image (columns, rows) whose errors are independent.
 #: Class: assumption.
 _REGIONS = (4, 3)
-#: Levenberg-Marquardt: first damping, largest number of steps, how often a step is tried, and the decrease of the cost
-#: below which it ends: a fortieth of a nat.
-_DAMPING, _STEPS, _TRIES, _TOLERANCE = 1e-4, 15, 8, 0.05
-#: How often the noise is measured again, until it changes by less than a twentieth. A 2-D Gaussian has this median of
-#: its squared length. No tracker is better than the last number, in pixels.
-_NOISE_ROUNDS, _NOISE_TOLERANCE, _MEDIAN_SQUARE, _LEAST_NOISE_PX = 10, 0.05, 1.386, 0.03
+#: Levenberg-Marquardt: first damping and its largest value, largest number of steps, and the decrease of the cost below
+#: which it ends: a fortieth of a nat.
+_DAMPING, _MOST_DAMPING, _STEPS, _TOLERANCE = 1e-4, 1e4, 15, 0.05
+#: How often the noise is measured again, until it changes by less than a twentieth. No tracker is better than the last
+#: number, in pixels.
+_NOISE_ROUNDS, _NOISE_TOLERANCE, _LEAST_NOISE_PX = 10, 0.05, 0.03
 #: Least growth of the distorted radius, and largest tangent, where a lens sees.
 _LEAST_GROWTH, _LARGEST_TANGENT = 0.05, 5.0
 #: Largest cost of an observation, that of a point behind a camera: a residual of twelve times the noise.
 _LARGEST_COST = 20.0
 #: Stiffness of the held baseline over that of its view.
 _GAUGE = 1e4
-#: A step that gains at least this share of what the step before gained is tried at up to this multiple of its length.
-_SLOW, _LONGEST = 0.3, 6.0
 #: log f, k1, k2, and the principal point.
 _LENS = 5
 #: R, t, X of :class:`Matches`.
 _State: TypeAlias = tuple[Floats, Floats, Floats]
+#: With the lens.
+_Unknowns: TypeAlias = tuple[_State, Floats]
 
 
 class Matches(NamedTuple):
@@ -154,34 +156,28 @@ class _Fit:
     # -- optimization -----------------------------------------------------------------------------------------------
 
     def optimize(self) -> bool:
-        """Levenberg-Marquardt; returns whether it ended before the largest number of steps."""
-        cost, damping, fell = self._cost(self._state, self._lens), _DAMPING, math.inf
-        for _ in range(_STEPS):
-            equations = self._equations()
-            for _ in range(_TRIES):
-                step = self._step(equations, damping)
-                state, lens = self._moved(equations, step)
-                lower = self._cost(state, lens)
-                if lower < cost:
-                    break
-                damping *= 10
-            else:
-                return True
-            ratio, fell = (cost - lower) / fell, cost - lower
-            if _SLOW < ratio < 1:
-                # Where each step gains this share of the one before, the sum of all steps is so much longer (Aitken).
-                further = self._moved(equations, step, min(1 / (1 - ratio), _LONGEST))
-                if (lowest := self._cost(*further)) < lower:
-                    (state, lens), lower = further, lowest
-            cost, self._state, self._lens, damping = lower, state, lens, damping / 10
-            if fell < _TOLERANCE:
-                return True
-        return False
+        """Go down to the optimum; returns whether that took fewer steps than the largest number."""
+        equations = self._equations()
+
+        def step(at: _Unknowns, damping: float) -> tuple[_Unknowns, float]:
+            nonlocal equations
+            if at[1] is not self._lens:
+                self._state, self._lens = at
+                equations = self._equations()
+            moved = self._stepped(equations, damping)
+            return moved, self._cost(*moved)
+
+        start = self._state, self._lens
+        (self._state, self._lens), costs = descend(
+            start, self._cost(*start), step, steps=_STEPS, damping=_DAMPING, most_damping=_MOST_DAMPING,
+            tolerance=0.0, least_decrease=_TOLERANCE,
+        )  # fmt: skip
+        return len(costs) <= _STEPS
 
     def measured_noise_px(self) -> float:
         """The noise by the median residual."""
         squares = self._squares(self._state, self._lens)
-        median = float(np.median(squares)) * self.noise_px**2 / _MEDIAN_SQUARE
+        median = float(np.median(squares)) * self.noise_px**2 / MEDIAN_SQUARE
         return max(math.sqrt(median), _LEAST_NOISE_PX)
 
     def _squares(self, state: _State, lens: Floats) -> Floats:
@@ -194,25 +190,23 @@ class _Fit:
         pulls = (lens - self._mean) / self._sigma
         return float(np.minimum(costs, _LARGEST_COST).sum() + pulls @ pulls)
 
-    def _step(self, equations: _Equations, damping: float) -> Floats:
-        """A step of poses and lens (G,)."""
-        information, gradient, _ = equations.reduced(damping)
-        information[np.diag_indices(len(information))] *= 1 + damping
-        free, step = self._held(information), np.zeros(len(gradient))
-        step[free] = -np.linalg.solve(information[np.ix_(free, free)], gradient[free])
-        return step
-
-    def _moved(self, equations: _Equations, step: Floats, length: float = 1.0) -> tuple[_State, Floats]:
+    def _stepped(self, equations: _Equations, damping: float) -> _Unknowns:
         """State and lens after a step, which the points follow."""
+        reduced = equations.reduced(damping)
+        information, step = reduced.information, np.zeros(len(reduced.information))
+        information[np.diag_indices(len(information))] *= 1 + damping
+        free = self._held(information)
+        gradient = reduced.scores.sum(axis=0) + equations.pull
+        step[free] = -np.linalg.solve(information[np.ix_(free, free)], gradient[free])
         R, t, X = self._state
-        poses = length * step[: self._first].reshape(-1, 6)
+        poses = step[: self._first].reshape(-1, 6)
         turned = rotation_from_vector(poses[:, :3])
-        follow = np.einsum("tab,tb->ta", equations.inverse, equations.own) + equations.follow @ step
-        X = X - length * np.einsum("tab,tb->ta", _tangents(X), follow)
+        follow = np.einsum("tab,tb->ta", reduced.inverse, equations.own) + reduced.follow @ step
+        X = X - np.einsum("tab,tb->ta", _tangents(X), follow)
         X[:, 3] = np.maximum(X[:, 3], 0.0)  # beyond infinity is behind the cameras
         X /= np.linalg.norm(X, axis=1)[:, None]
         state = turned @ R, np.einsum("kij,kj->ki", turned, t) + poses[:, 3:], X
-        return state, self._lens + length * step[self._first :]
+        return state, self._lens + step[self._first :]
 
     def _held(self, information: Floats) -> Ints:
         """Hold the longest baseline; returns the unknowns without those of the first view."""
@@ -292,7 +286,7 @@ class _Fit:
 
     def estimate(self) -> LensEstimate:
         """The lens with its deviations."""
-        information, _, scores = self._equations().reduced(0.0)
+        information, scores = self._equations().reduced(0.0)[:2]
         free = self._held(information)
         response = np.linalg.inv(information[np.ix_(free, free)])[-_LENS:]
         moved = scores[:, free] @ response.T
@@ -314,33 +308,37 @@ class _Fit:
         )
 
 
-class _Equations:
-    """The equations of a step, with the unknowns of the points.
+class _Reduced(NamedTuple):
+    """The equations of poses and lens with the points eliminated."""
 
-    * ``information, pull``: (G, G), (G,) Of poses and lens before the points are eliminated; the pull of the prior.
-    * ``scores``: (T, G) The share of each point in the gradient.
-    * ``block, own, coupling``: (T, 3, 3), (T, 3), (T, 3, G) Those of the points.
-    * ``inverse, follow``: (T, 3, 3), (T, 3, G) How the points follow, by the last elimination.
-    """
+    information: Floats
+    scores: Floats
+    #: inverse, follow: (T, 3, 3), (T, 3, G) How the points follow.
+    inverse: Floats
+    follow: Floats
 
-    def __init__(
-        self, information: Floats, pull: Floats, scores: Floats, block: Floats, own: Floats, coupling: Floats
-    ) -> None:
-        self._information, self._pull, self._scores, self._block = information, pull, scores, block
-        self.own, self._coupling = own, coupling
-        self.inverse: Floats = np.zeros(0)
-        self.follow: Floats = np.zeros(0)
 
-    def reduced(self, damping: float) -> tuple[Floats, Floats, Floats]:
-        """Information, gradient and scores with the points eliminated."""
+class _Equations(NamedTuple):
+    """The equations of a step, with the unknowns of the points."""
+
+    #: information, pull: (G, G), (G,) Of poses and lens before the points are eliminated; the pull of the prior.
+    information: Floats
+    pull: Floats
+    #: (T, G) The share of each point in the gradient.
+    scores: Floats
+    #: block, own, coupling: (T, 3, 3), (T, 3), (T, 3, G) Those of the points.
+    block: Floats
+    own: Floats
+    coupling: Floats
+
+    def reduced(self, damping: float) -> _Reduced:
+        """Eliminate the points."""
         # A point at infinity tells nothing about its distance.
-        block = self._block * (1 + damping * np.eye(3)) + 1e-9 * np.eye(3)
-        self.inverse = np.asarray(np.linalg.inv(block), np.float64)
-        self.follow = self.inverse @ self._coupling
-        size = len(self._pull)
-        information = self._information - self._coupling.reshape(-1, size).T @ self.follow.reshape(-1, size)
-        scores = self._scores - np.einsum("tag,ta->tg", self.follow, self.own)
-        return information, scores.sum(axis=0) + self._pull, scores
+        block = self.block * (1 + damping * np.eye(3)) + 1e-9 * np.eye(3)
+        inverse = np.asarray(np.linalg.inv(block), np.float64)
+        follow, size = inverse @ self.coupling, len(self.pull)
+        information = self.information - self.coupling.reshape(-1, size).T @ follow.reshape(-1, size)
+        return _Reduced(information, self.scores - np.einsum("tag,ta->tg", follow, self.own), inverse, follow)
 
 
 def _tangents(X: Floats) -> Floats:

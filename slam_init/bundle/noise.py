@@ -5,12 +5,17 @@ The covariances of the map are computed with the estimated noise, not with the c
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from slam_init.bundle.problem import BundleProblem
 from slam_init.config import MapConfig
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
+
+#: Median of the squared length of a 2-D Gaussian, in variances.
+MEDIAN_SQUARE = 2 * math.log(2)
 
 
 def estimate_noise(problem: BundleProblem, residuals: Floats, config: MapConfig) -> float:
@@ -24,8 +29,7 @@ def estimate_noise(problem: BundleProblem, residuals: Floats, config: MapConfig)
     norms = norms[np.isfinite(norms)]
     if len(norms) == 0:
         return config.noise_px
-    # The median of the norm of a 2-D Gaussian is sqrt(2 ln 2) standard deviations.
-    raw = float(np.median(norms) / np.sqrt(2 * np.log(2)))
+    raw = float(np.median(norms) / np.sqrt(MEDIAN_SQUARE))
     return max(raw * float(np.sqrt(2 * len(norms) / _freedom(problem, len(norms)))), config.min_noise_px)
 
 

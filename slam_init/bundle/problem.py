@@ -112,11 +112,17 @@ class BundleProblem:
 
         Shapes: ``landmarks`` (N,), ``pixels`` (N, 2).
         """
+        longer = replace(self, frames=(*self.frames, frame), world_from_cam=(*self.world_from_cam, world_from_cam))
+        return longer.with_observations(len(self.frames), landmarks, pixels)
+
+    def with_observations(self, view: int, landmarks: Ints, pixels: Floats) -> BundleProblem:
+        """Add observations of a view, without virtual cameras.
+
+        Shapes: ``landmarks`` (N,), ``pixels`` (N, 2).
+        """
         return replace(
             self,
-            frames=(*self.frames, frame),
-            world_from_cam=(*self.world_from_cam, world_from_cam),
-            views=np.concatenate([self.views, np.full(len(landmarks), len(self.frames))]),
+            views=np.concatenate([self.views, np.full(len(landmarks), view)]),
             landmarks=np.concatenate([self.landmarks, landmarks]),
             pixels=np.concatenate([self.pixels, pixels]),
             lenses=None,
@@ -177,8 +183,6 @@ class BundleSolution:
     unknown_depths: int
     #: The camera of this map: the stated one, or the one with the adjusted focal length.
     camera: Camera
-    #: The variables that are held, and how.
-    gauge: str
     #: The adjusted focal length over the stated one; 1 if the focal length was held.
     focal_factor: float = 1.0
     #: Standard deviation of ``focal_factor`` from the noise of the tracks and the prior; None if the focal length was

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from dataclasses import replace
 
 from slam_init.cli.parser import DONE, DOUBTFUL, WRONG, Commands, add_command
@@ -49,7 +48,7 @@ def _audit(arguments: argparse.Namespace) -> int:
     from slam_init.datasets.map_files import moves_otherwise, open_map, tracked_by
     from slam_init.decision.audit import audit
     from slam_init.decision.readings import fitting_reading
-    from slam_init.output.plain_json import plain_fields
+    from slam_init.output.plain_json import json_text
     from slam_init.types.audit import AuditVerdict
 
     map_, config = open_map(user_path(arguments.map)), Config()
@@ -87,7 +86,7 @@ def _audit(arguments: argparse.Namespace) -> int:
     elif not found and source is not None and moves_otherwise(map_, poses, views, found.pair):
         found = replace(found, reason=None, advice=_OTHER_IMAGES)
     found = replace(found, notes=notes)
-    tell(json.dumps(plain_fields(found), indent=2, allow_nan=False) + "\n" if arguments.json else f"{found}\n")
+    tell(json_text(found) if arguments.json else f"{found}\n")
     if found:
         return DONE
     return WRONG if found.verdict is AuditVerdict.WRONG else DOUBTFUL

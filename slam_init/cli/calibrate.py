@@ -36,12 +36,10 @@ def _calibrate(arguments: argparse.Namespace) -> int:
 
     out = chosen_folder(arguments.out, "calibrate", [arguments.source])
 
-    import json
-
     from slam_init.calibration.files import camera_yaml
     from slam_init.config import Config
     from slam_init.methods.self_calibration import calibrate
-    from slam_init.output.plain_json import plain
+    from slam_init.output.plain_json import json_text
 
     source = opened_source(arguments, arguments.seed)
     arguments.camera = arguments.camera or "auto"
@@ -55,7 +53,7 @@ def _calibrate(arguments: argparse.Namespace) -> int:
             max_frames=arguments.max_frames,
             progress=sys.stderr.isatty(),
         )
-        texts = {"calibration.json": json.dumps(plain(found), indent=2, allow_nan=False) + "\n"}
+        texts = {"calibration.json": json_text(found)}
         if found.camera is not None:
             texts["camera.yaml"] = camera_yaml(found.camera)
         folder.write({name: text.encode() for name, text in texts.items()})

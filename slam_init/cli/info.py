@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 
 from slam_init.cli.parser import DONE, Commands, add_command
 from slam_init.cli.source_options import add_source, chosen_camera, opened_source
@@ -24,6 +23,7 @@ def add_info(commands: Commands) -> None:
 
 def _info(arguments: argparse.Namespace) -> int:
     """``slam-init info``."""
+    from slam_init.output.plain_json import json_text
     from slam_init.output.result_folder import is_result_folder, read_result, result_text
 
     folder = user_path(arguments.source)
@@ -36,5 +36,5 @@ def _info(arguments: argparse.Namespace) -> int:
         source = opened_source(arguments, 0)
         facts = describe(source, chosen_camera(arguments, source, 0))
         text = describe_text(facts)
-    tell(json.dumps(facts, indent=2, allow_nan=False) + "\n" if arguments.json else text)
+    tell(json_text(facts, digits=17) if arguments.json else text)
     return DONE

@@ -117,15 +117,17 @@ _OTHER_NAMES = {
 _SOURCE_NAMES = ("--video", "--input", "--source", "--folder", "--dataset", "--sequence")
 #: The option that takes a file, by the end of its name.
 _OPTION_OF_FILE = {".yaml": "--camera", ".yml": "--camera", ".xml": "--camera", ".toml": "--config", ".csv": "--imu"}
+#: Least likeness of a word to one that was meant: one of three letters may be another.
+_SLIP = 0.66
 
 
 def _nearest(word: str, known: Sequence[str]) -> str | None:
     """The known word that is spelt most like another one, if any."""
-    return next(iter(get_close_matches(word, known, n=1)), None)
+    return next(iter(get_close_matches(word, known, n=1, cutoff=_SLIP)), None)
 
 
 def _hint(word: str, parser: argparse.ArgumentParser) -> str:
-    """The option that was meant, as the end of a message."""
+    """The option that was meant, by its meaning or by its letters, as the end of a message."""
     options = [option for part in parser._actions for option in part.option_strings]
     name, option = word.partition("=")[0], _OPTION_OF_FILE.get(Path(word).suffix.lower())
     if not word.startswith("-") and option in options:

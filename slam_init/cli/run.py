@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from contextlib import nullcontext
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from slam_init.cli.parser import (
     DONE,
@@ -159,9 +158,9 @@ def _run(arguments: argparse.Namespace) -> int:
     out = chosen_folder(arguments.out, "run", inputs)
 
     from slam_init.datasets.live import is_live
+    from slam_init.output.plain_json import json_text
     from slam_init.output.report import report_text
     from slam_init.output.result_folder import earlier_result
-    from slam_init.output.summary import summary_text
 
     config, live = _config(arguments), is_live(arguments.source)
     _check_method(arguments, config.method)
@@ -183,7 +182,7 @@ def _run(arguments: argparse.Namespace) -> int:
         source = with_gravity(arguments, opened_source(arguments, config.seed))
         result, summary = _run_on(source, arguments, config, out)
     if arguments.json:
-        tell(summary_text(summary))
+        tell(json_text(summary))
     elif not arguments.quiet:
         tell(report_text(result, summary, out, replaced))
     return DONE if summary.reason is None else NOT_INITIALIZED
@@ -193,20 +192,16 @@ def _config(arguments: argparse.Namespace) -> Config:
     """The configuration of the file, with the values that the command line gives."""
     from slam_init.config import load_config
 
-    def given(**values: Any) -> dict[str, Any]:
-        return {name: value for name, value in values.items() if value is not None}
-
-    overrides = {"method": arguments.method, "seed": arguments.seed, "refine_frames": arguments.refine_frames}
-    config = load_config(arguments.config, overrides)
-    return replace(
-        config,
-        acceptance=replace(
-            config.acceptance,
-            **given(max_depth_sigma=arguments.max_depth_sigma, min_parallax_deg=arguments.min_parallax),
-        ),
-        map=replace(config.map, **given(refine_focal=arguments.refine_focal or None)),
-        tracking=replace(config.tracking, **given(matcher=arguments.matcher)),
-    )
+    overrides = {
+        "method": arguments.method,
+        "seed": arguments.seed,
+        "refine_frames": arguments.refine_frames,
+        "acceptance.max_depth_sigma": arguments.max_depth_sigma,
+        "acceptance.min_parallax_deg": arguments.min_parallax,
+        "map.refine_focal": arguments.refine_focal or None,
+        "tracking.matcher": arguments.matcher,
+    }
+    return load_config(arguments.config, overrides)
 
 
 def _check_method(arguments: argparse.Namespace, method: str) -> None:

@@ -155,27 +155,21 @@ def calibrated_view_of(arguments: argparse.Namespace, every: int) -> SourceView:
 def opened_source(arguments: argparse.Namespace, seed: int) -> TimedSource:
     """Open the source, with the chosen topics or pictures, limited to the frames and pixels that are asked for."""
     from slam_init.datasets import open_source
+    from slam_init.datasets.track_source import KnowsTracks, TrackSource, with_pictures
 
-    name = with_topics(arguments, arguments.source)
-    source, view = open_source(name, seed), view_of(arguments, arguments.every)
+    name, view = with_topics(arguments, arguments.source), view_of(arguments, arguments.every)
+    source = open_source(name, seed)
     if name == arguments.source and (arguments.topic or arguments.truth_topic):
         raise UsageError(f"--topic and --truth-topic choose those of a ROS bag, and {name} is none: leave them out")
-    if arguments.images is None:
-        return _viewed(source, view, arguments.source)
-    from slam_init.datasets.image_files import ImageFileSource
-    from slam_init.datasets.track_source import TrackSource, with_pictures
+    if arguments.images is not None:
+        from slam_init.datasets.image_files import ImageFileSource
 
-    if not isinstance(source, TrackSource):
-        raise UsageError(f"--images is for a source of matches, and {arguments.source} has images: leave it out")
-    pictures = open_source(arguments.images)
-    if not isinstance(pictures, ImageFileSource):
-        raise UsageError(f"--images is {arguments.images!r}: give a folder of images")
-    return _viewed(with_pictures(source, pictures), view, arguments.source)
-
-
-def _viewed(source: TimedSource, view: SourceView, name: str) -> TimedSource:
-    from slam_init.datasets.track_source import KnowsTracks
-
+        if not isinstance(source, TrackSource):
+            raise UsageError(f"--images is for a source of matches, and {arguments.source} has images: leave it out")
+        pictures = open_source(arguments.images)
+        if not isinstance(pictures, ImageFileSource):
+            raise UsageError(f"--images is {arguments.images!r}: give a folder of images")
+        source = with_pictures(source, pictures)
     if view.query and isinstance(source, KnowsTracks):
         raise UsageError(f"{name} has tracks of its own: --every, --fps and --mask are for sources of images")
     return view.apply(source)
@@ -186,18 +180,16 @@ def chosen_camera(arguments: argparse.Namespace, source: Source, start: int) -> 
 
     It is checked against the first image used.
     """
-    frame = next(source.frames(start, 1))
-    camera = source.camera if arguments.camera is None else None
-    if camera is None:
-        from slam_init.calibration.choosing import camera_beside, camera_of_metadata, orientation_of
-        from slam_init.calibration.files import AUTO, load_camera
+    from slam_init.calibration.choosing import camera_of_metadata, camera_of_source, orientation_of
+    from slam_init.calibration.files import AUTO, load_camera
 
-        asked, size = arguments.camera or AUTO[0], (frame.image.shape[1], frame.image.shape[0])
-        if arguments.camera is None:
-            camera = camera_beside(source, size)
-        if camera is None and asked in AUTO:
-            camera = camera_of_metadata(source, size)
-        camera = camera or load_camera(asked, size, orientation_of(source))
+    asked = arguments.camera
+    if asked is None:
+        camera = camera_of_source(source, start=start)
+    else:
+        height, width = next(source.frames(start, 1)).image.shape[:2]
+        stated = camera_of_metadata(source, (width, height)) if asked in AUTO else None
+        camera = stated or load_camera(asked, (width, height), orientation_of(source))
     return camera if arguments.readout is None else _with_readout(camera, arguments.readout)
 
 

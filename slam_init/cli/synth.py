@@ -25,7 +25,7 @@ def add_synth(commands: Commands) -> None:
 
 def _synth(arguments: argparse.Namespace) -> int:
     """``slam-init synth``."""
-    from slam_init.output.folder import OutputFolder, chosen_folder, output_error
+    from slam_init.output.folder import OutputFolder, chosen_folder, writing
 
     out = chosen_folder(arguments.out, "synth")
 
@@ -48,10 +48,8 @@ def _synth(arguments: argparse.Namespace) -> int:
             bar.update(done - bar.n)
 
         with OutputFolder(out, "synth") as folder:
-            try:
+            with writing(out):
                 write_tum(sequence, folder.staging, progress=advance)
-            except OSError as error:
-                raise output_error(out, error) from error
             folder.publish()
     tell(f"wrote {len(sequence)} frames of {arguments.scene} to {out}\n")
     return DONE

@@ -112,16 +112,15 @@ def _size(text: str) -> str:
 
 def _write_screenshots(recording: Path, target: Path, frames: list[int], size: str) -> None:
     """Write one file, or one for each frame with its number in the name."""
+    from slam_init.output.folder import writing
     from slam_init.recording.viewer import screenshots
 
     files = {frame: target if len(frames) == 1 else target.with_stem(f"{target.stem}-{frame:06d}") for frame in frames}
     for file in files.values():
         _check_target(file)
     for (frame, png), file in zip(screenshots(recording, frames, size).items(), files.values(), strict=True):
-        try:
+        with writing(file, "give another name"):
             file.write_bytes(png)
-        except OSError as error:
-            raise OutputError(f"cannot write {file}: {error.strerror}: give another name") from None
         tell(f"wrote {file} (frame {frame})\n")
 
 

@@ -14,6 +14,7 @@ from typing import IO, Literal, TypeAlias
 from pydantic import TypeAdapter, ValidationError
 
 from slam_init.errors import OutputError
+from slam_init.output.folder import writing
 from slam_init.output.plain_json import Json
 
 #: ``accepted``: the method found a map, and there is no ground truth to compare the map with. For the other outcomes
@@ -155,14 +156,12 @@ class Journal:
         self.rows: dict[Key, TrialRow] = {}
         self._path = path
         header: dict[str, Json] = {"schema": _SCHEMA, **settings}
-        try:
+        with writing(path):
             self._file: IO[bytes] = path.open("a+b")
             end = self._read(header, is_current)
             self._file.truncate(end)
             if end == 0:
                 self._write(json.dumps(header, allow_nan=False))
-        except OSError as error:
-            raise OutputError(f"cannot write {path}: {error.strerror or error}: give another --out") from error
 
     def append(self, row: TrialRow) -> None:
         """Write a row; after this call the row survives the end of the process."""
@@ -179,11 +178,9 @@ class Journal:
             self._file.close()
 
     def _write(self, line: str) -> None:
-        try:
+        with writing(self._path):
             self._file.write(line.encode() + b"\n")
             self._file.flush()
-        except OSError as error:
-            raise OutputError(f"cannot write {self._path}: {error.strerror or error}: make room") from error
 
     def _read(self, header: Mapping[str, Json], is_current: Callable[[TrialRow], bool]) -> int:
         """Find the rows; return the position of the end of the last complete line."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import os
 import shutil
 from collections.abc import Sequence
@@ -24,7 +23,7 @@ from slam_init.errors import ConfigError
 from slam_init.methods.external_command import is_external, method_label
 from slam_init.output.folder import OutputFolder
 from slam_init.output.names import TRIALS
-from slam_init.output.plain_json import Json, plain
+from slam_init.output.plain_json import Json, json_text
 
 #: The packages of the extra ``compare``.
 _PACKAGES = ("pandas", "jinja2", "pebble")
@@ -116,7 +115,7 @@ def _publish(folder: OutputFolder, rows: Sequence[TrialRow], plan: Plan, command
     summary = summary_of(table, plan)
     texts = {
         _REPORT: report_html(table, summary, command, notes),
-        _SUMMARY: json.dumps(plain(summary), indent=2, allow_nan=False) + "\n",
+        _SUMMARY: json_text(summary),
     }
     with io.StringIO(newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -146,12 +145,10 @@ def chosen_methods(text: str | None, further: Sequence[str] = ()) -> tuple[str, 
     names = (*(text.split(",") if text else ()), *further)
     for name in names:
         method_info(name).check_installed()
-        if names.count(name) > 1:
-            raise ConfigError(f"the method {name} is given twice: give each method once")
         if ":" in name and not is_external(name):
             make_two_view(name)
     labels = [method_label(name) for name in names]
     for label in labels:
         if labels.count(label) > 1:
-            raise ConfigError(f"two methods are named {label}: name one, as in NAME=command:PROGRAM ...")
+            raise ConfigError(f"two methods are named {label}: give each once, or name one, as in NAME=command:PROGRAM")
     return names

@@ -27,8 +27,9 @@ from slam_init.compare.replay import replay, tracks_digest
 from slam_init.compare.rows import TrialRow
 from slam_init.compare.sources import ComparedSource, open_compared
 from slam_init.compare.trials import Settings, Trial, error_row, run_trial
-from slam_init.errors import OutputError, SlamInitError
+from slam_init.errors import SlamInitError
 from slam_init.methods.external_command import is_external
+from slam_init.output.folder import writing
 
 DASK = "dask:"
 #: Time for tracking a sequence: enough for an hour of video at 30 frames per second.
@@ -186,11 +187,9 @@ def _trial(trial: Trial, settings: Settings) -> TrialRow:
 
 def _tracks(source: ComparedSource, settings: Settings) -> str:
     """Store the tracks of a source; return their digest."""
-    try:
-        opened = open_compared(source.text)
+    opened = open_compared(source.text)
+    with writing(f"the tracks of {source.text}"):
         return tracks_digest(opened, source.text, replay(opened, source.text, 0, settings.tracks))
-    except OSError as error:
-        raise OutputError(f"cannot write the tracks of {source.text} ({error.strerror or error}): make room") from None
 
 
 def _limit_memory(limit_mb: int) -> None:

@@ -17,10 +17,15 @@ from slam_init.window.state import Priors
 #: The pinhole model with k1 does not describe such a lens, so that no motion tells its focal length.
 #: Class: assumption, in sides of the image and as k1.
 _WIDE_FOCAL, _WIDE_K1 = 0.5, -0.1
+#: Factor on the probability that the lens of a machine's camera changes, as its data set states it: its focus is fixed
+#: with a screw, and nothing stabilizes its images. What is left is a data set in such a layout by another camera.
+#: Class: assumption.
+_MACHINE_LENS_CHANGES = 0.01
 #: Where a focal length comes from, by ``Camera.source``.
 _ORIGINS = {
     "stated": "that was given",
     "file": "of the calibration file",
+    "machine": "of the machine's camera",
     "metadata": "of the images' metadata",
     "estimated": "that was estimated",
 }
@@ -35,7 +40,7 @@ def priors_of(lens: LensInUse, config: Config) -> Priors:
         readout_sigma_s=READOUT_SIGMA_S if stated.readout_s is None else 0.0,
         principal_sigma_px=PRINCIPAL_SIGMA * stated.width,
         mean=Lens(-lens.log_scale, -lens.k1),
-        lens_changes=config.acceptance.lens_changes,
+        lens_changes=config.acceptance.lens_changes * (_MACHINE_LENS_CHANGES if stated.source == "machine" else 1.0),
     )
 
 

@@ -73,8 +73,7 @@ class WindowMaps:
         bundle, _ = self._true_to_motion(self._window.risk.total, EVEN_ODDS)
         if not isinstance(bundle, BundleSolution):
             return None
-        risk = self.risk_of(bundle).total
-        return ProvisionalMap(self.built(bundle, risk).map, risk)
+        return ProvisionalMap(self.built(bundle, self.risk_of(bundle).total).map)
 
     def built(self, bundle: BundleSolution, risk: float | None = None) -> MapWithViews:
         """The map of an adjusted bundle, with what the window knows of its camera."""
@@ -88,7 +87,7 @@ class WindowMaps:
             camera = replace(camera, source="estimated", focal_sigma=sigma)
             factor = camera.fx / lens.stated.fx
             map_ = replace(map_, focal_factor=factor, focal_factor_sigma=factor * sigma)
-        return replace(built, map=replace(map_, camera=camera, risk=risk))
+        return replace(built, map=replace(map_, camera=camera, model_risk=risk))
 
     def risk_of(self, bundle: BundleSolution) -> WindowRisk:
         """The risk of an adjusted map, whose pair may be away from the motion of the window.

@@ -18,7 +18,7 @@ from slam_init.config import TrackingConfig
 from slam_init.errors import ConfigError, SlamInitError
 from slam_init.frontend.masking import Trackable
 from slam_init.frontend.matchers import Matcher, make_matcher
-from slam_init.frontend.tracks import Keypoints, Tracker, colors_at
+from slam_init.frontend.tracks import Keypoints, Tracker
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
@@ -84,20 +84,7 @@ class MatchTracker(Tracker):
         for old, (points_old, points_new) in zip(recent, matches, strict=True):
             self._join(old, new, old.at(points_old), new.at(points_new))
         tracked = np.flatnonzero(new.track_ids >= 0)
-        tracked = tracked[np.argsort(new.track_ids[tracked])]
-        bearings = self.history.camera.bearings(new.pixels[tracked])
-        finite = np.isfinite(bearings).all(axis=1)
-        tracked = tracked[finite]
-        observed = Observations(
-            frame=frame.index,
-            timestamp_s=frame.timestamp_s,
-            name=frame.name,
-            track_ids=new.track_ids[tracked],
-            pixels=new.pixels[tracked],
-            bearings=bearings[finite],
-            colors=colors_at(frame.image, new.pixels[tracked]),
-            drifts=np.zeros((len(tracked), 2, 2)),  # each image is measured anew
-        )
+        observed = self._seen(frame, new.track_ids[tracked], new.pixels[tracked])  # each image is measured anew
         self.history.put(observed)
         self._recent.append(new)
         return observed

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -19,8 +19,8 @@ from slam_init.types.arrays import Floats, Image
 
 #: Images whose features are kept: those that :mod:`slam_init.frontend.matched_tracks` matches a new image with, and it.
 _KEPT = 10
-#: Lowe's ratio of ORB, on the root of the Hamming distance. 0.9 of it is 0.8 of the distance, as in OpenCV's examples.
-_ORB_RATIO = 0.9
+#: Most features of SIFT and ORB.
+_FEATURES = 2500
 #: Keypoints of a learned detector: LightGlue was trained with 2048.
 _KEYPOINTS = 2048
 #: hloc's configurations where none are named.
@@ -100,33 +100,32 @@ class FeatureMatcher(ABC):
 class SiftMatcher(FeatureMatcher):
     """OpenCV's SIFT with mutual nearest neighbours and Lowe's ratio."""
 
-    def __init__(self, count: int = 2500, ratio: float = 0.8) -> None:
-        super().__init__()
-        self._count, self._ratio = count, ratio
+    #: Largest distance of the nearest neighbour over that of the second nearest.
+    ratio: ClassVar[float] = 0.8
 
     def features(self, image: Image) -> tuple[Floats, Floats]:
         """Detect keypoints (N, 2), with descriptors (N, 128) of unit norm."""
-        found = detect_sift(_gray(image), self._count)
+        found = detect_sift(_gray(image), _FEATURES)
         return found.pixels, found.descriptors
 
     def match(self, features1: Any, features2: Any) -> tuple[Floats, Floats, Floats]:
         """Match by the cosine of the descriptors, which is the score."""
         (pixels1, described1), (pixels2, described2) = features1, features2
-        i, j = match_descriptors(described1, described2, self._ratio)
+        i, j = match_descriptors(described1, described2, self.ratio)
         return pixels1[i], pixels2[j], np.sum(described1[i] * described2[j], axis=1)
 
 
 class OrbMatcher(SiftMatcher):
     """OpenCV's ORB with mutual nearest neighbours and the ratio."""
 
-    def __init__(self, count: int = 2500) -> None:
-        super().__init__(count, _ORB_RATIO)
+    #: On the root of the Hamming distance. 0.9 of it is 0.8 of the distance, as in OpenCV's examples.
+    ratio: ClassVar[float] = 0.9
 
     def features(self, image: Image) -> tuple[Floats, Floats]:
         """Detect keypoints (N, 2). Bits become signs, so that the distance of the unit vectors is that of Hamming."""
         import cv2
 
-        keypoints, described = cv2.ORB.create(nfeatures=self._count).detectAndCompute(_gray(image), None)
+        keypoints, described = cv2.ORB.create(nfeatures=_FEATURES).detectAndCompute(_gray(image), None)
         if not keypoints:
             return np.zeros((0, 2)), np.zeros((0, 256))
         pixels = np.array([one.pt for one in keypoints])

@@ -53,6 +53,8 @@ _ELSEWHERE_SIGMAS = 3.0
 #: corner the slopes are those of the interpolation: without the Gaussian, alignments of a sharp checkerboard are off by
 #: .085 px, with it by .065. On noisy images a larger one costs more than it gains.
 _SMOOTHED_PX = 0.7
+#: Of the displacements that stand for an affine map, from the centre of a patch.
+_BORDER_PX = SIDE_PX // 2
 #: The affine map of a patch that has just been cut, row by row.
 _IDENTITY: Floats = np.array([1.0, 0.0, 0.0, 1.0])
 
@@ -168,7 +170,7 @@ class Patches:
         * ``remainders``: Mean absolute difference that flow leaves, grey levels.
         * ``sought``: Of these tracks: those that are found already end at their pixels, without flow.
         """
-        from slam_init.frontend.patch_kernel import covariances_in_image, covariances_through
+        from slam_init.frontend.patch_kernel import distribution_of_maps
 
         sought = Sought.nowhere(len(pixels)) if sought is None else sought
         others = np.flatnonzero(~sought.found)
@@ -184,15 +186,18 @@ class Patches:
         rows, slots, ends, affine = rows[accepted], slots[accepted], ends[accepted], affine[accepted]
         noise = _SCALE * np.maximum(greys[accepted], _ROUNDING)
         variances = noise**2 + MISFIT_PX**2 * self._anisotropy[slots]
-        covariances = covariances_in_image(slots, self._inverses, affine, variances)
-        places = covariances[:, :2, :2].copy()
+        covariances = variances[:, None, None] * self._inverses[slots, :6, :6]
+        covariances = _moved_by(_in_image(affine), covariances)
+        of_maps = np.ascontiguousarray(np.diagonal(covariances, axis1=1, axis2=2)[:, 2:])
+        means, scatter = np.full_like(affine, np.nan), np.zeros_like(affine)
         for frame in np.unique(self._cut[slots]):
             cut = np.flatnonzero(self._cut[slots] == frame)
             if len(cut) >= _LEAST_PATCHES:
-                ends[cut], affine[cut], places[cut] = self._together(ends[cut], affine[cut], covariances[cut])
+                means[cut], scatter[cut] = distribution_of_maps(ends[cut], _BORDER_PX * affine[cut], of_maps[cut])
+        ends, affine, places = _given_maps(ends, affine, covariances, means, scatter)
         self._affine[slots] = affine
         succeeded[rows], moved[rows] = True, ends
-        drifts[rows] = covariances_through(affine, self._drifts[slots]) + places
+        drifts[rows] = _moved_by(affine.reshape(-1, 2, 2), self._drifts[slots]) + places
         return Aligned(succeeded, moved, drifts)
 
     def follow(self, image: Image, track_ids: Ints, pixels: Floats, drifts: Floats) -> None:
@@ -220,18 +225,6 @@ class Patches:
         order = np.argsort(ids)
         self._ids, self._slots = ids[order], slots[order]
 
-    def _together(self, ends: Floats, affine: Floats, covariances: Floats) -> tuple[Floats, Floats, Floats]:
-        """Places, affine maps and covariances of the places, given the distribution of the maps."""
-        from slam_init.frontend.patch_kernel import conditioned_on_maps, distribution_of_maps
-
-        variances = np.ascontiguousarray(np.diagonal(covariances, axis1=1, axis2=2)[:, 2:])
-        # The unknowns are the displacements at the border of a patch.
-        means, scatter = distribution_of_maps(ends, (SIDE_PX // 2) * affine, variances)
-        deviations = means - (SIDE_PX // 2) * affine
-        here = np.all(np.abs(deviations) <= _ELSEWHERE_SIGMAS * np.sqrt(variances + scatter), axis=1)
-        changes, places = conditioned_on_maps(covariances, scatter, np.where(here[:, None], deviations, np.nan))
-        return ends + changes[:, :2], affine + changes[:, 2:] / (SIDE_PX // 2), places
-
     def _slots_of(self, track_ids: Ints) -> tuple[Ints, Ints]:
         """Which tracks have a patch, and their slots."""
         _, rows, known = np.intersect1d(track_ids, self._ids, assume_unique=True, return_indices=True)
@@ -248,6 +241,47 @@ class Patches:
         self._affine, self._drifts = _extended(self._affine, more), _extended(self._drifts, more)
         self._failures, self._cut = _extended(self._failures, more), _extended(self._cut, more)
         return np.append(free, np.arange(first, first + more))
+
+
+def _moved_by(maps: Floats, covariances: Floats) -> Floats:
+    """Covariances (N, D, D) after linear maps (N, D, D)."""
+    return np.asarray(maps @ covariances @ np.swapaxes(maps, 1, 2))
+
+
+def _in_image(affine: Floats) -> Floats:
+    """How the steps of alignments move places and affine maps, row by row, (N, 6, 6).
+
+    A step is that of the patch before its map (N, 4): a displacement ``u`` moves the place by ``A u``, and a change
+    ``D`` of the map moves it by ``A D``.
+    """
+    maps = np.zeros((len(affine), 6, 6))
+    for pair in ([0, 1], [2, 4], [3, 5]):  # the place, then the columns of the map
+        maps[:, np.array(pair)[:, None], pair] = affine.reshape(-1, 2, 2)
+    return maps
+
+
+def _given_maps(
+    ends: Floats, affine: Floats, covariances: Floats, means: Floats, scatter: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Places, affine maps and covariances of the places, given the distribution of the maps.
+
+    Shapes: ``covariances`` (N, 6, 6), ``means, scatter`` (N, 4).
+
+    * ``means``: Of the maps, as displacements at the border of a patch; NaN for a patch that keeps its own map.
+    * ``scatter``: Variances of their deviations.
+    """
+    deviations = means - _BORDER_PX * affine
+    variances = np.diagonal(covariances, axis1=1, axis2=2)[:, 2:]
+    here = np.all(np.abs(deviations) <= _ELSEWHERE_SIGMAS * np.sqrt(variances + scatter), axis=1)
+    own = covariances[here]
+    of_maps = own[:, 2:, 2:] + scatter[here][:, :, None] * np.eye(4)
+    gains = np.swapaxes(np.linalg.solve(of_maps, own[:, 2:]), 1, 2)
+    changes = (gains @ deviations[here][:, :, None])[:, :, 0]
+    ends, affine, places = ends.copy(), affine.copy(), covariances[:, :2, :2].copy()
+    ends[here] += changes[:, :2]
+    affine[here] += changes[:, 2:] / _BORDER_PX
+    places[here] -= gains[:, :2] @ own[:, 2:, :2]
+    return ends, affine, places
 
 
 def _extended(values: NDArray[Number], more: int) -> NDArray[Number]:

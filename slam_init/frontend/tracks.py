@@ -95,14 +95,20 @@ class Tracker:
             new = self._detect(gray, pixels, wanted - len(ids))
             ids = np.concatenate([ids, self._new_ids(len(new))])
             pixels = np.concatenate([pixels, new])
-        bearings = self.history.camera.bearings(pixels)
-        # Pixels beyond the field of view of the lens model have no ray and are left out.
-        order = np.argsort(ids)
-        order = order[np.isfinite(bearings[order]).all(axis=1)]
-        drifts = self._drift.covariances(ids[order])
-        self._patches.follow(smooth, ids[order], pixels[order], drifts)
+        seen = self._seen(frame, ids, pixels)
+        drifts = self._drift.covariances(seen.track_ids)
+        self._patches.follow(smooth, seen.track_ids, seen.pixels, drifts)
         self._before = self._last
-        self._last = Observations(
+        self._last = replace(seen, drifts=drifts, step_px=self._step_px, exposure_s=self._exposure_s)
+        self._last_gray, self._last_trackable = gray, self._trackable
+        self.history.put(self._last)
+        return self._last
+
+    def _seen(self, frame: Frame, ids: Ints, pixels: Floats) -> Observations:
+        """The tracks of a frame, without drift and without pixels beyond the field of view, which have no ray."""
+        bearings, order = self.history.camera.bearings(pixels), np.argsort(ids)
+        order = order[np.isfinite(bearings[order]).all(axis=1)]
+        return Observations(
             frame=frame.index,
             timestamp_s=frame.timestamp_s,
             name=frame.name,
@@ -110,13 +116,8 @@ class Tracker:
             pixels=pixels[order],
             bearings=bearings[order],
             colors=colors_at(frame.image, pixels[order]),
-            drifts=drifts,
-            step_px=self._step_px,
-            exposure_s=self._exposure_s,
+            drifts=np.zeros((len(order), 2, 2)),
         )
-        self._last_gray, self._last_trackable = gray, self._trackable
-        self.history.put(self._last)
-        return self._last
 
     def _check_size(self, frame: Frame) -> None:
         """Refuse an image of another size than that of the camera, before anything changes."""
@@ -309,8 +310,7 @@ def confirmed_by(old: Floats, new: Floats, before: Floats, after: Floats, tolera
     """
     if len(old) < _NEIGHBOURS or not len(before):
         return np.zeros(len(before), bool)
-    squares = np.sum((before[:, None] - old[None]) ** 2, axis=2)
-    around = (new - old)[np.argpartition(squares, _NEIGHBOURS - 1, axis=1)[:, :_NEIGHBOURS]]
+    around = _moves_around(old, new, before)
     low, high = around.min(axis=1) - tolerance_px, around.max(axis=1) + tolerance_px
     moved = after - before
     agrees = ((low <= moved) & (moved <= high)).all(axis=1)
@@ -326,9 +326,13 @@ def expected_by(old: Floats, new: Floats, points: Floats) -> Floats:
     """
     if len(old) < _NEIGHBOURS or not len(points):
         return np.zeros((0, 2))
+    return np.asarray(points + np.median(_moves_around(old, new, points), axis=1))
+
+
+def _moves_around(old: Floats, new: Floats, points: Floats) -> Floats:
+    """How far the matches next to each point have moved, (N, 4, 2)."""
     squares = np.sum((points[:, None] - old[None]) ** 2, axis=2)
-    around = (new - old)[np.argpartition(squares, _NEIGHBOURS - 1, axis=1)[:, :_NEIGHBOURS]]
-    return np.asarray(points + np.median(around, axis=1))
+    return np.asarray((new - old)[np.argpartition(squares, _NEIGHBOURS - 1, axis=1)[:, :_NEIGHBOURS]])
 
 
 def colors_at(image: Image, pixels: Floats) -> Image:

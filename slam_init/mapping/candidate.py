@@ -8,7 +8,7 @@ from slam_init.bundle.adjustment import adjust
 from slam_init.bundle.noise import min_parallax_rad
 from slam_init.bundle.problem import BundleFailure, BundleProblem, BundleSolution, PosePrior
 from slam_init.config import Config
-from slam_init.mapping.triangulation import triangulate
+from slam_init.mapping.triangulation import parallax_rad, triangulate
 from slam_init.mapping.views import TrackTable
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
@@ -42,7 +42,9 @@ def map_of_poses(
         local = poses[row].inverse().apply(np.nan_to_num(points))
         local /= np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-300)
         usable &= np.linalg.norm(local - np.nan_to_num(table.bearings[row]), axis=1) < threshold_rad
-    usable &= _parallax_rad(points, poses) > min_parallax_rad(camera, config.map.min_noise_px, config.map)
+    usable &= parallax_rad(points, poses[0].t, poses[1].t) > min_parallax_rad(
+        camera, config.map.min_noise_px, config.map
+    )
     problem = _bundle_problem(table, points, usable, poses)
     if len(problem.points) < _MIN_POINTS:
         return BundleFailure(f"only {len(problem.points)} points can be triangulated")
@@ -78,10 +80,3 @@ def _before_all(points: Floats, poses: dict[int, Pose], table: TrackTable) -> Bo
         in_camera = world_from_cam.inverse().apply(points)
         before &= np.einsum("ij,ij->i", in_camera, np.nan_to_num(table.bearings[k])) > 0
     return np.asarray(before)
-
-
-def _parallax_rad(points: Floats, poses: dict[int, Pose]) -> Floats:
-    """Return the angle between the rays of each point from the two views of the pair."""
-    rays = [points - pose.t for pose in (poses[0], poses[1])]
-    a, b = (ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays)
-    return np.asarray(np.arccos(np.clip(np.einsum("ij,ij->i", a, b), -1, 1)))

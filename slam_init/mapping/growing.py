@@ -33,7 +33,8 @@ from slam_init.config import MapConfig
 from slam_init.frontend.rolling_shutter import RollingShutter, corrected_pixels
 from slam_init.mapping.map_building import initial_map
 from slam_init.mapping.resection import resect
-from slam_init.mapping.triangulation import triangulate
+from slam_init.mapping.triangulation import parallax_rad, triangulate
+from slam_init.mapping.views import seen_by
 from slam_init.system.linear_algebra import deviations
 from slam_init.types.arrays import Bools, Floats, Image, Ints
 from slam_init.types.frame import Observations
@@ -172,7 +173,7 @@ class GrowingMap:
             colors=_colors(made, accepted),
             focal_factor=accepted.focal_factor,
             focal_factor_sigma=accepted.focal_factor_sigma,
-            risk=accepted.risk,
+            model_risk=accepted.model_risk,
             gravity=accepted.gravity,
         )
 
@@ -207,9 +208,8 @@ class GrowingMap:
     def _parallax_deg(self, points: Floats) -> float:
         """Median angle between the rays to points from this camera and from that of the last keyframe."""
         assert self._guess is not None
-        a, b = points - self._guess.inverse().t, points - self._problem.world_from_cam[-1].t
-        cosine = np.sum(a * b, axis=1) / (np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1))
-        return float(np.degrees(np.median(np.arccos(np.clip(cosine, -1, 1)))))
+        centres = self._guess.inverse().t, self._problem.world_from_cam[-1].t
+        return float(np.degrees(np.median(parallax_rad(points, *centres))))
 
     def _survival(self, seen: Observations) -> float:
         assert self._guess is not None
@@ -241,29 +241,19 @@ class GrowingMap:
         problem = self._problem
         self._views = {frame: view for frame, view in self._views.items() if frame in problem.frames}
         self._views[seen.frame] = seen
-        frames, poses = (*problem.frames, seen.frame), (*problem.world_from_cam, self._guess.inverse())
-        tracks, points = self._new_landmarks(seen, dict(zip(frames, poses, strict=True)))
-        views, which = [np.full(len(landmarks), len(frames) - 1)], [landmarks]
-        pixels = [corrected_pixels(self.camera, seen)[features]]
-        for frame, view in self._views.items():
-            _, of_track, of_view = np.intersect1d(tracks, view.track_ids, return_indices=True)
-            views.append(np.full(len(of_track), frames.index(frame)))
-            which.append(len(problem.points) + of_track)
-            pixels.append(corrected_pixels(self.camera, view)[of_view])
+        pixels = corrected_pixels(self.camera, seen)[features]
+        longer = problem.with_view(seen.frame, self._guess.inverse(), landmarks, pixels)
+        tracks, points = self._new_landmarks(seen, dict(zip(longer.frames, longer.world_from_cam, strict=True)))
         longer = replace(
-            problem,
-            frames=frames,
-            world_from_cam=poses,
+            longer,
             points=np.concatenate([problem.points, points]),
             track_ids=np.concatenate([problem.track_ids, tracks]),
         )
-        added = with_lenses(
-            self.camera,
-            replace(
-                longer, views=np.concatenate(views), landmarks=np.concatenate(which), pixels=np.concatenate(pixels)
-            ),
-        )
-        self._adjust(_joined(longer, added), seen)
+        for frame, view in self._views.items():
+            _, of_track, of_view = np.intersect1d(tracks, view.track_ids, return_indices=True)
+            pixels = corrected_pixels(self.camera, view)[of_view]
+            longer = longer.with_observations(longer.frames.index(frame), len(problem.points) + of_track, pixels)
+        self._adjust(with_lenses(self.camera, longer), seen)
 
     def _adjust(self, joined: BundleProblem, seen: Observations) -> None:
         try:
@@ -289,10 +279,7 @@ class GrowingMap:
         """
         tracks = np.setdiff1d(seen.track_ids, self._problem.track_ids)
         frames = list(self._views)  # the newest is the last one
-        bearings = np.full((len(frames), len(tracks), 3), np.nan)
-        for k, frame in enumerate(frames):
-            _, at, of = np.intersect1d(tracks, self._views[frame].track_ids, return_indices=True)
-            bearings[k, at] = self._views[frame].bearings[of]
+        _, bearings = seen_by(list(self._views.values()), tracks)
         observed = np.isfinite(bearings[:, :, 0])
         points = triangulate([poses[frame] for frame in frames], bearings)
         good: Bools = np.asarray(np.isfinite(points).all(axis=1) & (observed.sum(axis=0) >= 2))
@@ -330,19 +317,6 @@ def _colors(made: InitialMap, accepted: InitialMap) -> Image:
     colors = made.colors.copy()
     colors[at] = accepted.colors[of]
     return colors
-
-
-def _joined(longer: BundleProblem, added: BundleProblem) -> BundleProblem:
-    """A problem with further observations; both have the lenses of theirs."""
-    assert longer.lenses is not None
-    assert added.lenses is not None
-    return replace(
-        longer,
-        views=np.concatenate([longer.views, added.views]),
-        landmarks=np.concatenate([longer.landmarks, added.landmarks]),
-        pixels=np.concatenate([longer.pixels, added.pixels]),
-        lenses=np.concatenate([longer.lenses, added.lenses]),
-    )
 
 
 def _last(problem: BundleProblem, count: int) -> BundleProblem:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from quest.tails import poisson_tail
+from slam_init.bundle.graph import GAUGE
 from slam_init.bundle.problem import BundleSolution
 from slam_init.types.frame import Observations
 from slam_init.types.history import History
@@ -86,7 +87,7 @@ def initial_map(bundle: BundleSolution, views: Sequence[Observations], scene: st
         depth_sigmas=bundle.depth_sigmas,
         unit_error=bundle.unit_error,
         open_tracks=newest.at(np.flatnonzero(~np.isin(newest.track_ids, problem.track_ids))),
-        gauge=bundle.gauge,
+        gauge=GAUGE,
         graph=bundle.graph,
         values=bundle.values,
         points_before=bundle.before.points,

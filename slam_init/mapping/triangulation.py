@@ -37,3 +37,10 @@ def triangulate(world_from_cam: list[Pose], bearings: Floats) -> Floats:
         distance = np.linalg.norm(points[None] - centres[:, None], axis=2)
         weight = 1 / np.where(np.isfinite(distance) & (distance > 0), distance, 1.0) ** 2
     return points
+
+
+def parallax_rad(points: Floats, centre: Floats, other: Floats) -> Floats:
+    """Angles (N,) between the rays from two camera centres (3,) to points (N, 3)."""
+    a, b = points - centre, points - other
+    cosine = np.sum(a * b, axis=1) / (np.linalg.norm(a, axis=1) * np.linalg.norm(b, axis=1))
+    return np.asarray(np.arccos(np.clip(cosine, -1, 1)))

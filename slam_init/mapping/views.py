@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,17 +29,22 @@ class TrackTable:
     bearings: Floats
 
 
+def seen_by(views: Sequence[Observations], track_ids: Ints) -> tuple[Floats, Floats]:
+    """Pixels (V, T, 2) and rays (V, T, 3) of tracks (T,) in views; NaN where a view does not see a track."""
+    pixels = np.full((len(views), len(track_ids), 2), np.nan)
+    bearings = np.full((len(views), len(track_ids), 3), np.nan)
+    for k, view in enumerate(views):
+        _, at, of = np.intersect1d(track_ids, view.track_ids, assume_unique=True, return_indices=True)
+        pixels[k, at], bearings[k, at] = view.pixels[of], view.bearings[of]
+    return pixels, bearings
+
+
 def table_of(reference: Observations, current: Observations, further: list[Observations]) -> TrackTable:
     """Gather the tracks that a pair has in common, in the pair and in further views."""
     i, _ = common_tracks(reference, current)
     track_ids = reference.track_ids[i]
     views = [reference, current, *further]
-    pixels = np.full((len(views), len(i), 2), np.nan)
-    bearings = np.full((len(views), len(i), 3), np.nan)
-    for k, view in enumerate(views):
-        _, at, of = np.intersect1d(track_ids, view.track_ids, assume_unique=True, return_indices=True)
-        pixels[k, at], bearings[k, at] = view.pixels[of], view.bearings[of]
-    return TrackTable(tuple(view.frame for view in views), track_ids, pixels, bearings)
+    return TrackTable(tuple(view.frame for view in views), track_ids, *seen_by(views, track_ids))
 
 
 def further_views(

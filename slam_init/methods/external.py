@@ -28,8 +28,8 @@ from __future__ import annotations
 import shutil
 import tempfile
 import weakref
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,10 +37,11 @@ import numpy as np
 
 from slam_init.calibration.files import camera_yaml
 from slam_init.datasets.text import read_trajectory
-from slam_init.errors import OutputError, SlamInitError
+from slam_init.errors import SlamInitError
 from slam_init.frontend.tracks import Tracker
 from slam_init.methods.external_command import parse_external
 from slam_init.methods.external_run import run_program
+from slam_init.output.folder import writing
 from slam_init.recording.recorder import Recorder
 from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.frame import Frame, Observations
@@ -79,7 +80,7 @@ class ExternalInitializer:
     """
 
     def __init__(self, method: str, camera: Camera, config: Config, recorder: Recorder | None = None) -> None:
-        self._command, self._limits = parse_external(method), config.external
+        self._command, self._config, self._limits = parse_external(method), config, config.external
         self.camera, self.recorder = camera, recorder or Recorder()
         self.tracker = Tracker(camera, config.tracking)
         self.history = self.tracker.history
@@ -88,7 +89,7 @@ class ExternalInitializer:
         self.status = Status()
         self._given: list[Observations] = []
         self._finished: Result | None = None
-        with self._files():
+        with self._writing():
             self._folder = Path(tempfile.mkdtemp(prefix="slam-init-external-"))
             self._remove_folder = weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
             for name in ("images", "out"):
@@ -118,7 +119,7 @@ class ExternalInitializer:
         frame = frame_of(image, timestamp_s, self._given[-1].frame + 1 if self._given else 0, self.camera)
         given = _without_tracks(frame.index, frame.timestamp_s, frame.name)
         self.recorder.frame(frame, given)
-        with self.stopwatch("write"), self._files():
+        with self.stopwatch("write"), self._writing():
             _, encoded = cv2.imencode(".png", frame.image, [cv2.IMWRITE_PNG_COMPRESSION, _PNG_COMPRESSION])
             (self._folder / "images" / _file(self.frames_read)).write_bytes(encoded.tobytes())
         self._given.append(given)
@@ -143,7 +144,7 @@ class ExternalInitializer:
         values = {key: str(self._folder / name) for key, name in names.items()} | {"count": str(self.frames_read)}
         lines = [f"{given.timestamp_s:.9f} {_file(i)}\n" for i, given in enumerate(self._given)]
         try:
-            with self._files():
+            with self._writing():
                 Path(values["times"]).write_text("".join(lines), encoding="ascii")
                 Path(values["camera"]).write_text(camera_yaml(self.camera), encoding="ascii")
                 with self.stopwatch("program"):
@@ -157,14 +158,8 @@ class ExternalInitializer:
         finally:
             self._remove_folder()
 
-    @contextmanager
-    def _files(self) -> Iterator[None]:
-        """Tell which error of the disk stops the exchange of files."""
-        try:
-            yield
-        except OSError as error:
-            cause = f"cannot write the frames for {self._command.label} ({error.strerror}): make room, or set TMPDIR"
-            raise OutputError(cause) from None
+    def _writing(self) -> AbstractContextManager[None]:
+        return writing(f"the frames for {self._command.label}", "set TMPDIR")
 
     def _read(self, out: Path) -> Result:
         if not (out / _TRAJECTORY).exists():
@@ -229,6 +224,8 @@ class ExternalInitializer:
             notes=notes,
             advice="" if reason is None else reason.advice,
             hypotheses=() if self.map is None else (self.map,),
+            method=self._config.method,
+            seed=self._config.seed,
         )
 
 

@@ -50,70 +50,59 @@ class MethodInfo:
             raise ConfigError(f"the method {self.name} needs the package {self.needs}: pip install {self.needs}")
 
 
-_HERE = "slam_init.methods"
-_MAGSAC = f"{_HERE}.essential:EssentialFivePoint"
-
+_SLAM, _SFM, _POSELIB, _ESSENTIAL = (
+    f"slam_init.methods.{name}" for name in ("slam_systems", "sfm_systems", "poselib", "essential")
+)
 _DESCRIBED = (
     MethodInfo("quest", "QuEst; the stated risk of the joint estimate of all views decides"),
     MethodInfo("quest-two-view", "the same without a third view: the joint estimate holds the pair alone"),
     MethodInfo(
         "orb-slam3",
         "8-point F and H, H where its score is above 0.50 of both, 4 or 8 motions checked",
-        f"{_HERE}.slam_systems:orb_slam3",
+        f"{_SLAM}:orb_slam3",
     ),
     MethodInfo(
-        "orb-slam2",
-        "as orb-slam3 with H above 0.40, and 100 landmarks after bundle adjustment",
-        f"{_HERE}.slam_systems:orb_slam2",
+        "orb-slam2", "as orb-slam3 with H above 0.40, and 100 landmarks after bundle adjustment", f"{_SLAM}:orb_slam2"
     ),
     MethodInfo(
-        "stella",
-        "8-point F and 4-point H, the one of less truncated cost, 4 or 8 motions checked",
-        f"{_HERE}.slam_systems:Stella",
+        "stella", "8-point F and 4-point H, the one of less truncated cost, 4 or 8 motions checked", f"{_SLAM}:Stella"
     ),
-    MethodInfo("essential-5pt", "OpenCV's five-point USAC_MAGSAC, most points in front, parallax gate", _MAGSAC),
+    MethodInfo(
+        "essential-5pt",
+        "OpenCV's five-point USAC_MAGSAC, most points in front, parallax gate",
+        f"{_ESSENTIAL}:EssentialFivePoint",
+    ),
     MethodInfo(
         "essential-8pt",
         "normalized 8-point E, most points in front, parallax gate",
-        f"{_HERE}.essential:EssentialEightPoint",
+        f"{_ESSENTIAL}:EssentialEightPoint",
     ),
     MethodInfo(
         "homography",
         "a plane, always: H, the motion of most points in front, 50 px of disparity",
-        f"{_HERE}.essential:PlaneOnly",
+        f"{_ESSENTIAL}:PlaneOnly",
     ),
-    MethodInfo(
-        "colmap",
-        "five-point E or H by the ratio of their inliers, 16 degrees of parallax",
-        f"{_HERE}.sfm_systems:Colmap",
-    ),
-    MethodInfo(
-        "poselib",
-        "PoseLib's five-point LO-RANSAC, parallax gate",
-        f"{_HERE}.poselib:PoseLib",
-        needs="poselib",
-    ),
+    MethodInfo("colmap", "five-point E or H by the ratio of their inliers, 16 degrees of parallax", f"{_SFM}:Colmap"),
+    MethodInfo("poselib", "PoseLib's five-point LO-RANSAC, parallax gate", f"{_POSELIB}:PoseLib", needs="poselib"),
     MethodInfo(
         "poselib-100",
         "as poselib with at least 100 iterations in place of 1000, as in the benchmark of its authors",
-        f"{_HERE}.poselib:poselib_100",
+        f"{_POSELIB}:poselib_100",
         needs="poselib",
     ),
     MethodInfo(
         "magsac",
         "another name of essential-5pt: OpenCV's five-point USAC_MAGSAC, parallax gate",
-        _MAGSAC,
+        f"{_ESSENTIAL}:EssentialFivePoint",
         alias_of="essential-5pt",
     ),
     MethodInfo(
-        "poselib-window",
-        "PoseLib's relative pose in place of QuEst, judged by the window of quest",
-        needs="poselib",
+        "poselib-window", "PoseLib's relative pose in place of QuEst, judged by the window of quest", needs="poselib"
     ),
     MethodInfo(
         "opensfm",
         "rotation-only test, then five-point or plane-based motion by their inliers, 20 points of 1 degree",
-        f"{_HERE}.sfm_systems:OpenSfm",
+        f"{_SFM}:OpenSfm",
     ),
 )
 #: The methods by name; those of this project come first.

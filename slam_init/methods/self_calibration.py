@@ -22,6 +22,7 @@ from slam_init.frontend.matched_tracks import make_tracker
 from slam_init.initializer import FittedPoses, Initializer
 from slam_init.mapping.resection import resect
 from slam_init.mapping.triangulation import triangulate
+from slam_init.mapping.views import seen_by
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations, Source, length_of
 from slam_init.types.lens import MAX_FOCAL_SIGMA
@@ -212,11 +213,7 @@ def _located_matches(views: Sequence[Observations], poses: dict[int, Pose], came
     poses = {frame: pose for frame, pose in poses.items() if frame in by_frame}
     track_ids, counts = np.unique(np.concatenate([view.track_ids for view in views]), return_counts=True)
     track_ids = track_ids[np.sort(np.argsort(-counts, kind="stable")[:_MOST_TRACKS])]
-    bearings = np.full((len(views), len(track_ids), 3), np.nan)
-    pixels = np.full((len(views), len(track_ids), 2), np.nan)
-    for row, view in enumerate(views):
-        _, at, of = np.intersect1d(track_ids, view.track_ids, assume_unique=True, return_indices=True)
-        pixels[row, at], bearings[row, at] = view.pixels[of], camera.bearings(view.pixels[of])
+    pixels, bearings = seen_by([view.through(camera) for view in views], track_ids)
     frames = list(by_frame)
     waiting = [frame for frame in frames if frame not in poses]
     while waiting and len(poses) >= 2:

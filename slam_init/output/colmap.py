@@ -24,8 +24,8 @@ from slam_init.types.pose import Pose
 _SAME_PARAMETERS = {"rational": "FULL_OPENCV", "thin-prism-fisheye": "THIN_PRISM_FISHEYE", "fov": "FOV", "eucm": "EUCM"}
 #: Number of coefficients that COLMAP's models take, where a lens with more radial distortion has one more.
 _COEFFICIENTS = {"fov": 1, "eucm": 2}
-#: COLMAP's number of the model of undistorted images.
-_MODEL_IDS = {"PINHOLE": 1}
+#: COLMAP's number of the model ``PINHOLE``.
+_PINHOLE = 1
 
 
 def colmap_view(camera: Camera) -> tuple[Camera, str]:
@@ -128,7 +128,7 @@ class ColmapModel:
         for k, image in enumerate(self.images, start=1):
             pose = numbers_text([*image.cam_from_world.q_wxyz, *image.cam_from_world.t])
             # A line break in the name of a file would be a line break of the table.
-            name = re.sub("[\r\n]", _escaped, image.name)
+            name = re.sub("[\r\n]", lambda found: plain_line(found[0]), image.name)
             images.append(f"{k} {pose} 1 {name}")
             seen = zip(image.points, image.point_ids, strict=True)
             images.append(" ".join(f"{numbers_text(pixel)} {i}" for pixel, i in seen))
@@ -140,7 +140,7 @@ class ColmapModel:
 
     def binaries(self) -> tuple[bytes, bytes, bytes]:
         """Write the contents of ``cameras.bin``, ``images.bin`` and ``points3D.bin``. The camera is a pinhole."""
-        model, parameters = colmap_camera(self.camera)
+        _, parameters = colmap_camera(self.camera)
         size = (self.camera.width, self.camera.height)
         images, points = [struct.pack("<Q", len(self.images))], [struct.pack("<Q", len(self.points))]
         for k, image in enumerate(self.images, start=1):
@@ -152,7 +152,7 @@ class ColmapModel:
         for point in self.points:
             points.append(struct.pack("<Q3d3Bd", point.id, *point.xyz, *point.rgb, point.error_px))
             points += [struct.pack("<Q", len(point.track)), point.track.astype("<u4").tobytes()]
-        cameras = struct.pack("<QIi2Q4d", 1, 1, _MODEL_IDS[model], *size, *parameters)
+        cameras = struct.pack("<QIi2Q4d", 1, 1, _PINHOLE, *size, *parameters)
         return cameras, b"".join(images), b"".join(points)
 
 
@@ -244,10 +244,6 @@ def _observations(map_: InitialMap, camera: Camera) -> tuple[Floats, Bools]:
             used &= np.isfinite(map_.camera.normalize(pixels)).all(axis=1)
     counts = np.bincount(map_.observation_landmarks[used], minlength=len(map_.points))
     return pixels, np.asarray(used & (counts[map_.observation_landmarks] >= 2))
-
-
-def _escaped(found: re.Match[str]) -> str:
-    return plain_line(found[0])
 
 
 def numbers_text(values: Sequence[float] | Floats) -> str:

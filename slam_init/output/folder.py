@@ -21,8 +21,8 @@ import os
 import shutil
 import sys
 import uuid
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -43,15 +43,14 @@ _NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _EXCHANGE, _AT_FDCWD = 2, -100
 
 
-def output_error(out: Path, error: OSError) -> OutputError:
-    """Return the error of a folder that cannot be written."""
-    return OutputError(f"cannot write to {out}: {error.strerror or error}: {remedy(error)}, or give another folder")
-
-
-def remedy(error: BaseException) -> str:
-    """Return what a user can do about a file that cannot be written."""
-    full = isinstance(error, OSError) and error.errno in _NO_SPACE
-    return "make room" if full else "give a folder that you can write to"
+@contextmanager
+def writing(what: object, otherwise: str = "give another folder") -> Iterator[None]:
+    """Tell in one line what cannot be written, and what to do."""
+    try:
+        yield
+    except OSError as error:
+        remedy = "make room" if error.errno in _NO_SPACE else "give a place that you can write to"
+        raise OutputError(f"cannot write {what}: {error.strerror or error}: {remedy}, or {otherwise}") from error
 
 
 @dataclass(frozen=True)
@@ -121,7 +120,7 @@ def chosen_folder(text: str, command: str, inputs: Iterable[str | os.PathLike[st
 
 def check_folder(out: Path, command: str) -> None:
     """Refuse a folder that a command must not write to."""
-    try:
+    with writing(out):
         if not os.path.lexists(out):
             return
         if not out.is_dir():
@@ -143,8 +142,6 @@ def check_folder(out: Path, command: str) -> None:
         foreign = next((name for name in names_in(out) if name not in marker.files), None)
         if foreign is not None:
             raise OutputError(f"{out} holds {foreign!r}, which slam-init did not write: move it first")
-    except OSError as error:
-        raise output_error(out, error) from error
 
 
 def names_in(folder: Path) -> list[str]:
@@ -179,7 +176,8 @@ class OutputFolder:
 
     def __enter__(self) -> OutputFolder:
         check_folder(self.path, self._command)
-        try:
+        with writing(self.path), ExitStack() as undone:
+            undone.callback(self.__exit__)
             # Of a link the folder that it leads to is replaced.
             self._place = self.path.resolve()
             self._in_place = self._in_place or self._cannot_move()
@@ -193,9 +191,7 @@ class OutputFolder:
             self._lock = os.open(self.staging, os.O_RDONLY)
             with suppress(OSError):  # a file system without locks
                 fcntl.flock(self._lock, fcntl.LOCK_EX)
-        except OSError as error:
-            self.__exit__()
-            raise output_error(self.path, error) from error
+            undone.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -209,22 +205,18 @@ class OutputFolder:
 
     def write(self, files: Mapping[str, bytes]) -> None:
         """Write files by name to the staging folder."""
-        try:
+        with writing(self.path):
             for name, content in files.items():
                 path = self.staging / name
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.write_bytes(content)
-        except OSError as error:
-            raise output_error(self.path, error) from error
 
     def claim(self, name: str) -> None:
         """Take a file that the command writes to its place itself, and that is no staged file."""
         self._claimed |= {name}
         earlier = read_marker(self._place) or Marker(self._command)
-        try:
+        with writing(self.path):
             Marker(self._command, earlier.files | self._claimed).write(self._place)
-        except OSError as error:
-            raise output_error(self.path, error) from error
 
     def publish(self, last: str = "") -> None:
         """Replace the earlier results by the staged files: all of them, or none.
@@ -232,17 +224,16 @@ class OutputFolder:
         * ``last``: Where the files have to be moved one by one, this one says that the others are there.
         """
         check_folder(self.path, self._command)  # another command may have written to it meanwhile
-        try:
+        with writing(self.path):
             names = names_in(self.staging)
             for name in names:
-                _sync(self.staging / name)
+                with (self.staging / name).open("rb") as file:
+                    os.fsync(file.fileno())
             # Half of the renames must not stay because of a key that was pressed.
             with interrupts_deferred():
                 Marker(self._command, frozenset(names)).write(self.staging)
                 if self._in_place or not _exchanged(self.staging, self._place):
                     self._move_each(sorted(names, key=lambda name: name == last))
-        except OSError as error:
-            raise output_error(self.path, error) from error
 
     def keep(self, name: str) -> None:
         """Put one staged file beside the earlier results, or alone where there are none."""
@@ -309,9 +300,3 @@ def _remove_abandoned(home: Path, prefix: str) -> None:
                 shutil.rmtree(folder, ignore_errors=True)
             finally:
                 os.close(handle)
-
-
-def _sync(path: Path) -> None:
-    """Write the content of a file to the disk."""
-    with path.open("rb") as file:
-        os.fsync(file.fileno())

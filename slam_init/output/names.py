@@ -21,8 +21,6 @@ SCENE_FILES = (
     "transforms.json",
     "points.ply",
 )
-#: What ``--export`` writes, by its names.
-EXPORTS = {"scene": tuple(f"{SCENE}/{name}" for name in SCENE_FILES)}
 #: The files of a map. A run that starts anew after a loss writes them to a folder for each map.
 MAP_FILES = (
     "trajectory.txt",
@@ -33,7 +31,7 @@ MAP_FILES = (
     "handover.npz",
     "transforms.json",
     "continued.txt",
-    *(name for names in EXPORTS.values() for name in names),
+    *(f"{SCENE}/{name}" for name in SCENE_FILES),
 )
 #: All files that a run with one map can write.
 RUN_FILES = (*MAP_FILES, "config.toml", OVERVIEW, RECORDING, INTERRUPTED, "summary.json")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 from collections.abc import Mapping
 from enum import Enum
@@ -38,6 +39,11 @@ def plain(value: Any, digits: int = DIGITS) -> Json:
     if isinstance(value, list | tuple):
         return [plain(item, digits) for item in value]
     return value if value is None or isinstance(value, bool | int | str) else str(value)
+
+
+def json_text(value: Any, digits: int = DIGITS) -> str:
+    """Write a value as indented JSON with a final newline. The text is ASCII, which any stream can encode."""
+    return json.dumps(plain(value, digits), indent=2, allow_nan=False) + "\n"
 
 
 def plain_fields(value: Any, digits: int = DIGITS) -> dict[str, Json]:

@@ -71,7 +71,7 @@ def read_result(path: str | os.PathLike[str]) -> dict[str, Any]:
             "status": summary["status"],
             "reason": summary.get("reason"),
             "advice": summary.get("advice", ""),
-            "risk": None if risk is None else float(risk),
+            "risk": risk if risk is None or math.isfinite(risk) else None,
             "source": summary.get("source", {}).get("name", ""),
             "method": summary["method"],
             "seed": summary["seed"],
@@ -129,16 +129,11 @@ def _read_summary(folder: Path) -> dict[str, Any]:
         raise SourceError(f"{folder} holds no {_SUMMARY}: the run was interrupted, or is not complete; run again")
     data = read_regular(path, _LIMIT_BYTES, "the summary of a run", SourceError)
     try:
-        summary = json.loads(data, parse_float=_finite, parse_constant=_finite)
+        summary = json.loads(data)
         assert isinstance(summary, dict)
     except (ValueError, RecursionError, AssertionError):
         raise SourceError(f"{path} is damaged: run again") from None
     return summary
-
-
-def _finite(text: str) -> float | None:
-    number = float(text)
-    return number if math.isfinite(number) else None
 
 
 def _size(count: int) -> str:

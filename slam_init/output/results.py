@@ -30,19 +30,19 @@ import subprocess
 import sys
 from collections.abc import Sequence
 from itertools import zip_longest
-from pathlib import Path
 from typing import Any
 
-from slam_init.errors import OutputError, SourceError, check_type
+from slam_init.errors import OutputError, SourceError
 from slam_init.output.colmap import colmap_model, numbers_text
 from slam_init.output.folder import OutputFolder
 from slam_init.output.handover import handover_bytes
 from slam_init.output.names import COLMAP_FILES, OVERVIEW, segment_folder
 from slam_init.output.nerfstudio import transforms_text
+from slam_init.output.plain_json import json_text
 from slam_init.output.ply import coloured_points
 from slam_init.output.provenance import provenance_of
 from slam_init.output.records import SourceRecord
-from slam_init.output.summary import Summary, summary_of, summary_text
+from slam_init.output.summary import Summary, summary_of
 from slam_init.system.regular_file import read_regular, user_path
 from slam_init.types.initial_map import Descriptors, InitialMap, Keyframe
 from slam_init.types.result import MAX_SEGMENTS, Result
@@ -63,40 +63,6 @@ gtsam.NonlinearFactorGraph().deserialize(graph)
 gtsam.Values().deserialize(values)
 """
 _SUMMARY, _GRAPH, _VALUES = "summary.json", "graph.txt", "values.txt"
-
-
-def write_results(
-    out: str | os.PathLike[str],
-    result: Result,
-    summary: Summary,
-    config_toml: str | None = None,
-    continued: Sequence[Keyframe] = (),
-) -> None:
-    """Write all results but the recording to a folder: either all files are replaced, or none.
-
-    Files of an earlier run that this run does not write are removed.
-
-    Parameters
-    ----------
-    out : str or path
-        A folder that is new, empty, or was written by an earlier run.
-    result : Result
-    summary : Summary
-        From :func:`slam_init.output.summary.summary_of`.
-    config_toml : str or None
-        The resolved configuration.
-    continued : sequence of Keyframe
-        The frames that were located after the initialization.
-
-    Raises
-    ------
-    OutputError
-        If the folder holds other files, or a file cannot be written.
-    """
-    check_type(result, Result, "the result", "what Initializer.finish or slam_init.run returns", OutputError)
-    check_type(summary, Summary, "the summary", "what slam_init.run returns, or call result.save(FOLDER)", OutputError)
-    with OutputFolder(out, "run") as folder:
-        publish_results(folder, result, summary, config_toml, continued)
 
 
 def publish_results(
@@ -121,7 +87,7 @@ def publish_results(
         files |= {f"{prefix}{name}": content for name, content in map_files(map_, located, described).items()}
     if config_toml is not None:
         files["config.toml"] = config_toml.encode()
-    files[_SUMMARY] = summary_text(summary).encode()
+    files[_SUMMARY] = json_text(summary).encode()
     folder.write(files)
     folder.publish(last=_SUMMARY)
 
@@ -177,7 +143,10 @@ def load_graph(out: str | os.PathLike[str]) -> tuple[Any, Any]:
         if (out / segment_folder(1)).is_dir():
             raise SourceError(f"{out} has a graph for each map: give {out / segment_folder(1)}")
         raise SourceError(f"no graph in {out}: give the folder of a run that initialized")
-    texts = [_archive(out / name) for name in (_GRAPH, _VALUES)]
+    texts = [
+        read_regular(out / name, _MAX_ARCHIVE_BYTES, "a graph of gtsam", SourceError).decode("ascii", "replace")
+        for name in (_GRAPH, _VALUES)
+    ]
     # gtsam believes each count and class of an archive: damaged ones end the process. So a child reads it first.
     command = [sys.executable, "-c", _READ_BY_CHILD, str(_CHILD_BYTES)]
     try:
@@ -191,14 +160,6 @@ def load_graph(out: str | os.PathLike[str]) -> tuple[Any, Any]:
     graph.deserialize(texts[0])
     values.deserialize(texts[1])
     return graph, values
-
-
-def _archive(path: Path) -> str:
-    """The text of an archive of gtsam."""
-    try:
-        return read_regular(path, _MAX_ARCHIVE_BYTES, "a graph of gtsam", SourceError).decode("ascii")
-    except UnicodeDecodeError:
-        raise SourceError(f"the graph in {path.parent} is damaged: run again") from None
 
 
 def tum_text(keyframes: Sequence[Keyframe]) -> str:
@@ -234,15 +195,10 @@ def save(thing: object, folder: str | os.PathLike[str]) -> None:
     elif isinstance(thing, Result):
         if thing.camera is None:
             raise OutputError(f"{folder}: the result has no camera: take that of an Initializer, or save its map")
-        summary = summary_of(
-            thing,
-            SourceRecord("python", "frames"),
-            thing.camera,
-            thing.method,
-            thing.seed,
-            provenance=provenance_of(["Result.save"], {}),
-        )
-        write_results(folder, thing, summary)
+        made_by = provenance_of(["Result.save"], {})
+        summary = summary_of(thing, SourceRecord("python", "frames"), thing.camera, provenance=made_by)
+        with OutputFolder(folder, "run") as out:
+            publish_results(out, thing, summary)
 
 
 def write_colmap(map_: InitialMap, folder: str | os.PathLike[str]) -> None:

@@ -6,7 +6,6 @@ disagree. The page of all keys is made from :class:`Summary`.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -114,8 +113,6 @@ def summary_of(
     result: Result,
     source: SourceRecord,
     camera: Camera,
-    method: str,
-    seed: int,
     *,
     ground_truth: GroundTruthErrors | None = None,
     continued: ContinuationRecord | None = None,
@@ -134,8 +131,6 @@ def summary_of(
         result,
         schema=SCHEMA,
         source=source,
-        method=method,
-        seed=int(seed),
         camera=record(CameraRecord, camera),
         median_parallax_deg=None if map_ is None else _known(map_.median_parallax_deg),
         depth_sigma=None if map_ is None else _known(map_.depth_sigma),
@@ -155,8 +150,3 @@ def summary_of(
 def _known(value: float) -> float | None:
     """The map of an external program has no landmarks, and figures of landmarks are NaN."""
     return value if math.isfinite(value) else None
-
-
-def summary_text(summary: Summary) -> str:
-    """Write the summary as indented JSON with a final newline. The text is ASCII, which any stream can encode."""
-    return json.dumps(summary.as_dict(), indent=2, allow_nan=False) + "\n"

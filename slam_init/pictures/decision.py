@@ -52,7 +52,7 @@ def draw_decision(axes: Axes, attempts: Sequence[Attempt]) -> None:
     """Draw the risk of each attempt with its terms and the bound, and below them what held the decision."""
     from matplotlib.ticker import MaxNLocator
 
-    axes.set_title("the decision: risk that the map is wrong", loc="left", color=INK, weight="bold")
+    axes.set_title("the decision: risk by the model that the map is wrong", loc="left", color=INK, weight="bold")
     axes.set_xlabel("frame", fontsize=9, labelpad=1)
     axes.tick_params(labelsize=9, colors=FAINT)
     axes.spines[["top", "right"]].set_visible(False)
@@ -116,4 +116,4 @@ def _draw_strip(axes: Axes, frames: Floats, attempts: Sequence[Attempt]) -> None
         spans = [(at - 0.5 * step, step) for at, one in zip(frames, attempts, strict=True) if one.verdict == verdict]
         axes.broken_barh(spans, (_LEAST_RISK / 4, 0.75 * _LEAST_RISK), color=VERDICT_COLORS[verdict], linewidth=0)
     handles = [Patch(color=VERDICT_COLORS[one], label=f"{in_words(one)} ({counts[one]})") for one in seen]
-    axes.legend(handles=handles, loc="lower left", bbox_to_anchor=(1.0, -0.12), title="what held it", alignment="left")
+    axes.legend(handles=handles, loc="lower left", bbox_to_anchor=(1.0, -0.02), title="what held it", alignment="left")

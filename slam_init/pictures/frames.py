@@ -8,7 +8,7 @@ import numpy as np
 
 from slam_init.pictures.canvas import FAINT, INK, INLIER, MOVING, OUTLIER, TRACK
 from slam_init.recording.images import bgr
-from slam_init.recording.pair_view import moving_matches
+from slam_init.recording.pair_view import match_parts
 from slam_init.recording.story import ShownFrame, ShownPair
 from slam_init.types.arrays import Bools, Floats, Image
 
@@ -19,6 +19,13 @@ if TYPE_CHECKING:
 _MOST_LINES = 90
 #: Images that are wider than this are put one above the other.
 WIDE = 1.8
+#: The parts of the matches, their names in the legend and their colours, from the lowest to the highest.
+_PARTS = (
+    ("tracks", "tracks, no motion estimated", TRACK),
+    ("outliers", "outliers", OUTLIER),
+    ("inliers", "inliers", INLIER),
+    ("moving", "moving bodies", MOVING),
+)
 #: Longest track that is drawn from one shown frame to the next, as a share of the width of the image.
 _LONGEST_TAIL = 0.15
 
@@ -48,8 +55,8 @@ def draw_pair(axes: Axes, pair: ShownPair, width: int) -> None:
     """Draw two images side by side with their matches; wide images one above the other."""
     from matplotlib.collections import LineCollection
 
-    attempt = pair.attempt
-    first, second = (bgr(image)[..., ::-1] for image in pair.images)
+    attempt = pair[2]
+    first, second = (bgr(image)[..., ::-1] for image in pair[:2])
     height, wide = first.shape[0], first.shape[1] > WIDE * first.shape[0]
     gap = np.full((4, first.shape[1], 3) if wide else (height, 4, 3), 255, np.uint8)
     _image(axes, np.concatenate([first, gap, second], axis=0 if wide else 1))
@@ -57,19 +64,14 @@ def draw_pair(axes: Axes, pair: ShownPair, width: int) -> None:
     scale = first.shape[1] / width
     ends = np.stack([_shown(attempt.pixels1, scale), _shown(attempt.pixels2, scale) + offset], axis=1)
     drawn = np.arange(len(ends)) % max(1, -(-len(ends) // _MOST_LINES)) == 0
-    moving = moving_matches(attempt)
-    others = ~attempt.inliers & ~moving
-    parts = [("moving bodies", moving, MOVING)]
-    if attempt.judged:
-        parts = [("outliers", others, OUTLIER), ("inliers", attempt.inliers, INLIER), *parts]
-    else:
-        parts = [("tracks, no motion estimated", others, TRACK), *parts]
-    for name, chosen, color in parts:
-        if chosen.any() or name == "inliers":
+    parts = match_parts(attempt)
+    for name, label, color in _PARTS:
+        chosen = parts[name]
+        if chosen.any():
             lines = LineCollection(list(ends[chosen & drawn]), colors=color, linewidths=0.6, alpha=0.8)
             axes.add_collection(lines, autolim=False)
             x, y = ends[chosen].reshape(-1, 2).T
-            label = f"{name}: {np.count_nonzero(chosen)}"
+            label = f"{label}: {np.count_nonzero(chosen)}"
             axes.plot(x, y, ".", color=color, markersize=2.2, markeredgewidth=0, label=label)
     title = f"the pair: frames {attempt.frames[0]} and {attempt.frames[1]}"
     axes.set_title(title, loc="left", color=INK, weight="bold")

@@ -39,6 +39,8 @@ _LEFT, _LEFT_WIDTH, _RIGHT, _RIGHT_WIDTH = 30, 590, 670, 910
 _BOTTOM = 960
 #: Most frames beside one another, and their largest height.
 _MOST_FRAMES, _FRAME_HEIGHT = 3, 150
+#: Largest height of the decision.
+_DECISION_HEIGHT = 420
 #: Room for the title of a map and for the axis of the one above it.
 _TITLE = 72
 #: Most maps of a run that started anew.
@@ -129,13 +131,14 @@ def _facts(result: Result) -> list[str]:
         return [*facts, "  |  ".join(parts)]
     evidence, stated = window.window, result.camera
     depth_sigma = evidence.depth_sigma if map_ is None else map_.depth_sigma
+    risk = evidence.risk if map_ is None else map_.risk or evidence.risk
     known = "unknown" if stated.source == "prior" else f"stated {stated.focal_px:.0f} px ({stated.source})"
     estimate = f"{evidence.focal_factor * stated.focal_px:.0f} px +- {evidence.focal_sigma:.1%}"
     direction = f"+- {evidence.direction_sigma_deg:.2g} deg" if evidence.direction_sigma_deg < 90 else "unknown"
     depths = f"+- {depth_sigma:.1%}" if depth_sigma < 1 else "unknown"
     return [
         *facts,
-        "  |  ".join([f"risk {evidence.risk:.2g} that the map is wrong", *parts]),
+        "  |  ".join([f"risk {risk:.2g} that the map is wrong ({evidence.risk:.2g} by the model)", *parts]),
         f"focal length {known}, fitted {estimate}  |  direction of the baseline {direction}  |  depths {depths}",
     ]
 
@@ -168,7 +171,8 @@ def _draw_column(figure: Figure, top: float, result: Result, summary: Summary, s
         height = min(_LEFT_WIDTH / (aspect / 2 if aspect > WIDE else 2 * aspect), 0.45 * (_BOTTOM - top))
         draw_pair(axes_at(figure, _LEFT, top, _LEFT_WIDTH, height), story.pair, camera.width)
         top += height + 60
-    draw_decision(axes_at(figure, _LEFT + 50, top, _LEFT_WIDTH - 210, _BOTTOM - top), result.attempts)
+    height = min(_BOTTOM - top, _DECISION_HEIGHT)
+    draw_decision(axes_at(figure, _LEFT + 50, top, _LEFT_WIDTH - 210, height), result.attempts)
 
 
 # -- the maps, or why there is none ----------------------------------------------------------------

@@ -25,6 +25,14 @@ def moving_matches(attempt: Attempt) -> Bools:
     return attempt.moving & ~attempt.inliers if attempt.moving.size else np.zeros_like(attempt.inliers)
 
 
+def match_parts(attempt: Attempt) -> dict[str, Bools]:
+    """The matches of a pair by what they are, (N,) each: without an estimated motion they are tracks only."""
+    moving = moving_matches(attempt)
+    others = ~attempt.inliers & ~moving
+    judged = np.full(len(others), attempt.judged)
+    return {"inliers": attempt.inliers, "outliers": others & judged, "moving": moving, "tracks": others & ~judged}
+
+
 def log_pair(rec: Any, attempt: Attempt, recent: Mapping[int, ShownFrame], camera: Camera) -> None:
     """Log the images and the matches of a pair.
 
@@ -45,15 +53,7 @@ def log_pair(rec: Any, attempt: Attempt, recent: Mapping[int, ShownFrame], camer
     points2 = (attempt.pixels2 + 0.5) * factor + second
     matches = np.stack([points1, points2], axis=1)
     drawn = np.arange(len(matches)) % max(1, -(-len(matches) // _MAX_LINES)) == 0
-    moving = moving_matches(attempt)
-    others = ~attempt.inliers & ~moving
-    parts = (
-        ("inliers", attempt.inliers, GREEN),
-        ("outliers", others & attempt.judged, RED),
-        ("moving", moving, PURPLE),
-        ("tracks", others & (not attempt.judged), YELLOW),
-    )
-    for name, chosen, color in parts:
+    for (name, chosen), color in zip(match_parts(attempt).items(), (GREEN, RED, PURPLE, YELLOW), strict=True):
         entity = f"pairs/image/{name}"
         thin, thick = rr.Radius.ui_points(0.5), rr.Radius.ui_points(1.5)
         rec.log(entity, rr.LineStrips2D(matches[chosen & drawn], colors=[(*color, 150)], radii=thin))

@@ -10,13 +10,11 @@ import errno
 import os
 import shutil
 import uuid
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from slam_init.errors import OutputError
-from slam_init.output.folder import remedy
+from slam_init.output.folder import writing
 from slam_init.output.names import UNFINISHED
 
 if TYPE_CHECKING:
@@ -61,8 +59,8 @@ class RecordingFile:
         import rerun as rr
 
         self._path, self._partial = path, path.with_suffix(UNFINISHED)
-        self._recording, self._open = recording, True
-        with self._told():
+        self._recording, self.is_open = recording, True
+        with self._writing():
             if path.is_dir():
                 raise IsADirectoryError(f"{path} is a folder")
             _check_room(path.parent)
@@ -72,38 +70,32 @@ class RecordingFile:
 
     def check(self) -> None:
         """Raise an error where the disk is full, or the file is gone."""
-        with self._told():
-            if self._open and not self._partial.exists():
+        with self._writing():
+            if self.is_open and not self._partial.exists():
                 raise FileNotFoundError("the file is gone")
             _check_room(self._path.parent)
 
     def complete(self) -> None:
         """Write the rest, close the file, and give it its name. It may be called twice."""
-        if self._open:
+        if self.is_open:
             try:
                 self.check()
                 self._recording.disconnect()
-                with self._told():
+                with self._writing():
                     self._partial.replace(self._path)
             finally:
                 self.discard()
 
     def discard(self) -> None:
         """Close the file, and remove it unless it is complete."""
-        if self._open:
+        if self.is_open:
             self._recording.disconnect()
-        self._open = False
+        self.is_open = False
         with suppress(OSError):
             self._partial.unlink(missing_ok=True)
 
-    @contextmanager
-    def _told(self) -> Iterator[None]:
-        """Raise an error of the disk as one line that says what to do."""
-        try:
-            yield
-        except OSError as error:
-            cause = f"{error.strerror or error}: {remedy(error)}, or give another --out"
-            raise OutputError(f"cannot write the recording {self._path}: {cause}") from error
+    def _writing(self) -> AbstractContextManager[None]:
+        return writing(f"the recording {self._path}", "give another --out")
 
 
 def _check_room(folder: Path) -> None:

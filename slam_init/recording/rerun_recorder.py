@@ -110,10 +110,8 @@ class RerunRecorder(Recorder):
         self._tails: deque[Observations] = deque(maxlen=_TAIL_FRAMES + 1)
         self._hypotheses = 0
         self._attempt: Attempt | None = None
-        self._frame = -1
-        self._dated: bool | None = None
         self._moving = False
-        self._end, self._rolling, self._closed = End.MAP, False, False
+        self._end, self._rolling = End.MAP, False
 
         source_name = plain_line(source_name)
         self._rec = open_stream("slam_init", f"slam-init/{source_name}/{seed}", viewer)
@@ -132,8 +130,7 @@ class RerunRecorder(Recorder):
         self._file.check()
         rec.set_time("frame", sequence=frame.index)
         # Bags and cameras log dates; times from a start of the clock are no dates, and have no day.
-        self._dated = is_date(frame.timestamp_s) if self._dated is None else self._dated
-        if self._dated:
+        if is_date(frame.timestamp_s):
             rec.set_time("sensor_date", timestamp=frame.timestamp_s)
             rec.set_time("ros2_timestamp", timestamp=frame.timestamp_s)  # that of Rerun's reader of bags
         else:
@@ -142,7 +139,6 @@ class RerunRecorder(Recorder):
         if self._frames % (1 + self._frames // FRAMES_AT_FULL_RATE) == 0:
             rec.log("world/camera/image", jpeg(reduced(frame.image, LONG_SIDE_PX)))
         self._frames += 1
-        self._frame = frame.index
         if self._moving:
             self._log_moving(_NOWHERE)
         if self._frames == 1:
@@ -172,7 +168,7 @@ class RerunRecorder(Recorder):
         self.story.attempt(attempt)
         log_pair(self._rec, attempt, self.story.recent, self._camera)
         self._attempt = attempt
-        if len(attempt.frames) > 1 and attempt.frames[1] == self._frame:
+        if attempt.frames[1:2] == tuple(self.story.recent)[-1:]:
             self._log_moving(attempt.pixels2[moving_matches(attempt)])
 
     def frame_time(self, elapsed_ms: float) -> None:
@@ -245,10 +241,9 @@ class RerunRecorder(Recorder):
 
     def close(self) -> None:
         """Finish the file and rename it to its final name."""
-        if not self._closed and (self._end is not End.MAP or self._rolling):
+        if self._file.is_open and (self._end is not End.MAP or self._rolling):
             # The layout that the file began with shows a map. The viewer takes the last layout of a file.
             self._rr.send_blueprint(layout.blueprint(self._end, rolling=self._rolling), recording=self._rec)
-        self._closed = True
         self._file.complete()
 
     def __exit__(

@@ -30,14 +30,8 @@ class ShownFrame:
     pixels: Floats
 
 
-@dataclass(frozen=True, eq=False)
-class ShownPair:
-    """Two images and their matches."""
-
-    #: (h, w) Small copies of the images.
-    images: tuple[Image, Image]
-    #: With the matches, in pixels of the images as they were read.
-    attempt: Attempt
+#: Small copies (h, w) of two images, and the attempt with their matches, in pixels of the images as they were read.
+ShownPair = tuple[Image, Image, Attempt]
 
 
 class StoryRecorder(Recorder):
@@ -68,7 +62,7 @@ class StoryRecorder(Recorder):
         """Keep the pair of an attempt that has matches."""
         images = [self.recent[index].image for index in attempt.frames[:2] if index in self.recent]
         if not self._keyframes and len(attempt.pixels1) and len(images) == 2:
-            self.pair = ShownPair((images[0], images[1]), attempt)
+            self.pair = (images[0], images[1], attempt)
 
     def initialized(self, map_: InitialMap, observations: Sequence[Observations]) -> None:
         """Keep the keyframes of the first map."""

@@ -61,8 +61,7 @@ def evidence_markdown(attempt: Attempt) -> str:
         if isinstance(statistics, Mapping):
             figures |= statistics
         rows |= {f"{prefix}{name}": value for name, value in figures.items()}
-    known = {name: value for name, value in rows.items() if value is not None}
-    rows_of_table = (f"| {name} | {_shown(value)} |" for name, value in known.items())
+    rows_of_table = (f"| {name} | {_shown(value)} |" for name, value in rows.items() if value is not None)
     return "\n".join([f"| frames {_frames(attempt)} | |", "|---|---:|", *rows_of_table])
 
 

@@ -55,8 +55,7 @@ def has_display() -> bool:
 
     * Returns: On Linux whether a display is named in the environment; elsewhere True.
     """
-    named = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    return bool(named) or not sys.platform.startswith("linux")
+    return not sys.platform.startswith("linux") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
 
 
 def show(path: Path) -> None:

@@ -46,7 +46,7 @@ _MAX_READOUT_MS = 1000.0
 _READOUT_DIRECTIONS = {"down": (0.0, 1.0), "up": (0.0, -1.0), "right": (1.0, 0.0), "left": (-1.0, 0.0)}
 
 #: Where a focal length may be from.
-_SOURCES = ("stated", "file", "metadata", "prior", "estimated")
+_SOURCES = ("stated", "file", "machine", "metadata", "prior", "estimated")
 #: Of the logarithm of the focal length: from a fisheye to a telescope. More is no knowledge.
 _MAX_FOCAL_SIGMA = 1.0
 
@@ -72,8 +72,9 @@ class Camera(Described):
     distortion : tuple of float
         The coefficients of the model, ``()`` or ``(k1, k2, p1, p2[, k3])`` for example.
     source : str
-        Where the focal length is from: ``stated`` (by the user, or a calibration in code), ``file``, ``metadata`` of
-        the images, ``prior`` (nothing is known but what lenses have) or ``estimated`` from the motion.
+        Where the focal length is from: ``stated`` (by the user, or a calibration in code), ``file``, ``machine`` (the
+        calibration of a robot's or a car's own camera, whose lens is fixed), ``metadata`` of the images, ``prior``
+        (nothing is known but what lenses have) or ``estimated`` from the motion.
     focal_sigma : float or None
         Relative standard deviation of the focal length; None for a calibration, which is better than two per cent.
     readout_ms : float or None

@@ -18,6 +18,12 @@ from slam_init.types.pose import Pose
 from slam_init.types.savable import Savable
 from slam_init.types.scale import Scale
 
+#: Rate of false maps by causes that no model has: the posterior mean of the rate beyond the stated one, with the prior
+#: of Jeffreys, over the maps of the simulated worlds that an author drew who had seen nothing of the project, run once
+#: after the last change of the rules (``docs/measurements/blind-runs.md``).
+#: Class: measured.
+UNMODELLED_RISK = 0.01
+
 
 @dataclass(frozen=True, eq=False)
 class Keyframe:
@@ -145,9 +151,9 @@ class InitialMap(Described, Savable):
         fixed.
     scale : Scale or None
         The scale that the map was brought to metres with; None for a map in its own unit.
-    risk : float or None
-        Probability that the map is wrong: a rotation off by 5 degrees, or a baseline by 15 degrees. None for
-        undecided maps, and for a method that states none.
+    model_risk : float or None
+        Probability that the map is wrong, by the model of the window: a rotation off by 5 degrees, or a baseline by 15
+        degrees. ``acceptance.max_risk`` bounds it. None for undecided maps, and for a method that states none.
     gravity : Gravity or None
         The direction of gravity in the world frame, where it was measured.
     """
@@ -178,8 +184,13 @@ class InitialMap(Described, Savable):
     focal_factor: float = 1.0
     focal_factor_sigma: float | None = None
     scale: Scale | None = None
-    risk: float | None = None
+    model_risk: float | None = None
     gravity: Gravity | None = None
+
+    @property
+    def risk(self) -> float | None:
+        """Probability that the map is wrong: :attr:`model_risk`, and the rate of causes that no model has."""
+        return None if self.model_risk is None else min(1.0, self.model_risk + UNMODELLED_RISK)
 
     @staticmethod
     def check(thing: object) -> None:

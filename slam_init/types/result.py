@@ -23,7 +23,7 @@ from slam_init.types.evidence import (
     TwoViewEvidence,
     WindowEvidence,
 )
-from slam_init.types.initial_map import InitialMap, Keyframe
+from slam_init.types.initial_map import UNMODELLED_RISK, InitialMap, Keyframe
 from slam_init.types.refusal import Gate, Stage, Verdict, in_words, progress
 from slam_init.types.savable import Savable
 from slam_init.types.scale import Scale
@@ -167,12 +167,15 @@ class ProvisionalMap:
     Attributes
     ----------
     map : InitialMap
-    risk : float
-        Probability that the map is wrong: a rotation off by 5 degrees, or a baseline by 15 degrees.
     """
 
     map: InitialMap
-    risk: float
+
+    @property
+    def risk(self) -> float:
+        """Probability that the map is wrong: a rotation off by 5 degrees, or a baseline by 15 degrees."""
+        assert self.map.risk is not None
+        return self.map.risk
 
 
 #: Largest number of maps of a run that starts anew after a loss: a map takes some megabytes of memory.
@@ -320,7 +323,9 @@ def _risk_facts(result: Result) -> _Facts:
     direction = "" if window.direction_sigma_deg is None else f", direction +- {window.direction_sigma_deg:.1f} deg"
     depth_sigma = math.nan if result.map is None else result.map.depth_sigma
     depths = f", depths +- {depth_sigma:.1%}" if math.isfinite(depth_sigma) else ""
-    return [("risk", f"{window.risk:.2g} that the map is wrong{direction}{depths}")]
+    of_map = None if result.map is None else result.map.risk
+    parts = "" if of_map is None else f" ({window.risk:.2g} by the model, {UNMODELLED_RISK:.2g} by what it lacks)"
+    return [("risk", f"{of_map or window.risk:.2g} that the map is wrong{parts}{direction}{depths}")]
 
 
 def _map_facts(result: Result, map_: InitialMap) -> _Facts:

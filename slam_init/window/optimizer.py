@@ -1,7 +1,7 @@
 """The compiled optimizer of the joint fit: Levenberg and Marquardt's steps, from the equations to the last state.
 
 A step takes some tenths of a millisecond, and nearly twice as long if Python calls its parts. So one call makes all
-steps of a fit, without arrays of its own. ``tests/support/optimizer_reference.py`` is the same in numpy, step by step.
+steps of a fit, without arrays of its own.
 """
 
 from __future__ import annotations

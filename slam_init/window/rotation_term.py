@@ -112,7 +112,8 @@ def zooming_probability(hypotheses: WindowHypotheses) -> float:
 
     The errors that a tracker keeps scale the gain, or are in the noise where they may be larger than it.
     """
-    if not hypotheses.priors.lens_changes:
+    # It is not worth its fits where even a certain zoom would be no more than what is not modelled.
+    if hypotheses.priors.lens_changes * LENS_ZOOMS <= FLOOR:
         return 0.0
     probability = _probability_beside_zooms(hypotheses, with_zooms(hypotheses))
     if probability > FLOOR and keeps_errors(hypotheses):

@@ -38,7 +38,7 @@ from slam_init.initializer import Initializer
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
-from slam_init.types.initial_map import InitialMap
+from slam_init.types.initial_map import UNMODELLED_RISK, InitialMap
 from slam_init.types.pose import Pose
 from slam_init.window.motion import difference_deg
 from tests.benchmarks.options import show
@@ -80,6 +80,7 @@ class Decision:
     wait: int
     no_translation: bool
     reason: str = ""
+    #: Its part by the model.
     risk: float = math.nan
     rotation_deg: float = math.nan
     direction_deg: float = math.nan
@@ -107,7 +108,7 @@ def decide(world: World, seed: int) -> Decision:
     of_pair = math.nan if attempt is None else _of_pair_deg(initializer.map, world, attempt.frames)
     return Decision(
         seed, factors, "false" if wrong else "correct", wait, world.no_translation, "",
-        initializer.map.risk if initializer.map.risk is not None else math.nan, rotation, direction,
+        initializer.map.model_risk if initializer.map.model_risk is not None else math.nan, rotation, direction,
         of_pair / sigma, direction / sigma,
     )  # fmt: skip
 
@@ -212,7 +213,8 @@ _HEADER = [
     "correct",
     "false",
     "none",
-    "false expected",
+    "false expected by the model",
+    "and by what it lacks",
     "wait (frames)",
     "direction of the pair beyond 2 sigma %",
     "beyond 3 sigma %",
@@ -224,6 +226,7 @@ def _counts(group: Sequence[Decision]) -> list[str]:
     maps = [one for one in group if one.outcome != "none"]
     counts = [str(sum(one.outcome == outcome for one in group)) for outcome in ("correct", "false", "none")]
     expected = sum(one.risk for one in maps)
+    with_causes = expected + len(maps) * UNMODELLED_RISK
     wait = f"{np.mean([one.wait for one in maps]):.2f}" if maps else "-"
     judged = [one for one in maps if not one.no_translation]
     of_pair, of_any = (
@@ -231,7 +234,7 @@ def _counts(group: Sequence[Decision]) -> list[str]:
     )
     beyond = [(of_pair, 2), (of_pair, 3), (of_any, 3)]
     shares = [f"{100 * float(np.mean(errors > level)):.1f}" if judged else "-" for errors, level in beyond]
-    return [str(len(group)), *counts, f"{expected:.2f}", wait, *shares]
+    return [str(len(group)), *counts, f"{expected:.2f}", f"{with_causes:.2f}", wait, *shares]
 
 
 def _summary(decisions: Sequence[Decision]) -> str:

@@ -14,7 +14,6 @@ from make_pose_matches import (
     pose_and_matches,
 )
 
-from quest.chance import chance_of_motion, false_alarms_beside_rotation
 from quest.geometry.epipolar import tangent_basis
 from quest.geometry.quaternion import matrix_from_quaternion, vector_from_rotation
 from quest.noise import best_of_modes, refine_with_noise
@@ -60,14 +59,3 @@ def test_the_motion_with_the_better_matches_is_chosen_wherever_it_stands(count, 
         best, _, others = best_of_modes(problem, report, count, np.random.default_rng(seed))
         assert abs(best[:4] @ as_model(R, t)[:4]) > np.cos(0.01)
         assert len(others) <= 1
-
-
-def test_what_a_motion_explains_beside_a_rotation_is_no_chance():
-    R, t, m, n = pose_and_matches(3, 60, wrong=30)
-    problem, model, rng = PoseProblem(m, n, THRESHOLD_RAD), as_model(R, t), np.random.default_rng(0)
-    shares = chance_of_motion(problem, model, THRESHOLD_RAD, rng).shares
-    nothing, all_right = np.full(len(m), np.inf), np.zeros(len(m))
-    all_right[60:] = np.inf
-    assert false_alarms_beside_rotation(problem, model, nothing, shares) < 1e-10
-    # Where a rotation explains all true matches, only chance is left.
-    assert false_alarms_beside_rotation(problem, model, all_right, shares) > 0.1

@@ -1,7 +1,5 @@
 """Laws of tracks without images: exact ground truth, stated shares, and scenes that are what their name says."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -62,18 +60,6 @@ def test_in_a_rotation_scene_the_true_rotation_maps_the_tracks_only_with_the_tru
     assert largest_error(sequence.camera) > 1
 
 
-def field(sequence, index, step_px=16):
-    """Correlated error of one view in the centres of squares that divide the image, (rows, columns, 2)."""
-    width, height = sequence.shot.camera.width, sequence.shot.camera.height
-    x, y = np.meshgrid(np.arange(0, width, step_px), np.arange(0, height, step_px))
-    pixels = np.stack([x, y], axis=-1) + 0.5 * (step_px - 1)
-    return sequence.tracking_error.at(index, pixels.reshape(-1, 2)).reshape(pixels.shape)
-
-
-def rms(values):
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
 @pytest.mark.parametrize("scene", ["room", "static"])
 def test_correlated_error_is_the_only_difference_from_the_world_without_it(scene):
     clean, wrong = (make_points(scene, 8, PointOptions(moving=0.2, field_px=f, drift_px=2 * f)) for f in (0.0, 0.5))
@@ -87,31 +73,7 @@ def test_correlated_error_is_the_only_difference_from_the_world_without_it(scene
         np.testing.assert_allclose((wrong.pixels - clean.pixels)[index, seen], expected, atol=1e-9)
     # The tracks of moving bodies are real tracks too.
     shift = (wrong.pixels - clean.pixels)[-1, clean.is_moving & clean.visible[-1]]
-    assert rms(shift) > 0.2
-
-
-def test_the_drift_starts_at_zero_grows_in_small_steps_and_ends_at_the_requested_rms():
-    middles = []
-    for seed in range(20):
-        sequence = make_points("static", seed, PointOptions(points=5, drift_px=1.5))
-        fields = [field(sequence, index) for index in range(12)]
-        assert not fields[0].any() and rms(fields[-1]) == pytest.approx(1.5, rel=0.01)
-        assert max(rms(b - a) for a, b in pairwise(fields)) < 4 * 1.5 / np.sqrt(11)
-        middles.append(rms(fields[6]))
-    # A random walk has half of its final variance after half of the views.
-    assert rms(middles) == pytest.approx(1.5 * np.sqrt(0.5), rel=0.25)
-
-
-def test_the_field_has_the_requested_rms_depends_on_the_seed_and_adds_up_with_the_drift():
-    both, only_field, only_drift, other = (
-        make_points("wall", seed, PointOptions(field_px=a, drift_px=b))
-        for seed, a, b in ((1, 0.5, 1.0), (1, 0.5, 0.0), (1, 0.0, 1.0), (2, 0.5, 1.0))
-    )
-    np.testing.assert_allclose(field(both, 6), field(only_field, 6) + field(only_drift, 6), atol=1e-12)
-    assert rms(field(both, 6) - field(other, 6)) > 0.1
-    assert [rms(field(only_field, index)) for index in range(12)] == pytest.approx([0.5] * 12, rel=0.01)
-    # It is smooth: a polynomial of second degree.
-    np.testing.assert_allclose(np.diff(field(both, 6), n=3, axis=0), 0, atol=1e-9)
+    assert np.sqrt(np.mean(shift**2)) > 0.2
 
 
 # -- shutter, hand-held turning, bodies, lens ---------------------------------------------------------

@@ -47,10 +47,6 @@ def test_nothing_given_is_the_defaults():
     assert load_config(None, {"seed": None, "method": None}) == Config()
 
 
-def test_the_defaults_come_back(tmp_path):
-    assert load_config(written(tmp_path, config_toml(Config()))) == Config()
-
-
 def test_every_option_can_be_set_and_comes_back(tmp_path):
     for path, default in NUMBERS.items():
         value = 2 * default + 1
@@ -90,10 +86,11 @@ MAY_BE_ZERO = {
 def test_a_value_that_is_none_is_refused_by_name(tmp_path):
     for path in NUMBERS:
         values = ["-1", "nan", "inf", "-inf", '"many"', "true", "[1]", *(["0"] if path not in MAY_BE_ZERO else [])]
+        values.append(str(2 * RANGES[".".join(path)][1]))
         for value in values:
             with pytest.raises(ConfigError, match=path[-1]) as refusal:
                 load_config(written(tmp_path, as_toml(path, value)))
-            assert "\n" not in str(refusal.value)
+            assert "\n" not in str(refusal.value) and len(str(refusal.value)) < 250
 
 
 @pytest.mark.parametrize(
@@ -130,23 +127,10 @@ def test_files_that_cannot_be_read(tmp_path):
         load_config(tmp_path / "missing.toml")
     with pytest.raises(ConfigError, match="cannot be read"):
         load_config(tmp_path)
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(ConfigError, match="not a file"):  # and not waited for
+        load_config(tmp_path / "pipe")
     binary = tmp_path / "binary.toml"
     binary.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ConfigError, match="not valid TOML"):
         load_config(binary)
-
-
-def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(ConfigError, match="not a file"):
-        load_config(tmp_path / "pipe")
-
-
-def test_a_number_out_of_its_range_is_one_line_with_the_range_and_the_reason():
-    for key, (_, most, _) in RANGES.items():
-        section, _, name = key.rpartition(".")
-        kind = type(getattr(Config(), section)) if section else Config
-        for off in (2 * most, -1e9, math.nan, "1", True, 10**5000):
-            with pytest.raises(ConfigError) as told:
-                kind(**{name: off})
-            assert key in str(told.value) and len(str(told.value)) < 250 and "\n" not in str(told.value)

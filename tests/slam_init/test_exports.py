@@ -174,10 +174,3 @@ def test_tracks_without_images_have_no_scene_and_the_command_says_what_to_do(tmp
     assert main(["run", str(tmp_path / "tracks.npz"), "--out", str(tmp_path / "out"), "--export", "scene"]) == 2
     assert "needs images: name them by --images" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
-
-
-def test_an_image_of_another_size_is_refused(tmp_path):
-    map_ = make_map()
-    images = {one.frame: np.zeros((100, 100), np.uint8) for one in map_.keyframes}
-    with pytest.raises(SlamInitError, match="is 100x100, but the camera is for 640x480"):
-        slam_init.export(map_, tmp_path / "out", ("scene",), images)

@@ -92,13 +92,13 @@ def test_intrinsics_of_images_of_another_size_are_refused_unless_they_state_the_
     (tmp_path / "without.yaml").write_text("fx: 60\nfy: 61\ncx: 31.5\ncy: 23.5\n")
     for shape in ((24, 32), (32, 43), (72, 96), (48, 48), (32, 64)):
         initializer, image = Initializer(np.array(K)), np.zeros(shape, np.uint8)
-        with pytest.raises(CalibrationError, match=r"images of about 64x48, .*resized.*cropped.*from_K") as told:
+        with pytest.raises(CalibrationError, match=r"images of about 64x48, .*resized.*cropped") as told:
             initializer.process(image)
         assert "\n" not in str(told.value)
         initializer.process(IMAGE)
         assert (initializer.frames_read, initializer.camera) == (1, Camera.from_K(K, (64, 48)))
         Initializer(Camera.from_K(K, image.shape[::-1])).process(image)
-        with pytest.raises(CalibrationError, match=r"without.yaml: .*resized.*cropped.*in the file"):
+        with pytest.raises(CalibrationError, match=r"without.yaml: .*resized.*cropped"):
             load_camera(tmp_path / "without.yaml", image.shape[::-1])
     assert load_camera(tmp_path / "without.yaml", (64, 48)) == Camera.from_K(K, (64, 48))
     stated = Initializer(Camera.from_K(K, (64, 48)))

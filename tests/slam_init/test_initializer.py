@@ -221,18 +221,6 @@ def test_a_frame_whose_matcher_failed_can_be_tried_again(room):
     assert found[0] == found[1] and len(found[0]) == 4
 
 
-def test_the_camera_of_a_result_is_the_stated_one_also_where_the_focal_length_is_estimated():
-    stated = replace(CAMERA, fx=1.05 * CAMERA.fx, fy=1.05 * CAMERA.fy, focal_sigma=0.05)
-    initializer = Initializer(stated, CONFIG)
-    for observed in observe(stated, make_poses(8), cloud(np.random.default_rng(0), 300), 0.3, np.random.default_rng(1)):
-        if initializer.process_tracks(observed):
-            break
-    result = initializer.finish()
-    assert result.camera == stated
-    if result.map is not None:
-        assert result.map.camera.fx == pytest.approx(result.map.focal_factor * stated.fx)
-
-
 def test_images_get_the_indices_that_follow_the_last_frame(room):
     (frame,) = room.frames(0, 1)
     initializer = Initializer(room.camera)

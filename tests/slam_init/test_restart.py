@@ -119,21 +119,6 @@ def test_each_map_has_a_folder_and_the_summary_lists_them(cut):
     assert written == summary.as_dict()
 
 
-def test_a_run_without_restart_removes_the_segments_of_the_last_one(cut):
-    source, _, _, out = cut
-    _, summary = run(source, source.camera, Config(), out=out, max_frames=2)
-    assert set(contents(out)) == {"summary.json", "config.toml", "recording.rrd", "overview.png"}
-    assert summary.segments == ()
-
-
-def test_the_frames_after_the_first_map_are_bounded(cut):
-    source, result, _, _ = cut
-    followed, _ = run(source, source.camera, Config(), continue_frames=3, restart=True)
-    (segment,) = followed.segments
-    assert segment.lost_at is None
-    assert [keyframe.frame - result.frames_to_init for keyframe in segment.located] == [0, 1, 2]
-
-
 def test_a_map_whose_landmarks_are_all_out_of_view_is_lost_at_once(room_fed):
     blank = [replace(frame, image=np.full_like(frame.image, 90)) for frame in room_fed.following]
     good, bad = room_fed.following[:2], blank[2:]

@@ -7,10 +7,8 @@ from hypothesis import strategies as st
 from rotations import is_rotation
 
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.datasets.text import pose_from_matrix
-from slam_init.errors import SlamInitError, SourceError
+from slam_init.errors import SlamInitError
 from slam_init.evaluation.metrics import align_poses, align_positions
-from slam_init.mapping.resection import resect
 from slam_init.types.pose import Pose
 
 
@@ -40,25 +38,3 @@ def test_alignments_of_degenerate_positions_are_rotations(seed, kind):
 def test_positions_that_are_not_finite_are_refused(bad):
     with pytest.raises(ValueError, match="finite"):
         align_positions(np.full((3, 3), bad), np.eye(3))
-
-
-@pytest.mark.parametrize("entry", [np.nan, np.inf, 1e308, 0.0, -1.0])
-def test_a_printed_matrix_is_a_rotation_or_refused(entry):
-    printed = np.hstack([rotation_from_vector([0.3, -0.2, 0.1]).round(4), np.zeros((3, 1))])
-    assert is_rotation(pose_from_matrix("a:1", printed).R)
-    printed[1, 1] = entry
-    with pytest.raises(SourceError, match="not a rotation"):
-        pose_from_matrix("a:1", printed)
-
-
-@pytest.mark.parametrize("kind", ["equal", "collinear", "behind"])
-def test_a_resected_pose_has_a_rotation_or_there_is_none(kind):
-    rng = np.random.default_rng(0)
-    points = rng.uniform([-1, -1, 2], [1, 1, 5], (30, 3))
-    if kind == "equal":
-        points[:] = points[0]
-    elif kind == "collinear":
-        points = np.outer(rng.uniform(1, 3, 30), points[0])
-    rays = points / np.linalg.norm(points, axis=1, keepdims=True)
-    found = resect(points, -rays if kind == "behind" else rays, 2e-3)
-    assert found is None or is_rotation(found[0].R)

@@ -18,6 +18,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -86,6 +87,7 @@ def _rectified(path: Path, root: Path, key: str, size: tuple[int, int]) -> tuple
             width, height = size
             K = values[:, :3]
             camera = camera_of(f"{row[0]}: {key}", {"K": K.ravel().tolist(), "width": width, "height": height})
+            camera = replace(camera, source="machine")
             cam_from_cam0 = Pose(np.eye(3), np.asarray(np.linalg.solve(K, values[:, 3]), float))
             return camera, cam_from_cam0.inverse()
     raise SourceError(f"{path}: no line {key}:")
@@ -103,7 +105,7 @@ def open_tartanair(folder: Path, found: tuple[Path, Path]) -> ImageFileSource:
     stated = read_poses_of(paths, found[1], folder, "tx ty tz qx qy qz qw")
     poses = [with_axes(pose, "forward, right, down") for pose in stated]
     width, height = image_size(paths[0], folder)
-    published = Camera("pinhole", width, height, width / 2, width / 2, width / 2, height / 2)
+    published = Camera("pinhole", width, height, width / 2, width / 2, width / 2, height / 2, source="machine")
     camera = stored_camera(folder, paths[0]) or published
     return image_sequence("tartanair", folder, paths, rate_hz=_NOMINAL_RATE_HZ, camera=camera, poses=poses)
 

@@ -27,6 +27,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -135,7 +136,8 @@ def open_euroc(folder: Path, found: Path) -> ImageFileSource:
     sensor = cam0 / "sensor.yaml"
     if sensor.exists():
         check_inside(sensor, root)
-        camera, body_from_cam = load_camera(sensor, image_size(paths[0], root)), _body_from(sensor, load_yaml(sensor))
+        camera = replace(load_camera(sensor, image_size(paths[0], root)), source="machine")
+        body_from_cam = _body_from(sensor, load_yaml(sensor))
     mav = cam0.parent
     truth_file = mav / "state_groundtruth_estimate0" / "data.csv"
     truth: Trajectory | None = None

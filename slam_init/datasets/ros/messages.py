@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -91,4 +92,4 @@ def camera_of_info(place: str, info: Any, images: str, image_size: tuple[int, in
     content: dict[str, object] = {"K": K.tolist(), "width": int(info.width), "height": int(info.height)}
     if not rectified:
         content |= {"D": D.tolist(), "distortion_model": str(info.distortion_model)}
-    return camera_of(place, content, image_size)
+    return replace(camera_of(place, content, image_size), source="machine")

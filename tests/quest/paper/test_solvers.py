@@ -12,7 +12,6 @@ from make_views import SCENES, distance, scene_points, two_views, unit
 
 from quest.errors import InputError
 from quest.geometry.quaternion import conjugate, matrix_from_quaternion, multiply
-from quest.paper.monomials import coefficient_rows, quartics, rows_of_moments
 from quest.paper.newton import polish_on_matches
 from quest.paper.quest6_fast import quest6_fast
 from quest.paper.selection import select_candidates
@@ -155,23 +154,6 @@ def test_wrong_arguments_are_named(solver: Solver):
 
 
 # --- QuEst in the null space ---
-
-
-def test_rows_of_rank_one_moments_equal_those_of_matches():
-    m, n = unit(np.random.default_rng(0).normal(size=(2, 3, 7, 3)))
-    rows = rows_of_moments(n[..., :, None] * m[..., None, :])
-    assert np.abs(rows) == pytest.approx(np.abs(coefficient_rows(m, n)), abs=1e-12)
-
-
-def test_the_equations_of_many_matches_reduce_to_nine_sums():
-    # questn uses this equality: the sum of squares over 1140 triples of 20 matches equals that over 84 triples.
-    rng = np.random.default_rng(0)
-    m, n = unit(rng.normal(size=(2, 1, 20, 3)))
-    moments = (n[..., :, None] * m[..., None, :]).reshape(1, 20, 9)
-    nine = np.linalg.qr(moments[0])[1].reshape(1, 9, 3, 3)
-    q = quartics(unit(rng.normal(size=(50, 4))))
-    every = np.linalg.norm(q @ coefficient_rows(m, n)[0].T, axis=1)
-    assert np.linalg.norm(q @ rows_of_moments(nine)[0].T, axis=1) == pytest.approx(every)
 
 
 @pytest.mark.parametrize("coplanar", [False, True])

@@ -18,12 +18,3 @@ def test_a_sum_of_votes_that_agree_within_regions_scatters_more():
     assert scatter_of_sum(by_region, where) > 5 * np.sqrt(4800)
     assert scatter_of_sum(np.zeros(4800), where) == 0
     assert scatter_of_sum(np.zeros(0), np.zeros((0, 2))) == 0
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 49, 50, 51, 100, 101, 997])
-def test_the_view_is_the_rectangle_between_thepercentiles_of_numpy(count):
-    rng = np.random.default_rng(count)
-    where = rng.normal(size=(count, 2))
-    low, high = np.percentile(where, [1, 99], axis=0)
-    cells = np.clip((where - low) / np.maximum(high - low, 1e-12) * (8, 6), 0, (7, 5)).astype(int)
-    assert (regions_of(where) == 6 * cells[:, 0] + cells[:, 1]).all()

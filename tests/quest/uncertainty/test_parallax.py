@@ -12,9 +12,7 @@ from make_parallax import draw_views, refined_motion, true_ratio
 
 from quest import InputError, parallax_statement
 from quest.geometry.quaternion import quaternion_from_matrix, rotation_from_vector
-from quest.robust import kernels
 from quest.tails import gaussian_tail, poisson_tail
-from tests.benchmarks.quest.reference import sampson_jacobian
 
 NOISE_RAD = 1.5e-3
 
@@ -125,19 +123,3 @@ def test_the_stated_deviation_of_the_ratio_covers_the_noise_of_points_and_motion
         errors.append((statement.ratio - true_ratio(two, R, t, kept)) / statement.ratio_sigma)
     assert np.mean(np.abs(errors) < 2) > 0.85
     assert 0.7 < np.std(errors) < 1.3
-
-
-def test_the_information_is_that_of_the_jacobian_and_inliers_alone_have_depths():
-    two = views(1)
-    information, squares, psi2, slope, slope2 = kernels.pose_information(two.m, two.n, two.R, two.t, 2 * NOISE_RAD)
-    r, J = sampson_jacobian(two.R, two.t, two.m, two.n)
-    u = (r / (2 * NOISE_RAD)) ** 2
-    assert information == pytest.approx(J.T @ J, rel=1e-9)
-    expected = [r @ r, np.sum((r / (1 + u)) ** 2), np.sum((1 - u) / (1 + u) ** 2)]
-    expected.append(np.sum(((1 - u) / (1 + u) ** 2) ** 2))
-    assert [squares, psi2, slope, slope2] == pytest.approx(expected, rel=1e-9)
-    inliers = np.random.default_rng(0).random(len(two.m)) < 0.5
-    depths, parallax_rad = kernels.depths_and_parallax(two.m, two.n, two.R, two.t, inliers)
-    assert (np.isfinite(depths) == inliers).all()
-    cosines = np.sum((two.m @ two.R.T * two.n)[inliers], axis=1)
-    assert parallax_rad == pytest.approx(np.median(np.arccos(cosines)), rel=1e-6)

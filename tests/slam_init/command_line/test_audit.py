@@ -1,7 +1,6 @@
 """``slam-init audit``: the same map in several formats, and what is no map."""
 
 import json
-import os
 
 import cv2
 import numpy as np
@@ -116,24 +115,6 @@ def no_images(folder):
     return "poses.txt"
 
 
-def junk(folder):
-    (folder / "junk.txt").write_text("this is no trajectory\n")
-    return "junk.txt"
-
-
-def broken_points(folder):
-    write_colmap(make_map(points=POINTS), folder / "model")
-    text = (folder / "model" / "images.txt").read_text().splitlines()
-    (folder / "model" / "images.txt").write_text("\n".join([*text[:3], "1 2 3 4", *text[4:]]))
-    return "model"
-
-
-def no_image(folder):
-    write_colmap(make_map(points=POINTS), folder / "model")
-    (folder / "model" / "images.txt").write_text("")
-    return "model"
-
-
 def changed(**arrays):
     def make(folder):
         (folder / "handover.npz").write_bytes(handover_bytes(make_map(points=POINTS)))
@@ -142,11 +123,6 @@ def changed(**arrays):
         return "handover.npz"
 
     return make
-
-
-def a_pipe(folder):
-    os.mkfifo(folder / "pipe")
-    return "pipe"
 
 
 def too_few_points(folder):
@@ -160,10 +136,6 @@ NO_MAPS = [
     (broken_npz, "has no array"),
     (no_images, "--images"),
     (no_listed_image, "--images"),
-    (junk, "junk.txt:1"),
-    (broken_points, "POINT3D_ID"),
-    (a_pipe, "pipe: cannot be read: it is a named pipe"),
-    (no_image, "images.txt: holds no image"),
     (too_few_points, "few: no two frames with a pose share"),
     (changed(keyframe_frames=np.zeros_like), "keyframe_frames has a frame twice"),
     (changed(observation_keyframes=lambda keyframes: keyframes[:0]), "its arrays do not fit together"),

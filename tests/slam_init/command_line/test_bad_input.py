@@ -20,15 +20,10 @@ BAD = {
     "unknown command": (["frobnicate"], "frobnicate"),
     "unknown option": (["run", "--frob"], "--frob"),
     "abbreviated option": (["run", "--see", "3"], "--see"),
-    "seed no number": (["run", "--seed", "x"], "--seed"),
-    "seed negative": (["run", "--seed", "-1"], "--seed"),
     "seed of 5,000 digits": (["run", "--seed", f"1{5000 * '0'}"], "--seed"),
     "start negative": (["run", "--start", "-1"], "--start"),
     "start beyond the end": (["run", IMAGES, *WITH, "--start", "3"], "start is 3"),
-    "max-frames zero": (["run", "--max-frames", "0"], "--max-frames"),
-    "refine negative": (["run", "--refine", "-5"], "--refine"),
     "refine without a window": (["run", "--refine", "5", "--method", "orb-slam3"], "use --continue"),
-    "continue negative": (["run", "--continue", "-5"], "--continue"),
     "scale of no kind": (["run", "--scale", "stick:1"], "marker:tag36h11"),
     "scale without a length": (["run", "--scale", "height:tall"], "metres"),
     "scale by an unknown marker": (["run", "--scale", "marker:qr:0.1"], "tag36h11"),
@@ -43,7 +38,6 @@ BAD = {
     "empty folder": (["run", "empty"], "no sequence"),
     "text file": (["run", "file"], "video"),
     "garbage video": (["run", "garbage.mp4"], "garbage.mp4"),
-    "empty video": (["run", "empty.mp4"], "empty.mp4"),
     "one image": (["run", f"{IMAGES}/0.png"], "folder"),
     "unreadable image": (["run", "cut", *WITH], "0.png"),
     "broken line": (["run", "line", *WITH], "rgb.txt:1"),
@@ -59,14 +53,11 @@ BAD = {
     "text as mask": (["run", IMAGES, *WITH, "--mask", "file"], "file: not a readable image"),
     "mask of another size": (["run", IMAGES, *WITH, "--mask", "sizes/1.png"], "mask is 32x24, .* 64x48"),
     "no mask of a frame": (["run", IMAGES, *WITH, "--mask", "full"], "no mask for the frame 0.png"),
-    "info with a bad mask": (["info", IMAGES, "--mask", "sizes/1.png"], "mask is 32x24"),
     "compare with a missing mask": (["compare", "synth:room", "--mask", "nowhere.png", "--out", "out"], "nowhere.png"),
-    "compare points with a rate": (["compare", "points:room", "--fps", "3", "--out", "out"], "has no images"),
     "compare within no time": (["compare", "points:room", "--time-limit", "nan", "--out", "out"], "--time-limit"),
     "source behind a bare option": (["run", "--live", IMAGES], "give the address of a viewer"),
     "a result as a source": (["run", "result"], "a result of slam-init: use slam-init view result, or info"),
     "a result to compare on": (["compare", "result", "--out", "out"], "a result of slam-init"),
-    "a result to calibrate by": (["calibrate", "result", "--out", "out"], "a result of slam-init"),
     "compare every zero": (["compare", "points:room", "--use-every", "0", "--out", "out"], "--use-every"),
     # camera
     "no focal length": (["run", IMAGES, "--camera", "f=none"], "f=1250"),
@@ -74,9 +65,7 @@ BAD = {
     "camera is a folder": (["run", IMAGES, "--camera", "full"], "full"),
     "other size": (["run", IMAGES, "--camera", "other_size.yaml"], "128x48"),
     "focal zero": (["run", IMAGES, "--camera", "zero.yaml"], "zero.yaml: .*fx"),
-    "broken yaml": (["run", IMAGES, "--camera", "broken.yaml"], "broken.yaml"),
     "unsafe yaml": (["run", IMAGES, "--camera", "unsafe.yaml"], "unsafe.yaml"),
-    "empty yaml": (["run", IMAGES, "--camera", "empty.yaml"], "empty"),
     "video as camera": (["run", IMAGES, "--camera", "garbage.mp4"], "garbage.mp4"),
     "empty camera": (["run", IMAGES, "--camera", ""], "camera is empty"),
     # options that would have no effect
@@ -92,8 +81,6 @@ BAD = {
     "readout text": (["run", IMAGES, *WITH, "--readout", "fast"], "--readout is 'fast'"),
     "readout sideways": (["run", IMAGES, *WITH, "--readout", "5,sideways"], "readout direction"),
     # other commands
-    "synth unknown scene": (["synth", "nowhere", "--out", "out"], "rotate-then-move"),
-    "synth without out": (["synth", "room"], "--out"),
     "synth no frames": (["synth", "room", "--out", "out", "--frames", "0"], "--frames"),
     "synth too many frames": (["synth", "room", "--out", "out", "--frames", "99999999"], "frames"),
     "info of nowhere": (["info", "nowhere"], "nowhere"),
@@ -231,12 +218,6 @@ def broken_later(world):
     folder.mkdir()
     for i in range(3):
         (folder / f"{i}.png").write_bytes((world / IMAGES / f"{i}.png").read_bytes()[: 60 if i == 2 else None])
-
-
-def test_an_error_on_the_way_leaves_no_folder(world, capfd):
-    broken_later(world)
-    assert_refused(main(["run", "broken later", *WITH, "--out", "out"]), capfd, "2.png")
-    assert not (world / "out").exists()
 
 
 def test_an_error_on_the_way_leaves_the_results_of_an_earlier_run(world, capfd):

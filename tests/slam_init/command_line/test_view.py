@@ -4,12 +4,10 @@ import json
 
 import pytest
 from make_map import make_map, make_result
-from make_summary import summarize
+from make_summary import summarize, write_results
 
 import slam_init.recording.viewer as viewer
 from slam_init.cli import main
-from slam_init.errors import ViewerError
-from slam_init.output.results import write_results
 
 RECORDING = b"RRF2 recording"
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -87,9 +85,7 @@ def test_screenshots_are_one_file_for_each_frame_and_replace_pictures_only(folde
         (["out", "--port", "3"], "--web"),
         (["out", "--web", "--port", "70000"], "65535"),
         (["out", "--screenshot", "--at", "-1"], "--at"),
-        (["out", "--screenshot", "--at", "1,,2"], "--at"),
         (["out", "--screenshot", "--size", "1x1"], "--size"),
-        (["out", "--screenshot", "--size", "99999x99999"], "--size"),
         (["out", "--screenshot", "nowhere/a.png"], "no folder"),
         (["out", "--screenshot", "empty"], "a folder, not a file"),
         (["out", "--web", "--screenshot"], "not allowed with"),
@@ -103,15 +99,6 @@ def test_what_cannot_be_shown_is_one_line(folder, shown, tmp_path, capsys, argum
     assert word in error
     assert error.count("\n") == 1
     assert shown == []
-
-
-def test_a_viewer_that_fails_is_one_line(folder, monkeypatch, capsys):
-    def fails(path, frames, window):
-        raise ViewerError("the viewer found no graphics driver: install one")
-
-    monkeypatch.setattr(viewer, "screenshots", fails)
-    assert main(["view", "out", "--screenshot"]) == 2
-    assert "no graphics driver" in capsys.readouterr().err
 
 
 def test_info_tells_of_a_result_folder(tmp_path, capsys):

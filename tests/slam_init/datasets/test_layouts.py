@@ -100,6 +100,11 @@ def test_text_files_may_have_a_byte_order_mark_crlf_blank_lines_and_comments(tmp
     assert [frame.name for frame in open_source(tmp_path).frames()] == ["0.png", "1.png", "2.png"]
 
 
+@pytest.mark.parametrize("layout", ["euroc", "kitti", "tartanair"])
+def test_the_camera_of_a_robot_or_a_car_is_that_of_a_machine(layout, tmp_path):
+    assert open_source(getattr(make_layouts, layout)(tmp_path)).camera.source == "machine"
+
+
 @pytest.mark.parametrize("sub", ["", "mav0", "mav0/cam0"])
 def test_each_folder_of_a_euroc_sequence_opens_the_whole(tmp_path, sub):
     source = open_source(make_layouts.euroc(tmp_path) / sub)

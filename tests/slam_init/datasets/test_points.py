@@ -19,13 +19,6 @@ def test_a_source_of_points_gives_the_tracks_of_the_sequence():
     assert [frame.index for frame in source.frames(1, 2)] == [1, 2]
 
 
-def test_the_focal_error_of_a_rotation_scene_is_that_of_the_stated_camera():
-    right, wrong = (open_points(f"points:rotation?focal_error={error}", 1) for error in (0.0, -0.04))
-    assert wrong.camera.fx == pytest.approx(0.96 * right.camera.fx)
-    for a, b in zip(right.observations(), wrong.observations(), strict=True):
-        np.testing.assert_array_equal(a.pixels, b.pixels)
-
-
 @pytest.mark.parametrize(
     "text",
     [

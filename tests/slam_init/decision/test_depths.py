@@ -151,7 +151,8 @@ def test_a_target_that_is_never_met_gives_no_map_and_keeps_the_provisional_one()
     assert (result.map, result.reason) == (None, Verdict.LOW_PARALLAX)
     assert attempts[-1].failed_gates[-1].name == GateName.PARALLAX_DEG
     provisional = initializer.provisional
-    assert provisional.risk == provisional.map.risk <= WINDOW_CONFIG.acceptance.max_risk
+    assert provisional.risk == provisional.map.risk
+    assert provisional.map.model_risk <= WINDOW_CONFIG.acceptance.max_risk
 
 
 def test_walking_along_a_street_gives_a_map_with_depths():

@@ -36,6 +36,14 @@ def test_a_calibrated_lens_follows_nothing():
     assert followed(lens, Lens(0.3, 0.1)) is lens
 
 
+def test_the_lens_of_a_machine_hardly_changes_and_fixes_no_more_than_a_person_who_says_so():
+    of = {
+        kind: priors_of(LensInUse.of(replace(CAMERA, source=kind)), WINDOW_CONFIG).lens_changes
+        for kind in ("stated", "file", "machine")
+    }
+    assert 0 < of["machine"] < of["file"] == of["stated"] == WINDOW_CONFIG.acceptance.lens_changes
+
+
 def test_a_lens_that_moves_takes_its_prior_along():
     lens = followed(LensInUse.of(UNKNOWN), Lens(0.2, -0.1))
     np.testing.assert_allclose(lens.camera.fx, CAMERA.fx * np.exp(0.2))

@@ -243,14 +243,14 @@ def test_the_provisional_map_is_none_then_too_risky_then_the_accepted_map(world)
     for observed, status, provisional, _ in before:
         assert (provisional is None) == (status.attempt is None or status.attempt.window is None)
         if provisional is not None:
-            assert provisional.risk >= status.attempt.window.risk
+            assert provisional.map.model_risk >= status.attempt.window.risk
             assert len(provisional.map.points)
             assert max(k.frame for k in provisional.map.keyframes) == observed.frame
             waiting += 1
     assert accepting
     assert waiting
     assert accepted.map is initializer.map is not None
-    assert accepted.risk == accepting.attempt.window.risk <= WINDOW_CONFIG.acceptance.max_risk
+    assert accepted.map.model_risk == accepting.attempt.window.risk <= WINDOW_CONFIG.acceptance.max_risk
     assert initializer.provisional.map is initializer.finish().map
 
 
@@ -268,7 +268,7 @@ def test_the_provisional_map_can_be_asked_for_after_its_frames_are_dropped():
         initializer.process_tracks(replace(few, frame=k, timestamp_s=k / 10))
     assert len(initializer.history) < 200
     provisional = initializer.provisional
-    assert provisional is None or provisional.risk > WINDOW_CONFIG.acceptance.max_risk
+    assert provisional is None or provisional.map.model_risk > WINDOW_CONFIG.acceptance.max_risk
 
 
 def test_asking_for_the_provisional_map_does_not_change_the_result():

@@ -89,17 +89,6 @@ def test_of_two_tracks_that_meet_in_one_place_the_older_is_kept():
     assert 0 < len(survivors) < len(seen[0])
 
 
-def test_a_link_by_descriptors_adds_tracks_to_the_frames_before():
-    tracker, seen = follow(frames_from((100, 60), (230, 60)))
-    enriched = tracker.history[0]
-    assert len(enriched) > len(seen[0])
-    assert np.isin(seen[0].track_ids, enriched.track_ids).all()
-    assert (np.diff(enriched.track_ids) > 0).all()
-    moved = displacement(enriched, tracker.history[1])
-    assert len(moved) >= 30
-    assert np.mean(np.linalg.norm(moved - (-130, 0), axis=1) < 1.0) > 0.9
-
-
 def test_the_tracks_that_the_flow_kept_go_on_over_a_link_by_descriptors():
     """A part of the view jumps by half an image, the rest moves by a few pixels: the flow keeps the rest."""
     (first,), (near,), (far,) = frames_from((100, 60)), frames_from((106, 60)), frames_from((230, 60))

@@ -16,7 +16,7 @@ from slam_init.config import Config, ExternalConfig
 from slam_init.errors import ConfigError, SlamInitError, SourceError
 from slam_init.methods import make_initializer, method_info
 from slam_init.methods.external import ExternalInitializer
-from slam_init.methods.external_command import is_external, method_label, parse_external
+from slam_init.methods.external_command import parse_external
 from slam_init.methods.external_run import run_program
 from slam_init.types.camera import Camera
 
@@ -146,19 +146,6 @@ def test_a_wrong_command_is_refused_before_anything_runs():
     ):
         with pytest.raises(ConfigError, match=cause):
             method_info(method)
-
-
-def test_the_name_of_a_method_in_tables():
-    for method, label in (
-        ("orb=command:./x.sh {images} {out}", "orb"),
-        ("command:python3 -u scripts/my_slam.py {images} {out}", "my_slam.py"),
-        ("command:python -m package.module {images} {out}", "package.module"),
-        ("command:/opt/slam/run_slam --fast {images} {out}", "run_slam"),
-        ("quest", "quest"),
-        ("package.module:Class", "package.module:Class"),
-    ):
-        assert method_label(method) == label
-        assert is_external(method) == ("command:" in method)
 
 
 def test_an_external_program_refuses_tracks(tmp_path):

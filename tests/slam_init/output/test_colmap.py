@@ -45,13 +45,6 @@ def test_colmap_reads_the_model_and_computes_the_same_reprojection_errors(tmp_pa
     assert read.compute_mean_reprojection_error() == pytest.approx(np.mean(by_point), abs=1e-6)
 
 
-def test_a_camera_with_a_fifth_coefficient_of_zero_is_written_with_four_coefficients(tmp_path):
-    camera = replace(CAMERAS["radtan5"], distortion=(-0.2, 0.05, 1e-3, -5e-4, 0.0))
-    read = read_by_colmap(tmp_path, replace(make_map("radtan"), camera=camera)).cameras[1]
-    assert read.model.name == "OPENCV"
-    np.testing.assert_allclose(read.params[4:], camera.distortion[:4])
-
-
 def map_through(camera):
     """The map of another test, seen by a lens: points ahead, beside and, in the last keyframe, behind the camera."""
     map_ = make_map()

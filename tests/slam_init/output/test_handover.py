@@ -58,9 +58,9 @@ def test_the_reader_of_the_example_gives_what_each_keyframe_sees(tmp_path, capsy
 
 
 def test_risk_depths_covariances_and_the_tracks_without_a_point_are_handed_over():
-    map_ = replace(make_map(), risk=0.002)
+    map_ = replace(make_map(), model_risk=0.002)
     data = loaded(map_)
-    assert (float(data["risk"]), float(data["depth_sigma"])) == (0.002, np.median(data["point_depth_sigmas"]))
+    assert (float(data["risk"]), float(data["depth_sigma"])) == (map_.risk, np.median(data["point_depth_sigmas"]))
     assert data["point_covariances"].shape == (len(map_.points), 3, 3)
     np.testing.assert_array_equal(data["point_depth_sigmas"], map_.depth_sigmas)
     assert data["unit_sigma"] == map_.unit_error.own

@@ -10,7 +10,7 @@ from make_summary import summarize
 
 from slam_init.output.records import ContinuationRecord
 from slam_init.output.report import report_text
-from slam_init.types.evidence import WindowEvidence
+from slam_init.types.evidence import Margin, WindowEvidence
 from slam_init.types.refusal import Verdict
 from slam_init.types.result import Attempt, GroundTruthErrors
 from slam_init.types.scale import Scale, ScaleOrigin
@@ -47,6 +47,15 @@ def test_the_risk_of_the_last_window_is_reported_with_the_depths_of_the_landmark
     window = replace(zeros, risk=0.00321, direction_sigma_deg=3.14, depth_sigma=29321.0)
     result = replace(result, attempts=(*result.attempts[:-1], replace(result.attempts[-1], window=window)))
     assert lines_of(result)[1]["risk"] == "0.0032 that the map is wrong, direction +- 3.1 deg, depths +- 2.0%"
+
+
+def test_two_undecided_maps_are_reported_with_their_margin():
+    for ahead, preferred in ((3.0, "the first"), (-3.0, "the second")):
+        result = replace(
+            make_result(None, Verdict.AMBIGUOUS_PLANE), hypotheses=(make_map(), make_map()), margin=Margin(ahead, 1.5)
+        )
+        _, lines = lines_of(result)
+        assert lines["kept"] == f"two maps of frames 10, 17, 24, 31; the tracks prefer {preferred} by 3.0 nats"
 
 
 def test_a_scale_does_not_hide_that_depths_are_less_certain():

@@ -13,7 +13,7 @@ import pytest
 from evo.tools import file_interface
 from make_map import CAMERAS, make_map, make_result
 from make_scene import CONFIG, cloud, observe, problem
-from make_summary import summarize
+from make_summary import summarize, write_results
 from written import contents
 
 from slam_init.bundle.adjustment import adjust
@@ -21,12 +21,19 @@ from slam_init.bundle.focal import camera_with_focal_factor
 from slam_init.bundle.reprojection import calibration_key
 from slam_init.errors import SourceError
 from slam_init.mapping.map_building import initial_map
-from slam_init.output.results import load_graph, write_results
+from slam_init.output.results import load_graph
 
 
 def write(out, result, **keywords):
     write_results(out, result, summarize(result), **keywords)
     return set(contents(out))
+
+
+def test_the_configuration_and_the_continuation_lie_beside_the_files_and_nothing_temporary_does(tmp_path):
+    map_ = make_map()
+    without = write(tmp_path / "a", make_result(map_))
+    written = write(tmp_path / "deep" / "run", make_result(map_), config_toml="seed = 0\n", continued=map_.keyframes)
+    assert written == without | {"config.toml", "continued.txt"} and len(without) == 10
 
 
 def test_a_name_that_is_not_unicode_is_written_with_its_bytes(tmp_path):
@@ -56,6 +63,11 @@ def test_gtsam_reads_the_graph_and_continues_to_optimize_it(tmp_path, model):
     assert graph.error(values) == map_.graph.error(map_.values)
     optimized = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
     assert graph.error(optimized) < graph.error(values)
+
+
+def test_a_missing_graph_is_an_error(tmp_path):
+    with pytest.raises(SourceError, match="no graph in"):
+        load_graph(tmp_path)
 
 
 @pytest.mark.parametrize("model", CAMERAS)

@@ -8,14 +8,15 @@ import pytest
 from make_map import make_map, make_result
 from make_summary import summarize
 
-from slam_init.output.summary import SCHEMA, Summary, summary_text
+from slam_init.output.plain_json import json_text
+from slam_init.output.summary import SCHEMA, Summary
 from slam_init.types.refusal import GateName, Verdict, at_least
 from slam_init.types.result import GroundTruthErrors
 
 
 def read(summary: Summary):
     """The content of the file, as another program reads it."""
-    return json.loads(summary_text(summary))
+    return json.loads(json_text(summary))
 
 
 # -- keys and values ------------------------------------------------------------------------------

@@ -27,8 +27,8 @@ def test_of_an_initialized_run_the_keyframes_and_the_pair_are_kept_and_nothing_o
     recorder.attempt(make_attempts(map_)[0])
     recorder.initialized(replace(map_, keyframes=map_.keyframes[:1]), ())
     assert [shown.index for shown in recorder.frames] == [keyframe.frame for keyframe in map_.keyframes]
-    assert recorder.pair is pair and pair.attempt.frames == (10, 31)
-    assert pair.attempt.judged
+    assert recorder.pair is pair and pair[2].frames == (10, 31)
+    assert pair[2].judged
 
 
 def test_a_pair_without_matches_is_not_kept():

@@ -34,6 +34,14 @@ def test_the_stated_deviation_is_that_of_the_errors():
     assert 0.2 < np.sqrt(np.mean(np.square(errors))) < 1.6
 
 
+def test_half_a_turn_of_a_board_changes_nothing():
+    x, y = np.meshgrid(np.arange(5.0), np.arange(4.0))
+    corners = np.stack([x.ravel() - 2, y.ravel() - 1.5, np.zeros(x.size)], axis=1)
+    seen = sightings(MAP, 0.03, points=corners)
+    turned = [replace(one, pixels=one.pixels[::-1]) if k % 2 else one for k, one in enumerate(seen)]
+    assert fit_target(MAP, turned).log_units == pytest.approx(fit_target(MAP, seen).log_units, abs=1e-9)
+
+
 def test_a_view_that_shows_another_place_is_left_out():
     seen = sightings(MAP)
     wrong = replace(seen[2], pixels=seen[2].pixels + np.array([40.0, 0.0]))

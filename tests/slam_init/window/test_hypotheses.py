@@ -110,15 +110,6 @@ def test_a_view_that_cannot_be_located_is_left_out(way):
 
 # -- motions --------------------------------------------------------------------------------------
 
-FRAMES = (3, 8)
-
-
-def proposed(scene="room", seed=1, **options):
-    """The pose of a pair, its matched rays and its motions."""
-    source, views = window_of(scene, seed, 2, **options)
-    pose, rays1, rays2 = pose_of_pair(source.camera, *views)
-    return pose, motions_of_pair(pose, FRAMES, rays1, rays2)
-
 
 def in_another_world(motion: Motion, scale=1.0) -> Motion:
     """The same motion in another frame of reference and another scale."""
@@ -129,18 +120,6 @@ def in_another_world(motion: Motion, scale=1.0) -> Motion:
         turned_plane = world_from_new.R.T @ plane / scale
         plane = turned_plane / (1 - plane / scale @ world_from_new.t)
     return Motion({frame: pose @ world_from_new for frame, pose in scaled.items()}, plane, motion.lens)
-
-
-def test_each_proposal_of_a_pair_is_a_motion_with_a_plane_where_the_matches_lie_on_one():
-    pose, motions = proposed("wall", 0, baseline=0.3)
-    assert pose.kind == "planar"
-    assert len(motions) == 1 + len(pose.alternatives) >= 2
-    assert all(motion.plane is not None for motion in motions)
-    for motion, one in zip(motions, [pose, *pose.alternatives], strict=True):
-        np.testing.assert_array_equal(motion.cam_from_world[3].t, 0)
-        np.testing.assert_array_equal(motion.cam_from_world[8].R, one.R)
-    _, (motion, *_) = proposed("room")
-    assert motion.plane is None
 
 
 @pytest.mark.parametrize("scene", ["room", "wall"])

@@ -10,6 +10,7 @@ from quest.geometry.quaternion import rotation_from_vector
 from slam_init.window.arguments import Equations, Limits, Work
 from slam_init.window.equations import WindowEquations
 from slam_init.window.optimizer import solve_damped
+from slam_init.window.prior_equations import turn_between
 
 
 def window_and_start(views, *, measured=False):
@@ -66,3 +67,14 @@ def test_equations_that_have_no_minimum_give_no_step(pivot):
     equations = Equations.empty(0, 2)
     equations.normal[:] = np.diag([1.0, pivot])
     assert not solve_damped(equations, 0.0, Work.empty(2))
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-13, 1e-6, 0.3, 3.1])
+def test_the_turn_between_two_rotations_is_the_logarithm_of_their_quotient(angle):
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        one, axis = rotation_from_vector(rng.normal(size=3)), rng.normal(size=3)
+        vector = angle * axis / np.linalg.norm(axis)
+        R = np.stack([np.eye(3), rotation_from_vector(vector) @ one])
+        found = turn_between(R, np.stack([np.eye(3), one]), 1)
+        np.testing.assert_allclose(found, vector, atol=1e-12)

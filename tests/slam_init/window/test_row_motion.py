@@ -1,14 +1,11 @@
 """Law of the row motion: at the true state, turning and translation together undo a rolling shutter."""
 
-from dataclasses import replace
-
 import numpy as np
-import pytest
 from make_window import point_source
-from slam_init.window.lens_offset import IN_USE
 
 from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.types.history import History
+from slam_init.types.lens import SAME_LENS
 from slam_init.window.row_motion import with_translation
 from slam_init.window.state import WindowState
 from slam_init.window.tracks import gather_tracks
@@ -32,7 +29,7 @@ def window(scene, seed, **options):
     in_anchor = np.einsum("tij,tj->ti", R[anchor], points) + t[anchor]
     distance = np.linalg.norm(in_anchor, axis=1)
     nothing, nowhere = np.zeros((len(R), 12)), np.zeros(len(points), bool)
-    state = WindowState(R, t, in_anchor / distance[:, None], 1 / distance, IN_USE, nothing, None, nowhere)
+    state = WindowState(R, t, in_anchor / distance[:, None], 1 / distance, SAME_LENS, nothing, None, nowhere)
     middle = np.array([camera.project(points @ R[k].T + t[k]) for k in range(len(R))])
     return tracks, state, middle
 
@@ -50,13 +47,3 @@ def test_turning_and_translation_undo_a_rolling_shutter():
     assert turned < 0.4 * raw
     assert both < 0.7 * turned
     assert both < 0.1 * raw
-
-
-@pytest.mark.parametrize("case", ["no translation", "photographs", "repeated time stamps"])
-def test_nothing_is_added_where_nothing_is_known(case):
-    tracks, state, _ = window("handheld", 2, readout_ms=30.0, speed=0.0 if case == "no translation" else 0.2)
-    if case == "photographs":
-        tracks = replace(tracks, sweep_px_s=np.zeros_like(tracks.sweep_px_s))
-    if case == "repeated time stamps":
-        tracks = replace(tracks, times_s=np.zeros_like(tracks.times_s))
-    np.testing.assert_allclose(with_translation(tracks, state).sweep_px_s, tracks.sweep_px_s, atol=1e-6)

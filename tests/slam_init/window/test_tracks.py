@@ -59,16 +59,6 @@ def test_the_chosen_tracks_are_spread_over_the_image():
     assert cells.max() <= cells.min() + 2
 
 
-def test_of_the_tracks_of_a_cell_those_of_both_views_of_the_pair_and_of_most_views_come_first():
-    camera, views = views_of(1600)
-    rng = np.random.default_rng(0)
-    lost = rng.random(10_000) < 0.5  # half of the tracks leave the current view
-    views[1] = only(views[1], ~lost[views[1].track_ids])
-    tracks = gather_tracks(camera, views, 0.7)
-    in_pair = np.isin(tracks.track_ids, np.intersect1d(views[0].track_ids, views[1].track_ids))
-    assert in_pair.mean() > 0.8  # of all tracks, half are in both views
-
-
 def drifting(views, covariance):
     """The views with a drift that grows by this covariance (2, 2) from frame to frame."""
     return [

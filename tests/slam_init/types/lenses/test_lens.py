@@ -33,7 +33,7 @@ COEFFICIENTS = {
         (-0.05, 0.1), (-0.03, 0.03), (-1e-3, 1e-3), (-1e-3, 1e-3), (-0.01, 0.01), (-3e-3, 3e-3), *(2 * ((-1e-3, 1e-3),))
     ),
     "fov": ((0.05, 2.0),),
-    "omni": ((0.0, 3.0), (-0.2, 0.2), (-0.05, 0.1), (-1e-3, 1e-3), (-1e-3, 1e-3)),
+    "omni": ((0.5, 3.0), (-0.2, 0.2), (-0.05, 0.1), (-1e-3, 1e-3), (-1e-3, 1e-3)),
     "double-sphere": ((-0.6, 1.0), (0.0, 0.9)),
     "eucm": ((0.0, 0.95), (0.3, 3.0)),
     "equirectangular": (),
@@ -142,6 +142,15 @@ def test_a_fisheye_sees_beyond_the_image_plane_only_where_its_image_does():
         (narrow.project(rays) - (narrow.cx, narrow.cy)) / (narrow.fx, narrow.fy),
         atol=1e-12,
     )
+
+
+def test_the_plane_has_places_for_rays_in_front_only():
+    camera = LENSES["double-sphere"]
+    rays = np.array([[0.6, 0.0, 0.8], [0.8, 0.0, -0.6]])
+    places = camera.normalize(camera.project(rays))
+    np.testing.assert_allclose(places[0], [0.75, 0.0], atol=1e-12)
+    assert np.isnan(places[1]).all()
+    assert camera.widest_rad > math.pi / 2
 
 
 def test_a_panorama_ends_before_its_seam_and_its_poles_and_is_not_bent():
