@@ -115,8 +115,7 @@ def _facts(result: Result) -> list[str]:
     map_, window = result.map, _last_window(result.attempts)
     facts = []
     if len(result.segments) > 1:
-        begun = "a new one was begun where the one before was lost"
-        facts.append(f"{len(result.segments)} maps: {begun}. Frames, pair, risk and figures are those of the first.")
+        facts.append(f"{len(result.segments)} maps, each from where the last was lost; all figures are of the first.")
     elif result.hypotheses and map_ is None:
         facts.append("Two maps explain the views, and one of them is right. Both are kept until further views decide.")
     parts = [f"attempts: {len(result.attempts)}"]
