@@ -7,8 +7,8 @@ Every other folder is refused in one line, and nothing in it is changed.
 **How results are replaced.** A command writes into a new folder beside the target. Once its results are whole, the two
 folders change places in one step, and the earlier one is removed. A command that ends before, whatever ends it, leaves
 the earlier results as they are; the next one removes the folder that it has left. A folder that cannot change its place
-(a mount point, the current folder, one whose parent cannot be written, one on a file system without such a step) gets
-the files one by one, the last one last.
+(a mount point, the current folder, one whose parent cannot be written) gets the files one by one, the last one last. On
+a file system without an exchange two steps take its place, between which the earlier results stand beside the target.
 """
 
 from __future__ import annotations
@@ -232,8 +232,10 @@ class OutputFolder:
             # Half of the renames must not stay because of a key that was pressed.
             with interrupts_deferred():
                 Marker(self._command, frozenset(names)).write(self.staging)
-                if self._in_place or not _exchanged(self.staging, self._place):
+                if self._in_place:
                     self._move_each(sorted(names, key=lambda name: name == last))
+                else:
+                    _exchange(self.staging, self._place)
 
     def keep(self, name: str) -> None:
         """Put one staged file beside the earlier results, or alone where there are none."""
@@ -269,23 +271,30 @@ class OutputFolder:
         Marker(self._command, now).write(self._place)
 
 
-def _exchanged(new: Path, place: Path) -> bool:
-    """Let a folder take the place of another one in one step; return whether the file system can.
-
-    The other one, if there is one, is then at ``new``.
-    """
+def _exchange(new: Path, place: Path) -> None:
+    """Let a folder take the place of another one in one step; the other one, if there is one, is then at ``new``."""
     if not place.exists():
         new.rename(place)
-        return True
+        return
     libc = ctypes.CDLL(None, use_errno=True)
     paths = os.fsencode(new), os.fsencode(place)
     if sys.platform == "darwin":
         failed = libc.renamex_np(*paths, _EXCHANGE)
     else:
         failed = libc.renameat2(_AT_FDCWD, paths[0], _AT_FDCWD, paths[1], _EXCHANGE)
-    if failed and ctypes.get_errno() not in (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP):
+    if not failed:
+        return
+    if ctypes.get_errno() not in (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP):
         raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()), str(place))
-    return not failed
+    # Whatever ends the command between the two steps, no later one removes a folder of this name.
+    earlier = new.with_name(f"earlier-{new.name.lstrip('.')}")
+    place.rename(earlier)
+    try:
+        new.rename(place)
+    except OSError:
+        earlier.rename(place)
+        raise
+    earlier.rename(new)
 
 
 def _remove_abandoned(home: Path, prefix: str) -> None:

@@ -145,22 +145,44 @@ def test_a_full_disk_at_any_file_leaves_the_old_results(tmp_path, monkeypatch):
         assert contents(out) == dict.fromkeys(FILES, b"1") and list(tmp_path.iterdir()) == [out]
 
 
-@pytest.mark.parametrize("why", ["mount", "current", "no exchange"])
+@pytest.mark.parametrize("why", ["mount", "current"])
 def test_a_folder_that_cannot_change_its_place_gets_the_files(tmp_path, monkeypatch, why):
     out = tmp_path / "out"
     fill(out)
     inode = out.stat().st_ino
     if why == "mount":
         monkeypatch.setattr(output_folder.os.path, "ismount", lambda path: path == out)
-    elif why == "current":
-        monkeypatch.chdir(out)
     else:
-        monkeypatch.setattr(output_folder, "_EXCHANGE", 1 << 10)
+        monkeypatch.chdir(out)
     fill(out, "2", FILES[1:])
     assert contents(out) == dict.fromkeys(FILES[1:], b"2")
     assert out.stat().st_ino == inode
     fill(out, "3", FILES[:1])
     assert contents(out) == {"a.txt": b"3"} and not (out / "sub").exists()
+
+
+def test_a_file_system_without_an_exchange_takes_two_steps_between_which_the_earlier_results_are_whole(
+    tmp_path, monkeypatch
+):
+    out = tmp_path / "out"
+    monkeypatch.setattr(output_folder, "_EXCHANGE", 1 << 10)
+    for content in "12":
+        fill(out, content)
+        assert contents(out) == dict.fromkeys(FILES, content.encode()) and list(tmp_path.iterdir()) == [out]
+    rename = output_folder.Path.rename
+
+    def killed(path, target):
+        if target == out:
+            raise KeyboardInterrupt
+        return rename(path, target)
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(output_folder.Path, "rename", killed)
+        fill(out, "3")
+    (earlier,) = tmp_path.glob("earlier-*")
+    assert contents(earlier) == dict.fromkeys(FILES, b"2")
+    fill(out, "4")
+    assert contents(out) == dict.fromkeys(FILES, b"4") and earlier.exists()
 
 
 def test_one_file_is_kept_beside_earlier_results_or_alone_and_the_next_results_replace_it(tmp_path):
