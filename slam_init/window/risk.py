@@ -105,12 +105,13 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
     direction = directions.of_pair
     by_rotation = _rotation_risk(hypotheses, expanded, direction)
     rotation = by_rotation.probability
-    other = OtherMotion()
-    if not _is_open(rotation, direction):
+    other, is_open = OtherMotion(), _is_open(rotation, direction)
+    if not is_open:
         # Another motion is sought where the window has a map without it; one that was found before is followed.
         seeks = direction + rotation + FLOOR <= max_risk
         other = other_motion(hypotheses, directions.rotation_sigma_deg, directions.sigma_deg, seeks=seeks)
-    rival, nearest = rival_term(hypotheses, expanded, directions.sigma_deg)
+    # Fits with fields take half of a frame that waits: before a camera that turns, .36 s without this condition.
+    rival, nearest = rival_term(hypotheses, expanded, directions.sigma_deg, with_fits=not is_open)
     return WindowRisk(
         direction=direction,
         rival=rival,

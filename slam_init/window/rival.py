@@ -43,13 +43,21 @@ def rival_term(
     hypotheses: WindowHypotheses,
     expanded: ExpandedFit,
     spread_deg: float,
+    *,
+    with_fits: bool = True,
 ) -> tuple[float, Margin | None]:
-    """The probability that a rival is right, and the vote against the nearest one."""
+    """The probability that a rival is right, and the vote against the nearest one.
+
+    * ``with_fits``: Whether the motions are fitted with fields too, which only raises the probability.
+    """
     best, *rivals = hypotheses.motions
     margins = [_margin(hypotheses, best, rival) for rival in rivals]
 
     probability = sum(
-        max(_rival_probability(hypotheses, expanded, rival, margin), _rival_by_bodies(hypotheses, best, rival))
+        max(
+            _rival_probability(hypotheses, expanded, rival, margin, with_fits=with_fits),
+            _rival_by_bodies(hypotheses, best, rival),
+        )
         * _wrong_if_right(best, rival, spread_deg)
         for rival, margin in zip(rivals, margins, strict=True)
     )
@@ -98,7 +106,7 @@ def _rival_by_bodies(hypotheses: WindowHypotheses, best: FittedMotion, rival: Fi
 
 
 def _rival_probability(
-    hypotheses: WindowHypotheses, of_best: ExpandedFit, rival: FittedMotion, margin: Margin
+    hypotheses: WindowHypotheses, of_best: ExpandedFit, rival: FittedMotion, margin: Margin, *, with_fits: bool = True
 ) -> float:
     """Probability that the rival is right after all: the odds of the votes, less what error fields explain of them."""
     behind = margin.log_likelihood
@@ -115,7 +123,7 @@ def _rival_probability(
     both = np.sqrt(of_best.scale_weights * of_rival.scale_weights)
     explained = of_rival.marginal.log_evidence - of_best.marginal.log_evidence
     probability = float(both @ _odds(margin, 1 - explained / ahead))
-    if probability > UNDECIDED:  # fits with fields only raise it
+    if probability > UNDECIDED or not with_fits:
         return probability
     # Fields may move a fit so far that its expansion does not hold: the fits are repeated with the likeliest fields.
     scales = [(np.argmax(of_best.scale_weights), np.argmax(of_rival.scale_weights), 1.0)]
