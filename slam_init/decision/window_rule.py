@@ -18,6 +18,7 @@ from slam_init.bundle.problem import BundleSolution
 from slam_init.config import Config
 from slam_init.decision.depths import depth_gates
 from slam_init.decision.focal_check import FocalCheck
+from slam_init.decision.frame_skipper import FrameSkipper
 from slam_init.decision.judged_window import JudgedWindow
 from slam_init.decision.lens import priors_of
 from slam_init.decision.maps_so_far import Outcome
@@ -93,6 +94,7 @@ class WindowRule:
         self._estimate = propose or pose_at_fitting_threshold
         self._live = LiveHypotheses(config.map.min_noise_px)
         self._focal_check = FocalCheck()
+        self._skipper = FrameSkipper()
         self._threshold_rad = config.two_view.threshold_px / history.camera.focal_px
         self._reference: int | None = None
         self._rotates = False
@@ -116,8 +118,11 @@ class WindowRule:
         """Judge a frame.
 
         * ``chosen``: The pair that quest proposes new motions from; None where no pair is worth it.
-        * Returns: None where no pair was chosen, and no motion is known or the window holds the pair alone.
+        * Returns: None where no pair was chosen, and no motion is known or the window holds the pair alone; or where
+          the last window was so far from a map that this frame cannot be enough.
         """
+        if self._skipper.skips(max((pair.direction_score for pair in pairs), default=0.0), self._last):
+            return None
         preview = chosen or next((pair for pair in pairs if pair.reference == self._reference), None)
         # Without further views, an earlier motion has only the reference in common with the window.
         lives_on = bool(self._live) and self._third_view
