@@ -56,7 +56,8 @@ def continue_with_isam2(map_: InitialMap, tracker: Tracker, frames: Iterable[Fra
     for frame in frames:
         seen = tracker.track(frame)
         tracker.history.forget(keep=())
-        points = gtsam.utilities.extractPoint3(isam.calculateEstimate())  # in the order of track ids, like the map
+        estimate = isam.calculateEstimate()
+        points = np.array([estimate.atPoint3(landmark_key(track)) for track in map_.track_ids.tolist()])
         i, j, bearings = map_.seen_in(seen)
         resected = resect(points[i], bearings, _GATE_PX / camera.focal_px)
         if resected is None:
@@ -148,6 +149,8 @@ def _parameters() -> Any:
     import gtsam
 
     parameters = gtsam.ISAM2Params()
+    # Gauss and Newton's steps, the default, send landmarks whose depth is known to a third behind their cameras.
+    parameters.setOptimizationParams(gtsam.ISAM2DoglegParams())
     # A variable is linearized again if it moved by more than 0.01 of the median depth, which is the unit of the map.
     # The default of gtsam is 0.1.
     parameters.setRelinearizeThreshold(1e-2)
