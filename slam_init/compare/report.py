@@ -76,15 +76,19 @@ def main_table(summary: Figures) -> str:
     tables = []
     for part, by_method in summary["parts"].items():
         columns = _STATIC if part.endswith("static") else _MOVING
-        tables.append(_table(PARTS[part], {method: shown(one) for method, one in by_method.items()}, columns))
+        tables.append(
+            _table(PARTS[part], {method_label(method): shown(one) for method, one in by_method.items()}, columns)
+        )
         if waits := [one for one in summary["waits"].get(part, ()) if one["trials"]]:
-            title = f"wait of {waits[0]['first']} minus that of"
-            tables.append(_table(title, {one["second"]: one for one in waits}, _WAITS))
+            title = f"wait of {method_label(waits[0]['first'])} minus that of"
+            tables.append(_table(title, {method_label(one["second"]): one for one in waits}, _WAITS))
     for level, by_method in summary["reliability"].items():
         rows: dict[str, dict[str, Any]] = {}
         for method, reliability in by_method.items():
-            rows |= {f"{method}, risk {name}": dict(one) for name, one in named_bins(reliability)}
-            rows[f"{method}, risk all"] |= {name: reliability[name]["rate"] for name in ("direction", "rotation")}
+            rows |= {f"{method_label(method)}, risk {name}": dict(one) for name, one in named_bins(reliability)}
+            rows[f"{method_label(method)}, risk all"] |= {
+                name: reliability[name]["rate"] for name in ("direction", "rotation")
+            }
         tables.append(_table(LEVELS[level], rows, _RELIABILITY))
     return "\n\n".join(tables)
 
