@@ -43,7 +43,7 @@ from slam_init.window.rotation_term import (
     with_errors_in_noise,
     zooming_probability,
 )
-from slam_init.window.uncertainty import ExpandedFit, expand, inverse_distances
+from slam_init.window.uncertainty import ExpandedFit, FocalOfTracks, expand, focal_of_tracks, inverse_distances
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +63,8 @@ class WindowRisk:
     field_px: float
     #: The lens by the best motion, or by the camera that only rotates where that is likely.
     lens: LensPrior
+    #: The focal length that the tracks tell near the best motion, without the prior.
+    focal: FocalOfTracks
     #: The vote against the nearest rival; None without a rival.
     margin: Margin | None
     #: Log likelihood of the best motion over the rotation-only camera, in nats.
@@ -120,6 +122,7 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
         depth_sigma=_depth_sigma(hypotheses, expanded),
         field_px=expanded.marginal.expected_scale_px(expanded.scale_weights),
         lens=directions.lens if by_rotation.lens is None else by_rotation.lens,
+        focal=focal_of_tracks(expanded),
         margin=nearest,
         rotation_log_likelihood=by_rotation.gain,
         lasting_in_noise=by_rotation.lasting_in_noise,

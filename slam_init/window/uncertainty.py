@@ -20,6 +20,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,6 +40,8 @@ from slam_init.window.state import WindowState
 #: The stated distortion is suspected from here on: in the corner of a view of 70 degrees that moves a pixel by a
 #: hundredth of its distance from the centre.
 _LEAST_DISTORTION = 0.02
+#: Tracks that tell less of a focal length tell nothing: a deviation by a factor of e to the 30.
+_LEAST_INFORMATION = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +133,14 @@ class MovedByLens:
     directions_deg: Floats
 
 
+class FocalOfTracks(NamedTuple):
+    """What the tracks of a fit tell of the focal length, without the prior."""
+
+    #: Logarithm of the focal length over that of the prior, and its standard deviation.
+    log_scale: float
+    sigma: float
+
+
 def expand(motion: FittedMotion) -> ExpandedFit:
     """Expand the cost of a fitted motion, and integrate the error fields out."""
     expanded, by_chance = expand_for_evidence(motion), information_by_chance(motion.fit)
@@ -159,6 +170,18 @@ def lens_estimate(expanded: ExpandedFit, optimism: float = 1.0) -> LensPrior:
         readout_sigma_s=0.0 if readout is None else TURNING_FACTOR * _sigma_of(readout, marginal),
         mean=expanded.fit.state.lens,
     )
+
+
+def focal_of_tracks(expanded: ExpandedFit) -> FocalOfTracks:
+    """The focal length by the tracks alone, as the quadratic expansion of the fit tells it."""
+    marginal, priors = expanded.marginal, expanded.fit.priors
+    J = np.eye(1, len(marginal.shift), expanded.linearization.k1_column - 1)
+    shifts, covariances = marginal.of(J)
+    variance = float(expanded.scale_weights @ covariances[:, 0, 0])
+    off = expanded.fit.state.lens.log_scale + float(expanded.scale_weights @ shifts[:, 0]) - priors.mean.log_scale
+    # The prior is one more measurement: without its information, the estimate is as much farther from its mean.
+    information = max(1 / variance - 1 / priors.focal_sigma**2, _LEAST_INFORMATION)
+    return FocalOfTracks(off / (variance * information), 1 / math.sqrt(information))
 
 
 def told_readout_s(lens: LensPrior) -> float:
