@@ -54,12 +54,17 @@ _CONTRADICTS_SIGMAS = 1.9
 _AGREES = 0.2
 
 
+#: The refused windows before this one are too short to tell a focal length, and most starts have a map before it.
+#: Class: budget.
+_FIRST_REFUSED = 4
+
+
 class FocalCheck:
     """Checks the stated focal length: in each window that would have a map, and in some of the refused ones.
 
-    These are the first, the second, the fourth, the eighth and so on, and the last one, at the end. The free fit takes
-    a third of the frame with the map. So it is left out where no earlier one contradicts the stated focal length, and
-    the tracks agree with it near the best motion.
+    These are the fourth, the eighth, the sixteenth and so on, and the last one, at the end. The free fit takes a third
+    of the frame with the map. So it is left out where no earlier one contradicts the stated focal length, and the
+    tracks agree with it near the best motion.
     """
 
     def __init__(self) -> None:
@@ -75,7 +80,7 @@ class FocalCheck:
         if window.lens.stated.source in ("prior", "estimated") or len(window.best.rows) < _LEAST_VIEWS:
             return None
         self._refused += not accepted
-        is_due = accepted or self._refused.bit_count() == 1
+        is_due = accepted or (self._refused >= _FIRST_REFUSED and self._refused.bit_count() == 1)
         self._unchecked = None if is_due else window
         if not is_due or (accepted and not self._contradicted and _agrees(window)):
             return None
