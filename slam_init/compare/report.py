@@ -22,23 +22,23 @@ if TYPE_CHECKING:
 
 #: The columns of the terminal: heading, figure, digits behind the point, factor. The page has its own in its template.
 _MOVING = (
-    ("trials", "trials", 0, 1), ("correct %", "correct_rate", 1, 100), ("strict %", "strict_share", 1, 100),
-    ("false %", "false_rate", 1, 100), ("audited risk %", "audited_risk", 1, 100), ("none", "none", 0, 1),
-    ("plane: right map kept %", "kept_truth_rate", 1, 100), ("error", "error", 0, 1), ("wait (frames)", "wait", 2, 1),
+    ("trials", "trials", 0, 1), ("correct (%)", "correct_rate", 1, 100), ("strict (%)", "strict_share", 1, 100),
+    ("false (%)", "false_rate", 1, 100), ("audited risk (%)", "audited_risk", 1, 100), ("none", "none", 0, 1),
+    ("plane: right map kept (%)", "kept_truth_rate", 1, 100), ("error", "error", 0, 1), ("wait (frames)", "wait", 2, 1),
     ("rotation (deg)", "rotation_error_deg", 2, 1), ("direction (deg)", "direction_error_deg", 2, 1),
-    ("survival %", "survival", 0, 100), ("frame (ms)", "frame_median_ms", 1, 1),
+    ("survival (%)", "survival", 0, 100), ("frame (ms)", "frame_median_ms", 1, 1),
 )  # fmt: skip
 #: Those without translation: a static or rotation-only camera.
 _STATIC = (
-    ("trials", "trials", 0, 1), ("false %", "false_rate", 1, 100), ("audited risk %", "audited_risk", 1, 100),
-    ("none", "none", 0, 1), ("error", "error", 0, 1), ("expected reason %", "reason_accuracy", 1, 100),
-    ("focal error suspected %", "suspicion_rate", 1, 100), ("focal error reported %", "report_rate", 1, 100),
+    ("trials", "trials", 0, 1), ("false (%)", "false_rate", 1, 100), ("audited risk (%)", "audited_risk", 1, 100),
+    ("none", "none", 0, 1), ("error", "error", 0, 1), ("expected reason (%)", "reason_accuracy", 1, 100),
+    ("focal error suspected (%)", "suspicion_rate", 1, 100), ("focal error reported (%)", "report_rate", 1, 100),
 )  # fmt: skip
-_WAITS = (("trials", "trials", 0, 1), ("sequences", "sequences", 0, 1), ("frames", "difference_frames", 2, 1))
+_WAITS = (("trials", "trials", 0, 1), ("sequences", "sequences", 0, 1), ("wait (frames)", "difference_frames", 2, 1))
 _RELIABILITY = (
-    ("maps", "maps", 0, 1), ("mean stated risk %", "mean_risk", 3, 100), ("expected false", "expected_false", 3, 1),
-    ("false", "false", 0, 1), ("false %", "false_rate", 1, 100), ("direction covered %", "direction", 1, 100),
-    ("rotation covered %", "rotation", 1, 100),
+    ("maps", "maps", 0, 1), ("mean stated risk (%)", "mean_risk", 3, 100), ("expected false", "expected_false", 3, 1),
+    ("false", "false", 0, 1), ("false (%)", "false_rate", 1, 100), ("direction covered (%)", "direction", 1, 100),
+    ("rotation covered (%)", "rotation", 1, 100),
 )  # fmt: skip
 #: A terminal shows at least this number of columns.
 _TERMINAL_WIDTH = 120
@@ -108,7 +108,7 @@ def _table(title: str, rows: Mapping[str, Figures], columns: Sequence[tuple[str,
 
 def named_bins(reliability: Figures) -> list[tuple[str, Figures]]:
     """Return the bins with maps and all maps, each with its name in a table."""
-    bins = [(f"{one['low']:g} to {one['high']:g}", one) for one in reliability["bins"] if one["maps"]]
+    bins = [(f"{100 * one['low']:g} to {100 * one['high']:g} %", one) for one in reliability["bins"] if one["maps"]]
     return [*bins, ("all", reliability["total"])]
 
 

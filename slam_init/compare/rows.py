@@ -119,8 +119,8 @@ class TrialRow:
     #: without its further keyframes. None as for the risk.
     pair_rotation_error_deg: float | None = None
     pair_direction_error_deg: float | None = None
-    #: Probability that the map is wrong, by an audit of its poses with the tracks of the trial, in place of what the
-    #: method states. None where no audit was asked for, and where too few tracks are shared.
+    #: Probability that the map is wrong by the model of an audit of its poses with the tracks of the trial, in place of
+    #: what the method states. None where no audit was asked for, and where too few tracks are shared.
     audited_risk: float | None = None
 
     @property

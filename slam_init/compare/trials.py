@@ -196,7 +196,7 @@ def _audited_risk(
         views |= {view.frame: view for view in (*step.revised, step.current)}
     poses = {keyframe.frame: keyframe.world_from_cam for keyframe in map_.keyframes}
     try:
-        return audit(poses, views.values(), camera, settings.config).risk
+        return audit(poses, views.values(), camera, settings.config).model_risk
     except SlamInitError:
         return None
 

@@ -30,6 +30,7 @@ from slam_init.types.audit import Audit, AuditVerdict
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.history import History
+from slam_init.types.initial_map import UNMODELLED_RISK
 from slam_init.types.lens import LensInUse
 from slam_init.types.pose import Pose
 from slam_init.types.refusal import Verdict
@@ -152,8 +153,7 @@ def _audited(known: Mapping[int, Pose], history: History, config: Config) -> Aud
     if terms.total <= config.acceptance.max_risk:
         risk = with_zooming_rotation(hypotheses, risk)
         terms = posterior_of(hypotheses, risk, known)
-    window = JudgedWindow(pair, hypotheses, risk, lens, threshold_rad)
-    return _stated(known, window, terms, config.acceptance.max_risk)
+    return _stated(known, JudgedWindow(pair, hypotheses, risk, lens, threshold_rad), terms, config.acceptance.max_risk)
 
 
 def _motion_of(world_from_cam: Mapping[int, Pose]) -> Motion:
@@ -179,11 +179,10 @@ def _chosen(known: Mapping[int, Pose], history: History, config: Config) -> tupl
     for k, frame in enumerate(frames):
         references = [history[frames[i]] for i in np.flatnonzero(wide[k, :k]).tolist()]
         previews += preview_pairs(history.camera, references, history[frame], config.map.noise_px)
-    best = max(previews, key=lambda one: (one.matches >= config.keyframes.min_matches, one.direction_score))
-    if best.matches < config.keyframes.min_matches:
-        raise SlamInitError(
-            f"no two frames with a pose share {config.keyframes.min_matches} tracks: give frames that share more"
-        )
+    least = config.keyframes.min_matches
+    best = max(previews, key=lambda one: (one.matches >= least, one.direction_score))
+    if best.matches < least:
+        raise SlamInitError(f"no two frames with a pose share {least} tracks: give frames that share more")
     pair = match_pair(history, best, history[best.current])
     further = further_views(
         history, pair.reference, pair.current, config.map, MAX_VIEWS - 2, frozenset(known), later_share=_SAME_SCENE
@@ -205,7 +204,8 @@ def _stated(known: Mapping[int, Pose], window: JudgedWindow, terms: MapPosterior
     reason, advice = _what_tells(window, terms, verdict, max_risk, _AT_A_DISTANCE if is_best else _ANOTHER_MOTION)
     return Audit(
         verdict=verdict,
-        risk=terms.total,
+        risk=min(1.0, terms.total + UNMODELLED_RISK),
+        model_risk=terms.total,
         risk_direction=terms.direction,
         risk_rival=terms.rival,
         risk_rotation=terms.rotation,

@@ -17,6 +17,7 @@ from slam_init.errors import SourceError, plain_line
 from slam_init.output.folder import read_marker
 from slam_init.output.names import RECORDING, RUN_FILES
 from slam_init.system.regular_file import check_inside, read_regular
+from slam_init.types.initial_map import risk_in_words
 from slam_init.types.refusal import in_words
 
 _SUMMARY = "summary.json"
@@ -96,8 +97,7 @@ def result_text(facts: dict[str, Any]) -> str:
     lines = [("advice", facts["advice"])] if facts["reason"] else _map_lines(facts)
     if facts["hypotheses"]:
         lines.append(("kept", f"{facts['hypotheses']} maps, one of them is right"))
-    if facts["risk"] is not None:
-        lines.append(("risk", f"{facts['risk']:.2g} that the map is wrong"))
+    lines += [] if facts["risk"] is None else [("risk", risk_in_words(facts["risk"]))]
     lines += [
         ("source", facts["source"]),
         ("method", f"{facts['method']}, seed {facts['seed']}, {facts['attempts']} attempts"),

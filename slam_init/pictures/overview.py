@@ -24,7 +24,7 @@ from slam_init.pictures.map_drawing import ABOVE, SIDE, draw_cameras, draw_map, 
 from slam_init.recording.story import StoryRecorder
 from slam_init.recording.text import headline
 from slam_init.types.arrays import evenly_spaced
-from slam_init.types.initial_map import InitialMap
+from slam_init.types.initial_map import InitialMap, risk_in_words
 from slam_init.types.pose import Trajectory
 from slam_init.types.refusal import Direction, Gate, GateName, Verdict
 from slam_init.types.result import Attempt, Result, Segment
@@ -130,14 +130,14 @@ def _facts(result: Result) -> list[str]:
         return [*facts, "  |  ".join(parts)]
     evidence, stated = window.window, result.camera
     depth_sigma = evidence.depth_sigma if map_ is None else map_.depth_sigma
-    risk = evidence.risk if map_ is None else map_.risk or evidence.risk
+    risk = evidence.risk if map_ is None else map_.model_risk or evidence.risk
     known = "unknown" if stated.source == "prior" else f"stated {stated.focal_px:.0f} px ({stated.source})"
     estimate = f"{evidence.focal_factor * stated.focal_px:.0f} px +- {evidence.focal_sigma:.1%}"
     direction = f"+- {evidence.direction_sigma_deg:.2g} deg" if evidence.direction_sigma_deg < 90 else "unknown"
     depths = f"+- {depth_sigma:.1%}" if depth_sigma < 1 else "unknown"
     return [
         *facts,
-        "  |  ".join([f"risk {risk:.2g} that the map is wrong ({evidence.risk:.2g} by the model)", *parts]),
+        "  |  ".join([f"risk {risk_in_words(risk)}", *parts]),
         f"focal length {known}, fitted {estimate}  |  direction of the baseline {direction}  |  depths {depths}",
     ]
 

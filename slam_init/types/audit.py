@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from quest.display import Described
+from slam_init.types.initial_map import risk_in_words
 from slam_init.types.pose import Pose
 from slam_init.types.refusal import Verdict, in_words
 
@@ -20,16 +21,18 @@ class AuditVerdict(StrEnum):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Audit(Described):
-    """The stated risk of a map from anywhere. Its terms add up, to 1 at the most.
+    """The stated risk of a map from anywhere. Its terms add up to that of the model, to 1 at the most.
 
     Attributes
     ----------
     verdict : AuditVerdict
-        ``sound`` if the risk is at most ``Config().acceptance.max_risk`` (0.005), ``wrong`` if it is above 0.9, else
-        ``doubtful``.
+        ``sound`` if the risk by the model is at most ``Config().acceptance.max_risk`` (0.005), ``wrong`` if it is above
+        0.9, else ``doubtful``.
     risk : float
         Probability that the map is wrong: a rotation off by more than 5 degrees, or the direction of a baseline by more
-        than 15.
+        than 15. The sum of :attr:`model_risk` and the rate of causes that no model has.
+    model_risk : float
+        The same by the model of the window.
     risk_direction : float
         Probability that the best motion is right, and a map at its fit would be wrong.
     risk_rival : float
@@ -64,6 +67,7 @@ class Audit(Described):
 
     verdict: AuditVerdict
     risk: float
+    model_risk: float
     risk_direction: float
     risk_rival: float
     risk_rotation: float
@@ -89,7 +93,7 @@ class Audit(Described):
         names = ("direction", "rival", "rotation", "moving", "floor", "map")
         terms = ", ".join(f"{name} {getattr(self, f'risk_{name}'):.2g}" for name in names)
         reason = "" if self.reason is None else f"{in_words(self.reason)}: "
-        return f"{self.verdict}: risk {self.risk:.2g} that the map is wrong", [
+        return f"{self.verdict}: risk {risk_in_words(self.model_risk)}", [
             ("terms", terms),
             ("judged", f"frames {self.pair[0]} and {self.pair[1]}, {len(self.frames)} views, {self.tracks} tracks"),
             ("direction", f"{self.direction_deg:.3g} deg from the best motion, +- {self.direction_sigma_deg:.2g} deg"),

@@ -26,6 +26,12 @@ from slam_init.types.scale import Scale
 UNMODELLED_RISK = 0.006
 
 
+def risk_in_words(model_risk: float) -> str:
+    """The risk of a map, as the sum of its two parts."""
+    risk = min(1.0, model_risk + UNMODELLED_RISK)
+    return f"{risk:.2g} that the map is wrong ({model_risk:.2g} by the model, {UNMODELLED_RISK:.2g} by what it lacks)"
+
+
 @dataclass(frozen=True, eq=False)
 class Keyframe:
     """A view of the initial map.

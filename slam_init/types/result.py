@@ -23,7 +23,7 @@ from slam_init.types.evidence import (
     TwoViewEvidence,
     WindowEvidence,
 )
-from slam_init.types.initial_map import UNMODELLED_RISK, InitialMap, Keyframe
+from slam_init.types.initial_map import InitialMap, Keyframe, risk_in_words
 from slam_init.types.refusal import Gate, Stage, Verdict, in_words, progress
 from slam_init.types.savable import Savable
 from slam_init.types.scale import Scale
@@ -277,8 +277,7 @@ def told_reason(verdict: Verdict, wrong_focal: FreeFocal | None) -> Verdict:
 
     An unknown focal length stays, since all frames together may tell it.
     """
-    stays = wrong_focal is None or verdict == Verdict.UNKNOWN_FOCAL_LENGTH
-    return verdict if stays else Verdict.WRONG_FOCAL_LENGTH
+    return verdict if wrong_focal is None or verdict == Verdict.UNKNOWN_FOCAL_LENGTH else Verdict.WRONG_FOCAL_LENGTH
 
 
 #: The name of a fact and its text.
@@ -299,8 +298,7 @@ def report_facts(result: Result, further: Sequence[tuple[str, str]] = ()) -> tup
     verdicts = Counter(in_words(attempt.verdict) for attempt in result.attempts)
     counts = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.most_common())
     attempts = f"{len(result.attempts)}" + (f" ({counts})" if counts else "")
-    said = "" if result.map is not None else result.advice
-    notes = [("note", plain_line(note)) for note in result.notes if note != said]
+    notes = [("note", plain_line(note)) for note in result.notes if note != result.advice]
     return title, [*facts, *further, ("attempts", attempts), *notes]
 
 
@@ -309,10 +307,8 @@ def _kept_facts(result: Result) -> _Facts:
     if not result.hypotheses or result.margin is None:
         return []
     frames = ", ".join(str(keyframe.frame) for keyframe in result.hypotheses[0].keyframes)
-    return [
-        ("kept", f"two maps of frames {frames}; the tracks {result.margin.in_words('the first', 'the second')}"),
-        *_risk_facts(result),
-    ]
+    kept = f"two maps of frames {frames}; the tracks {result.margin.in_words('the first', 'the second')}"
+    return [("kept", kept), *_risk_facts(result)]
 
 
 def _risk_facts(result: Result) -> _Facts:
@@ -323,9 +319,8 @@ def _risk_facts(result: Result) -> _Facts:
     direction = "" if window.direction_sigma_deg is None else f", direction +- {window.direction_sigma_deg:.1f} deg"
     depth_sigma = math.nan if result.map is None else result.map.depth_sigma
     depths = f", depths +- {depth_sigma:.1%}" if math.isfinite(depth_sigma) else ""
-    of_map = None if result.map is None else result.map.risk
-    parts = "" if of_map is None else f" ({window.risk:.2g} by the model, {UNMODELLED_RISK:.2g} by what it lacks)"
-    return [("risk", f"{of_map or window.risk:.2g} that the map is wrong{parts}{direction}{depths}")]
+    model_risk = window.risk if result.map is None else result.map.model_risk or window.risk
+    return [("risk", f"{risk_in_words(model_risk)}{direction}{depths}")]
 
 
 def _map_facts(result: Result, map_: InitialMap) -> _Facts:

@@ -46,7 +46,7 @@ def test_the_terms_add_up(of_truth):
     names = ("direction", "rival", "rotation", "moving", "floor", "map")
     terms = [getattr(of_truth, f"risk_{name}") for name in names]
     assert all(0 <= term <= 1 for term in terms)
-    assert of_truth.risk == pytest.approx(min(1.0, sum(terms)))
+    assert of_truth.model_risk == pytest.approx(min(1.0, sum(terms)))
 
 
 def test_world_and_unit_of_a_map_change_nothing(room, of_truth):

@@ -46,7 +46,8 @@ def test_the_risk_of_the_last_window_is_reported_with_the_depths_of_the_landmark
     zeros = WindowEvidence(**{field.name: 0 for field in fields(WindowEvidence)})
     window = replace(zeros, risk=0.00321, direction_sigma_deg=3.14, depth_sigma=29321.0)
     result = replace(result, attempts=(*result.attempts[:-1], replace(result.attempts[-1], window=window)))
-    assert lines_of(result)[1]["risk"] == "0.0032 that the map is wrong, direction +- 3.1 deg, depths +- 2.0%"
+    told = "0.0092 that the map is wrong (0.0032 by the model, 0.006 by what it lacks)"
+    assert lines_of(result)[1]["risk"] == f"{told}, direction +- 3.1 deg, depths +- 2.0%"
 
 
 def test_two_undecided_maps_are_reported_with_their_margin():
@@ -77,7 +78,5 @@ def test_what_a_person_has_to_know_is_reported():
     assert lines["note"] == "one\\nnote"
     assert lines["attempts"].count("1 ") == len(verdicts)
     _, lines = lines_of(replace(result, map=estimated))
-    assert (
-        lines["focal length"]
-        == f"{map_.camera.fx:.0f} +- {0.02 * map_.camera.focal_px:.0f} px, estimated from the motion"
-    )
+    told = f"{map_.camera.fx:.0f} +- {0.02 * map_.camera.focal_px:.0f} px, estimated from the motion"
+    assert lines["focal length"] == told
