@@ -40,7 +40,7 @@ _LEAST_COSINE, _LEAST_NOISE = 1e-3, 1e-3
 #: The relief of all matches may exceed its mean by chance by this number of standard deviations, once in 160 planes.
 #: Its variance is 2 a match, and 5.4 more since the noise, by which it is divided, comes from a median of as many
 #: residuals. Two in a hundred matches may lie off the plane and add 9 each: 25 planes with 15 % outliers left 1.5 %.
-_RELIEF_SIGMAS, _RELIEF_VARIANCE, _OFF_PLANE, _LARGEST_RELIEF = 2.5, 7.4, 0.02, 9.0
+_VARIATION_SIGMAS, _CHI2_VARIANCE, _OFF_PLANE, _LARGEST_VARIATION = 2.5, 7.4, 0.02, 9.0
 
 
 def explained_by_plane(problem: PoseProblem, plane: PlaneFit, best: Floats, inliers: int) -> bool:
@@ -50,8 +50,8 @@ def explained_by_plane(problem: PoseProblem, plane: PlaneFit, best: Floats, inli
 
     Shapes: ``best`` (7,).
     """
-    chance = inliers + _RELIEF_SIGMAS * np.sqrt(_RELIEF_VARIANCE * inliers)
-    if len(plane.poses) < 2 or plane.relief > chance + _LARGEST_RELIEF * _OFF_PLANE * inliers:
+    chance = inliers + _VARIATION_SIGMAS * np.sqrt(_CHI2_VARIANCE * inliers)
+    if len(plane.poses) < 2 or plane.depth_variation > chance + _LARGEST_VARIATION * _OFF_PLANE * inliers:
         return False
     return any(not _is_less_probable(problem, pose, best) for pose in plane.poses)
 
@@ -75,11 +75,11 @@ def more_probable_first(problem: PoseProblem, plane: PlaneFit, noise_rad: float)
         line = model[4:] - (n @ model[4:])[:, None] * n
         along = float(np.sum(np.sum(d * line, axis=1) ** 2 / np.maximum(np.sum(line**2, axis=1), 1e-12)))
         along = max(along, 0.5 * both)
-        relief = -0.5 * len(d) * (np.log(along + least) + np.log(max(both - along, 0.0) + least))
+        depth_variation = -0.5 * len(d) * (np.log(along + least) + np.log(max(both - along, 0.0) + least))
         cosines = np.abs([m.mean(axis=0) @ normal, n.mean(axis=0) @ kernels.rotation_of_model(model) @ normal])
         slant = float(np.log(np.maximum(cosines, _LEAST_COSINE)).sum())
         behind = int(np.isinf(problem.residuals(model)[on]).sum())
-        scores.append(relief + slant - OUTLIER_NATS * behind)
+        scores.append(depth_variation + slant - OUTLIER_NATS * behind)
     return [plane.poses[k] for k in np.argsort(scores)[::-1]]
 
 

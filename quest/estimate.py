@@ -351,7 +351,7 @@ def _pose_with_alternatives(
         if inliers.sum() < _MIN_MATCHES:
             return NoPose("no_consistent_motion", evidence)
     else:
-        candidates = _rivals(problem, others, motion, plane)
+        candidates = _competing(problem, others, motion, plane)
     alternatives = equivalent_motions(problem, candidates, best, gate_rad)
     first = as_hypothesis(best, inliers)
     depths, parallax_rad = kernels.depths_and_parallax(problem.m, problem.n, first.R, first.t, inliers)
@@ -381,7 +381,7 @@ def _pose_with_alternatives(
     )
 
 
-def _rivals(problem: PoseProblem, others: list[Floats], motion: _Motion, plane: PlaneFit) -> list[Floats]:
+def _competing(problem: PoseProblem, others: list[Floats], motion: _Motion, plane: PlaneFit) -> list[Floats]:
     """Other motions of a scene that is no plane, each refined to its optimum on all matches."""
     far = spread_out(others, motion.model)
     # Of few matches, the choice between the modes has refined all others on all matches.

@@ -176,7 +176,7 @@ class Intake:
         if turn is not None:
             self.history.turned(current.frame, *turn)
 
-    def judge_gravity(self, map_: InitialMap) -> None:
+    def check_gravity(self, map_: InitialMap) -> None:
         """Note whether the gravity of the frames fits the rotations of a map."""
         given = any(keyframe.frame in self.history.gravities for keyframe in map_.keyframes)
         self._gravity_contradicts = given and map_.gravity is None

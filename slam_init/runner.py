@@ -16,7 +16,7 @@ from slam_init.config import Config, config_toml
 from slam_init.datasets.gyroscope import Gyroscope, StepRotations, gyroscope_of
 from slam_init.datasets.inertial import InertialSensor, inertial_of
 from slam_init.datasets.live import without_password
-from slam_init.datasets.track_source import KnowsTracks
+from slam_init.datasets.track_source import TrackProvider
 from slam_init.errors import ConfigError, OutputError, SlamInitError, SourceError, check_type
 from slam_init.evaluation.metrics import compare_with_groundtruth, scale_error
 from slam_init.exports import check_formats, stage
@@ -339,7 +339,7 @@ class _Run:
         self.reduction = reduction_of(job.source, job.camera)
         self.initializer = make_initializer(job.config.method, self.reduction.camera, job.config, recorder)
         self.tracker: FrameTracker = self.initializer.tracker
-        if isinstance(job.source, KnowsTracks):
+        if isinstance(job.source, TrackProvider):
             self.tracker = _GivenTracks(job.source, job.camera, self.hashed)
         # Other methods take no rotations.
         self.turns = StepRotations(job.gyroscope if isinstance(self.initializer, Initializer) else None)
@@ -533,7 +533,7 @@ def _whole(parts: Sequence[_Part], restart: bool) -> Result:
 class _GivenTracks:
     """Gives the tracks of a source in the place of a tracker, and adds them to the hash of the input."""
 
-    def __init__(self, source: KnowsTracks, camera: Camera, hashed: InputHash) -> None:
+    def __init__(self, source: TrackProvider, camera: Camera, hashed: InputHash) -> None:
         self.history = History(camera, _GIVEN_FRAMES)
         self.revised: tuple[Observations, ...] = ()
         self._source = source
@@ -550,7 +550,7 @@ class _GivenTracks:
 
 def reduction_of(source: Source, camera: Camera) -> Reduction:
     """Choose how the frames are reduced; the tracks of a source that has its own are in original pixels."""
-    return Reduction(camera, 1, camera) if isinstance(source, KnowsTracks) else Reduction.for_camera(camera)
+    return Reduction(camera, 1, camera) if isinstance(source, TrackProvider) else Reduction.for_camera(camera)
 
 
 def _metadata_notes(source: Source, camera: Camera) -> tuple[str, ...]:

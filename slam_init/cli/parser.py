@@ -80,7 +80,7 @@ def add_command(
     return parser
 
 
-class Tells(argparse.Action):
+class Print(argparse.Action):
     """An option that takes the place of a command: it prints the text that the function ``const`` returns."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
@@ -99,7 +99,7 @@ def add_list_methods(parser: argparse._ActionsContainer) -> None:
         return methods_text()
 
     text = "list the methods, one a line, and exit"
-    parser.add_argument("--list-methods", action=Tells, nargs=0, const=methods, help=text)
+    parser.add_argument("--list-methods", action=Print, nargs=0, const=methods, help=text)
 
 
 #: What people call an option elsewhere: the options that are meant, of which a command has one at most.

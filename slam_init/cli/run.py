@@ -259,9 +259,9 @@ def _run_on(
     if isinstance(arguments.scale, TrueTrajectory) and source.groundtruth is None:
         raise UsageError(f"--scale groundtruth: {source.name} has no true trajectory: leave --scale out")
 
-    from slam_init.datasets.track_source import KnowsTracks
+    from slam_init.datasets.track_source import TrackProvider
 
-    if isinstance(source, KnowsTracks) and arguments.matcher is not None:
+    if isinstance(source, TrackProvider) and arguments.matcher is not None:
         raise UsageError(f"--matcher matches images, and {source.name} has tracks of its own: leave it out")
 
     from slam_init.runner import run

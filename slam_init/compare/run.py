@@ -69,7 +69,7 @@ def compare(
         with Journal(
             folder.path / TRIALS,
             _shared_settings(plan),
-            lambda row: row.judged_by == criteria.get(row.source, row.judged_by),
+            lambda row: row.evaluated_by == criteria.get(row.source, row.evaluated_by),
         ) as journal:
             missing = [trial for trial in plan.trials() if trial.key not in journal.rows]
             unfinished = {trial.source.label for trial in missing if not backend}

@@ -15,7 +15,7 @@ import numpy as np
 
 from quest.estimate import RelativePose
 from slam_init.config import Config
-from slam_init.decision.judged_window import JudgedWindow
+from slam_init.decision.evaluated_window import EvaluatedWindow
 from slam_init.decision.lens import priors_of
 from slam_init.decision.map_posterior import MapPosterior, differences_deg, is_near, posterior_of
 from slam_init.decision.two_views import MatchedPair, match_pair, pose_at_fitting_threshold
@@ -152,7 +152,7 @@ def _audited(known: Mapping[int, Pose], history: History, config: Config) -> Aud
     if terms.total <= config.acceptance.max_risk:
         risk = with_zooming_rotation(hypotheses, risk)
         terms = posterior_of(hypotheses, risk, known)
-    window = JudgedWindow(pair, hypotheses, risk, lens, threshold_rad)
+    window = EvaluatedWindow(pair, hypotheses, risk, lens, threshold_rad)
     return _stated(known, window, terms, config.acceptance.max_risk)
 
 
@@ -195,19 +195,19 @@ def _chosen(known: Mapping[int, Pose], history: History, config: Config) -> tupl
     return pair, [without(view, static) for view in further]
 
 
-def _stated(known: Mapping[int, Pose], window: JudgedWindow, terms: MapPosterior, max_risk: float) -> Audit:
+def _stated(known: Mapping[int, Pose], window: EvaluatedWindow, terms: MapPosterior, max_risk: float) -> Audit:
     """The verdict on the map, and what would tell."""
     risk, best = window.risk, window.best
     rotation_deg, direction_deg = differences_deg(known, best)[best.frames[1]]
     verdict = AuditVerdict.WRONG if terms.total > WRONG else AuditVerdict.DOUBTFUL
     verdict = AuditVerdict.SOUND if terms.total <= max_risk else verdict
     is_best = is_near(known, best)
-    reason, advice = _what_tells(window, terms, verdict, max_risk, _AT_A_DISTANCE if is_best else _ANOTHER_MOTION)
+    reason, advice = _what_decides(window, terms, verdict, max_risk, _AT_A_DISTANCE if is_best else _ANOTHER_MOTION)
     return Audit(
         verdict=verdict,
         risk=terms.total,
         risk_direction=terms.direction,
-        risk_rival=terms.rival,
+        risk_competing=terms.competing,
         risk_rotation=terms.rotation,
         risk_moving=terms.moving,
         risk_floor=terms.floor,
@@ -225,21 +225,21 @@ def _stated(known: Mapping[int, Pose], window: JudgedWindow, terms: MapPosterior
     )
 
 
-def _what_tells(
-    window: JudgedWindow, terms: MapPosterior, verdict: AuditVerdict, max_risk: float, of_map: str
+def _what_decides(
+    window: EvaluatedWindow, terms: MapPosterior, verdict: AuditVerdict, max_risk: float, of_map: str
 ) -> tuple[Verdict | None, str]:
     """The reason of the largest term and what would tell; ``of_map`` where this is the distance of the map."""
     if verdict is AuditVerdict.SOUND:
         return None, ""
     if terms.only_rotates:
         return Verdict.PURE_ROTATION, Verdict.PURE_ROTATION.advice
-    rival = Verdict.AMBIGUOUS_PLANE if window.hypotheses.planar else Verdict.LOW_PARALLAX
+    competing = Verdict.AMBIGUOUS_PLANE if window.hypotheses.planar else Verdict.LOW_PARALLAX
     # A rigid scene with these tracks may be known well enough.
-    if_rigid = Verdict.LOW_PARALLAX if window.risk.directions.if_rigid > max_risk else Verdict.MOVING_BODIES
+    if_rigid = Verdict.LOW_PARALLAX if window.risk.directions.if_rigid > max_risk else Verdict.MOVING_OBJECTS
     share, reason = max(
         (terms.rotation, Verdict.PURE_ROTATION),
-        (terms.moving, Verdict.MOVING_BODIES),
-        (terms.rival, rival),
+        (terms.moving, Verdict.MOVING_OBJECTS),
+        (terms.competing, competing),
         (terms.direction, if_rigid),
     )
     return (reason, reason.advice) if share > terms.map else (None, of_map)

@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from quest.noise import GATE_SIGMAS
-from slam_init.decision.judged_window import JudgedWindow
+from slam_init.decision.evaluated_window import EvaluatedWindow
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.evidence import FreeFocal
 from slam_init.types.lens import CALIBRATED_SIGMA
@@ -65,9 +65,9 @@ class FocalCheck:
     def __init__(self) -> None:
         self._refused = 0
         self._contradicted = False
-        self._unchecked: JudgedWindow | None = None
+        self._unchecked: EvaluatedWindow | None = None
 
-    def __call__(self, window: JudgedWindow, *, accepted: bool) -> FreeFocal | None:
+    def __call__(self, window: EvaluatedWindow, *, accepted: bool) -> FreeFocal | None:
         """The free fit of a window; None where no check is due.
 
         * ``accepted``: Whether nothing else refuses a map of the window.
@@ -89,7 +89,7 @@ class FocalCheck:
         return None if window is None else free_focal(window)
 
 
-def free_focal(window: JudgedWindow) -> FreeFocal | None:
+def free_focal(window: EvaluatedWindow) -> FreeFocal | None:
     """The focal length by the tracks of a window alone; None where the free fit has no solution."""
     hypotheses, stated = window.hypotheses, window.lens.stated
     priors = replace(hypotheses.priors, focal_sigma=_FREE_SIGMA)
@@ -115,12 +115,12 @@ def free_focal(window: JudgedWindow) -> FreeFocal | None:
     )
 
 
-def _contradicts_from(window: JudgedWindow, sigma: float) -> float:
+def _contradicts_from(window: EvaluatedWindow, sigma: float) -> float:
     """How far an estimate of this standard deviation is from the stated focal length to contradict it."""
     return max(GATE_SIGMAS * (window.lens.stated.focal_sigma or CALIBRATED_SIGMA), _CONTRADICTS_SIGMAS * sigma)
 
 
-def _agrees(window: JudgedWindow) -> bool:
+def _agrees(window: EvaluatedWindow) -> bool:
     """Whether the tracks agree with the stated focal length near the best motion."""
     by_tracks = window.risk.focal
     sigma = by_tracks.sigma * math.sqrt(1 + gain_of_shared_errors(window.hypotheses.tracks))

@@ -12,7 +12,7 @@ from quest.noise import GATE_SIGMAS
 from slam_init.bundle.adjustment import restated
 from slam_init.bundle.problem import BundleFailure, BundleSolution, PosePrior
 from slam_init.config import Config
-from slam_init.decision.judged_window import JudgedWindow
+from slam_init.decision.evaluated_window import EvaluatedWindow
 from slam_init.decision.map_posterior import differences_deg
 from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.mapping.candidate import map_of_poses
@@ -40,7 +40,7 @@ class WindowMaps:
     * ``shutter``: Has corrected their rays.
     """
 
-    def __init__(self, window: JudgedWindow, config: Config, history: History, shutter: RollingShutter) -> None:
+    def __init__(self, window: EvaluatedWindow, config: Config, history: History, shutter: RollingShutter) -> None:
         self._window, self._config = window, config
         self._history, self._readout_s = history, shutter.readout_s
 
@@ -61,7 +61,7 @@ class WindowMaps:
         motions: list[FittedMotion] = []
         if reason == Verdict.AMBIGUOUS_PLANE:
             motions = list(hypotheses.motions[:2])
-        elif reason == Verdict.MOVING_BODIES and self._window.risk.other.probability:
+        elif reason == Verdict.MOVING_OBJECTS and self._window.risk.other.probability:
             other = self._window.risk.other.fitted
             motions = [hypotheses.motions[0], other] if other is not None and other.rows[1] == 1 else []
         both = [self._adjusted(motion)[0] for motion in motions]

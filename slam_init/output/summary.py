@@ -33,7 +33,7 @@ from slam_init.types.result import GroundTruthErrors, Result
 from slam_init.types.stopwatch import StageTimes
 
 #: Version of the layout. It is raised when a key of ``summary.json`` changes its name, its place or its meaning.
-SCHEMA = 3
+SCHEMA = 4
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ _LEAST_RISK = 1e-4
 #: The terms of the risk, their names and their dashes.
 _TERMS = (
     ("risk_direction", "direction", "-"),
-    ("risk_rival", "another motion", "--"),
+    ("risk_competing", "another motion", "--"),
     ("risk_rotation", "only rotation", ":"),
     ("risk_moving", "moving bodies", "-."),
 )
@@ -36,7 +36,7 @@ VERDICT_COLORS: dict[Verdict, str] = {
     Verdict.TOO_FEW_FEATURES: "#a98467",
     Verdict.TOO_FEW_MATCHES: "#7f5539",
     Verdict.NO_CONSISTENT_MOTION: "#8e44ad",
-    Verdict.MOVING_BODIES: "#b478e6",
+    Verdict.MOVING_OBJECTS: "#b478e6",
     Verdict.AMBIGUOUS_PLANE: "#f28c28",
     Verdict.UNKNOWN_FOCAL_LENGTH: "#b8a200",
     Verdict.WRONG_FOCAL_LENGTH: "#6b5900",

@@ -209,13 +209,13 @@ def _draw_conjugate_maps(figure: Figure, place: _Place, result: Result) -> None:
 
 def _deciding(result: Result) -> str:
     """The evidence that has to decide between two maps: their vote, and the risk by another motion."""
-    if result.reason == Verdict.MOVING_BODIES:
+    if result.reason == Verdict.MOVING_OBJECTS:
         return "The tracks of A are at rest and those of B move, or the other way round."
     facts = [] if result.margin is None else [f"The tracks {result.margin.in_words('A', 'B')}."]
     last = _last_window(result.attempts)
     if last is not None and last.window is not None:
         bound = next((f" (bound {gate.threshold:g})" for gate in last.gates if gate.name is GateName.RISK), "")
-        facts.append(f"The risk that it is B is {last.window.risk_rival:.2g}{bound}.")
+        facts.append(f"The risk that it is B is {last.window.risk_competing:.2g}{bound}.")
     return " ".join(facts)
 
 

@@ -29,8 +29,8 @@ def match_parts(attempt: Attempt) -> dict[str, Bools]:
     """The matches of a pair by what they are, (N,) each: without an estimated motion they are tracks only."""
     moving = moving_matches(attempt)
     others = ~attempt.inliers & ~moving
-    judged = np.full(len(others), attempt.judged)
-    return {"inliers": attempt.inliers, "outliers": others & judged, "moving": moving, "tracks": others & ~judged}
+    evaluated = np.full(len(others), attempt.evaluated)
+    return {"inliers": attempt.inliers, "outliers": others & evaluated, "moving": moving, "tracks": others & ~evaluated}
 
 
 def log_pair(rec: Any, attempt: Attempt, recent: Mapping[int, ShownFrame], camera: Camera) -> None:

@@ -10,8 +10,8 @@ entity                      content
 ``world/points``            the landmarks
 ``world/trajectory``        ``est`` and ``gt``, the ground truth aligned to the map by a similarity;
                             ``hypothesis1``, ``hypothesis2`` while two maps are kept
-``twins/a``, ``twins/b``    both undecided maps while they are kept, the better one first
-``twins/evidence``          what has to decide between them
+``candidates/a``, ``/b``    both undecided maps while they are kept, the better one first
+``candidates/evidence``     what has to decide between them
 ``pairs``                   the last pair tried: images, matches (green inliers, red outliers,
                             purple on a body that moves, yellow where no motion was estimated),
                             verdict and evidence
@@ -209,9 +209,9 @@ class RerunRecorder(Recorder):
         if self._hypotheses or maps:
             map_view.log_undecided(self._rec, maps)
             evidence = text.conjugate_maps_markdown(self._attempt) if maps else "decided"
-            self._log_text(f"{layout.TWINS}/evidence", evidence)
+            self._log_text(f"{layout.CANDIDATES}/evidence", evidence)
         self._hypotheses = len(maps)
-        self._end = End.TWINS if len(maps) == len(map_view.CONJUGATE_NAMES) else End.MAP
+        self._end = End.CANDIDATES if len(maps) == len(map_view.CONJUGATE_NAMES) else End.MAP
 
     def continued(self, keyframe: Keyframe) -> None:
         """Move the camera, and extend both trajectories."""

@@ -92,7 +92,7 @@ class Attempt(Described):
         return tuple(gate for gate in self.gates if not gate.passes())
 
     @property
-    def judged(self) -> bool:
+    def evaluated(self) -> bool:
         """Whether a motion was estimated from the matches, so that they are inliers and outliers of it."""
         estimated = (self.two_view, self.window, self.map)
         return bool(self.inliers.any() or self.method_evidence or any(part is not None for part in estimated))
@@ -110,13 +110,13 @@ class Attempt(Described):
     def refused_by(self, stage: Stage, gates: Sequence[Gate]) -> Attempt:
         """The attempt refused for the reason of the first gate that does not pass."""
         failed = next(gate for gate in gates if not gate.passes())
-        so_far = progress(stage, gates)
-        return replace(self, verdict=failed.reason, advice=failed.advice, stage=stage, progress=so_far)
+        reached = progress(stage, gates)
+        return replace(self, verdict=failed.reason, advice=failed.advice, stage=stage, progress=reached)
 
     def refused_at(self, reason: Verdict, stage: Stage | None = None) -> Attempt:
         """The attempt refused for a reason that has no gate; the rules of other systems have no stages."""
-        so_far = 0.0 if stage is None else progress(stage)
-        return replace(self, verdict=reason, advice=reason.advice, stage=stage, progress=so_far)
+        reached = 0.0 if stage is None else progress(stage)
+        return replace(self, verdict=reason, advice=reason.advice, stage=stage, progress=reached)
 
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
         facts = [("advice", self.advice)] if self.advice else []
@@ -272,7 +272,7 @@ class Result(Described, Savable):
         return report_facts(self)
 
 
-def told_reason(verdict: Verdict, wrong_focal: FreeFocal | None) -> Verdict:
+def stated_reason(verdict: Verdict, wrong_focal: FreeFocal | None) -> Verdict:
     """The reason that is told: a calibration that the tracks contradict comes before what the frames lack.
 
     An unknown focal length stays, since all frames together may tell it.

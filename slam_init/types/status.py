@@ -11,7 +11,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.evidence import FreeFocal, WindowEvidence
 from slam_init.types.frame import Frame, as_image
 from slam_init.types.refusal import Verdict
-from slam_init.types.result import Attempt, told_reason
+from slam_init.types.result import Attempt, stated_reason
 
 
 class State(StrEnum):
@@ -125,7 +125,7 @@ class Status(Described):
         if attempt is None:
             return replace(self, progress=progress, attempt=None)
         window = attempt.window or self.window
-        reason = told_reason(attempt.verdict, wrong_focal)
+        reason = stated_reason(attempt.verdict, wrong_focal)
         return Status(State.WAITING, progress, reason, attempt.advice, attempt, window, wrong_focal)
 
     @staticmethod

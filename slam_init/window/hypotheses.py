@@ -54,7 +54,7 @@ _FAR_FACTOR = 1.5
 
 
 @dataclass(frozen=True, eq=False)
-class StayingTracks:
+class OverlayTracks:
     """Tracks of a pair that stay at their pixel while the others move."""
 
     track_ids: Ints
@@ -85,11 +85,11 @@ class WindowHypotheses:
     #: The rigid motion that tracks had beside the best one in the window before; None without one.
     other_before: OtherMotion | None = None
     #: The tracks that are left out since they stay at their pixel; None without them.
-    staying: StayingTracks | None = None
+    overlay: OverlayTracks | None = None
 
     def beside(self, again: WindowHypotheses) -> WindowHypotheses:
         """Other fits to the same tracks, with what is known of the window beside its tracks."""
-        return replace(again, other_before=self.other_before, staying=self.staying)
+        return replace(again, other_before=self.other_before, overlay=self.overlay)
 
     @property
     def largest_costs(self) -> Floats:
@@ -105,17 +105,17 @@ class WindowHypotheses:
         missing = seen.sum(axis=0) - seen[list(motion.rows)].sum(axis=0)
         return np.asarray(motion.fit.track_costs + self.priors.gate_sigmas**2 * missing)
 
-    def votes(self, motion: FittedMotion, rival: FittedMotion) -> Floats:
+    def votes(self, motion: FittedMotion, other: FittedMotion) -> Floats:
         """The votes of the tracks for a motion against a rival: differences of bounded costs.
 
         Shapes: returns (T,).
         """
-        return self._votes(self.costs_of(motion), self.costs_of(rival))
+        return self._votes(self.costs_of(motion), self.costs_of(other))
 
-    def _votes(self, costs: Floats, of_rival: Floats) -> Floats:
+    def _votes(self, costs: Floats, of_other: Floats) -> Floats:
         # Tracks that neither motion explains must not vote.
         bound = self.largest_costs + (LARGEST_VOTE if self.planar else 0.0)
-        votes = np.minimum(of_rival, bound) - np.minimum(costs, bound)
+        votes = np.minimum(of_other, bound) - np.minimum(costs, bound)
         return np.asarray(np.clip(votes, -LARGEST_VOTE, LARGEST_VOTE))
 
     @property
@@ -231,13 +231,13 @@ def fit_hypotheses(
     return WindowHypotheses(tracks, planar, tuple(fits), turning.fit, priors, turning.priors, turning.ends)
 
 
-def with_rotation_anew(hypotheses: WindowHypotheses) -> WindowHypotheses:
+def with_rotation_refitted(hypotheses: WindowHypotheses) -> WindowHypotheses:
     """The same hypotheses with the camera that only rotates fitted from afar."""
     tracks, best = hypotheses.tracks, hypotheses.motions[0]
     bearings = tracks.bearings(_with_stated_focal(best.fit.state.lens))
     rotations = align_views(bearings, [best.motion], tracks.frames[:2])
-    anew = _fit_rotation(tracks, rotations, hypotheses.priors, best)
-    return replace(hypotheses, rotation_only=anew.fit, rotation_priors=anew.priors, rotations=anew.ends)
+    again = _fit_rotation(tracks, rotations, hypotheses.priors, best)
+    return replace(hypotheses, rotation_only=again.fit, rotation_priors=again.priors, rotations=again.ends)
 
 
 def _fitted(

@@ -67,7 +67,7 @@ class JointFit:
     #: (T,) Tracks that the fit explains.
     explains: Bools
     #: (T,) Tracks that it does not explain although they stay near their projections.
-    near_misses: Bools
+    close_outliers: Bools
     #: Whether it was given up, since it could not reach the cost that was asked for.
     given_up: bool
 
@@ -198,7 +198,7 @@ def costs_off_plane(fit: JointFit) -> Floats:
     return _costs_off_plane(equations, state, _measured(fit.tracks, state))
 
 
-def information_of_relief(fit: JointFit) -> Floats:
+def information_off_plane(fit: JointFit) -> Floats:
     """How well the distances of the tracks of a plane would be known with a distance for each, at the same poses.
 
     Shapes: returns (T,).

@@ -35,7 +35,7 @@ FEW_VIEWS = 0.7
 #: Before a camera that only rotates, a moving body looks like a near object before points at infinity. So the rest of
 #: the tracks has to show a translation without the tracks that gain most: bodies that hold this share of them.
 #: Class: assumption.
-ON_BODIES = 0.5
+ON_OBJECTS = 0.5
 
 #: A rotation or a rival with a larger probability is undecided, however precisely it is known. A direction that is
 #: wrong with a larger probability is unknown, however far behind the rivals are. A gain over the rotation-only camera
@@ -61,7 +61,7 @@ CHANCE_GAIN = 0.9
 #: a false map, by the votes of 22 and of 53 such tracks against those of 250 on the plane. A further view that fewer
 #: tracks locate than this share of those of the pair may be located by a body.
 #: Class: assumption.
-SHARE_OF_BODIES, BODIES_MOVE = 0.25, 0.05
+SHARE_OF_OBJECTS, OBJECTS_MOVE = 0.25, 0.05
 
 #: Two fits nearer than this are one: an order below what makes a map wrong.
 #: Class: definition.
@@ -187,14 +187,14 @@ PLANE_SIGMAS = 2.5
 #: The same where the poses follow. A relief of unknown size explains an excess of z standard deviations better than
 #: chance does by exp(z^2 / 2), and it has one unknown more, which costs a factor of about three: even odds.
 #: Class: level.
-RELIEF_SIGMAS = 1.5
+VARIATION_SIGMAS = 1.5
 
 #: A relief of a fifth of the distances would show by this number of standard deviations, else nothing is known of a
 #: plane. The poses follow a smooth relief and hide most of it: of 12 drawn corridors at baselines of .03 and .05 of the
 #: depth those that looked like planes had 19 at most; 12 walls and 12 level flights had 40 or more once they were
 #: accepted.
 #: Class: measured.
-TOLD_RELIEF, TOLD_SIGMAS, LARGEST_GAIN = 0.2, 20.0, 9.0
+OBSERVABLE_VARIATION, OBSERVABLE_SIGMAS, LARGEST_GAIN = 0.2, 20.0, 9.0
 
 #: Least share of the tracks that a plane holds.
 #: Class: level.

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slam_init.types.arrays import Floats
-from slam_init.types.error_fields import FIELD_SCALES_PX, LARGEST_PULL_SIGMAS, ErrorFields
+from slam_init.types.correlated_errors import FIELD_SCALES_PX, LARGEST_PULL_SIGMAS, CorrelatedErrors
 from slam_init.window.linearization import Linearization
 
 #: The largest share of the information about an unknown that is taken for chance: deviations are twenty times as wide
@@ -28,10 +28,10 @@ _LEAST_VARIANCE = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
-class FieldMarginal:
+class ErrorMarginal:
     """What a fit says for each scale of its fields."""
 
-    fields: ErrorFields
+    fields: CorrelatedErrors
     #: (X, X) Of the other unknowns without fields.
     covariance: Floats
     #: (X, X) How the other unknowns follow a gradient, without fields: the covariance, unless :meth:`without_chance`
@@ -71,7 +71,7 @@ class FieldMarginal:
         by_fields = (follow[..., None, :, :] * self.fields.spread[:, None]) @ across[..., None, :, :]
         return np.asarray(shifts), np.asarray(fixed[..., None, :, :] + by_fields)
 
-    def without_chance(self, by_chance: Floats) -> FieldMarginal:
+    def without_chance(self, by_chance: Floats) -> ErrorMarginal:
         """The marginal if a part of the information is none.
 
         The unknowns follow a gradient by the inverse of the information that is left. The scatter of the gradient is
@@ -116,7 +116,7 @@ class FieldMarginal:
 
 def marginalize_fields(
     linearization: Linearization, *, largest_pull_sigmas: float = LARGEST_PULL_SIGMAS
-) -> FieldMarginal:
+) -> ErrorMarginal:
     """Integrate the error fields out.
 
     * ``largest_pull_sigmas``: A larger pull of the fields counts as this number of its standard deviations; infinity
@@ -127,6 +127,6 @@ def marginalize_fields(
     covariance = np.asarray(np.linalg.inv(H[np.ix_(other, other)] + 1e-9 * np.eye(int(other.sum()))), np.float64)
     follow = covariance @ H[np.ix_(other, field)]
     left = H[np.ix_(field, field)] - H[np.ix_(field, other)] @ follow
-    fields = ErrorFields.of(left, g[field] - follow.T @ g[other], largest_pull_sigmas)
+    fields = CorrelatedErrors.of(left, g[field] - follow.T @ g[other], largest_pull_sigmas)
     shift = np.asarray(-covariance @ g[other], np.float64)
-    return FieldMarginal(fields, covariance, covariance, shift, np.asarray(follow @ fields.axes))
+    return ErrorMarginal(fields, covariance, covariance, shift, np.asarray(follow @ fields.axes))

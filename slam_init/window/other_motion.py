@@ -67,10 +67,10 @@ def other_motion(
     * ``rotation_sigma_deg, direction_sigma_deg``: Standard deviations of the best motion.
     * ``seeks``: Whether a new motion is sought beside the one of the window before.
     """
-    staying = _staying(hypotheses)
+    overlay = _overlay(hypotheses)
     rest = (hypotheses.tracks.anchor >= 0) & ~explained_tracks(hypotheses)
     if rest.sum() < LEAST_TRACKS:
-        return _since_found(hypotheses, staying)
+        return _since_found(hypotheses, overlay)
     search = _Search(
         hypotheses,
         rest,
@@ -78,7 +78,7 @@ def other_motion(
         WRONG_DIRECTION_DEG - GATE_SIGMAS * direction_sigma_deg,
     )
     # The views may not tell the motion again that was found in the window before.
-    found = [_carried(search), staying]
+    found = [_carried(search), overlay]
     if seeks:
         found = [_proposed(search), _rotation(search), *found]
     return _since_found(hypotheses, max(found, key=lambda other: other.probability))
@@ -158,7 +158,7 @@ def _unlocated(search: _Search, proposed: Proposal) -> OtherMotion:
         return OtherMotion(0.0, others)
     of_other = np.zeros(len(search.rest), bool)
     of_other[proposed.tracks] = True
-    odds = odds_of_body(hypotheses, explained_tracks(hypotheses), of_other)
+    odds = odds_of_object(hypotheses, explained_tracks(hypotheses), of_other)
     return OtherMotion(odds / (1 + odds), others)
 
 
@@ -190,20 +190,20 @@ def _costs_of_rotation(hypotheses: WindowHypotheses, some: Ints, fit: JointFit) 
     return fit_window(tracks, start, hypotheses.rotation_priors, rotation_only=True, max_steps=0).track_costs
 
 
-def _staying(hypotheses: WindowHypotheses) -> OtherMotion:
+def _overlay(hypotheses: WindowHypotheses) -> OtherMotion:
     """The camera stands by the tracks that stay at their pixel, and the best motion is that of a body.
 
     These tracks are left out of the window, as those of an overlay (:mod:`slam_init.frontend.static_tracks`).
     """
-    staying = hypotheses.staying
-    if staying is None or len(staying.rays) < LEAST_TRACKS:
+    overlay = hypotheses.overlay
+    if overlay is None or len(overlay.rays) < LEAST_TRACKS:
         return OtherMotion()
     used = float((hypotheses.tracks.anchor >= 0).sum())
-    count, explained = used * staying.share / (1 - staying.share), explained_tracks(hypotheses)
-    places = np.arctan2(staying.rays[:, :2], staying.rays[:, 2:])
+    count, explained = used * overlay.share / (1 - overlay.share), explained_tracks(hypotheses)
+    places = np.arctan2(overlay.rays[:, :2], overlay.rays[:, 2:])
     of_best = _extent(places_of(hypotheses.motions[0].fit)[explained])
     odds = _odds(count / max(int(explained.sum()), 1), _extent(places), of_best)
-    return OtherMotion(odds / (1 + odds), staying.track_ids)
+    return OtherMotion(odds / (1 + odds), overlay.track_ids)
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,7 +229,7 @@ class Proposal:
 def propose(hypotheses: WindowHypotheses, of: Bools) -> Proposal | None:
     """The rigid motion of some tracks (T,), by the two views that tell most of it; None without one."""
     tracks, rays = hypotheses.tracks, bearings_of_best(hypotheses)
-    rows = _telling_pair(tracks, of & np.isfinite(rays).all(axis=2))
+    rows = _most_informative_pair(tracks, of & np.isfinite(rays).all(axis=2))
     if rows is None:
         return None
     first, second = rows
@@ -239,7 +239,7 @@ def propose(hypotheses: WindowHypotheses, of: Bools) -> Proposal | None:
     return Proposal(pose, rows, np.flatnonzero(both)[pose.inliers]) if isinstance(pose, RelativePose) else None
 
 
-def _telling_pair(tracks: WindowTracks, seen: Bools) -> tuple[int, int] | None:
+def _most_informative_pair(tracks: WindowTracks, seen: Bools) -> tuple[int, int] | None:
     """The two views whose common tracks tell most of their motion; None where no two have enough of them.
 
     What tracks tell grows with their number and with the square of the baseline, which grows with the time between two
@@ -272,10 +272,10 @@ def _weighed(search: _Search, fitted: FittedMotion) -> OtherMotion:
     votes = _votes(hypotheses, costs_at(hypotheses, fitted.motion))
     others = tracks.track_ids[votes < -LARGEST_VOTE]
     # A motion that explains all tracks is a rival, and shows no body.
-    shows_body = min(len(others), int(np.count_nonzero(votes > LARGEST_VOTE))) >= LEAST_TRACKS
+    shows_object = min(len(others), int(np.count_nonzero(votes > LARGEST_VOTE))) >= LEAST_TRACKS
     rotation_deg, direction_deg = farthest_deg(hypotheses.motions[0].motion, fitted.motion)
-    shows_body &= rotation_deg >= search.same_rotation_deg or direction_deg >= search.same_direction_deg
-    return OtherMotion(_probability(hypotheses, votes) if shows_body else 0.0, others, fitted)
+    shows_object &= rotation_deg >= search.same_rotation_deg or direction_deg >= search.same_direction_deg
+    return OtherMotion(_probability(hypotheses, votes) if shows_object else 0.0, others, fitted)
 
 
 def _votes(hypotheses: WindowHypotheses, costs: Floats) -> Floats:
@@ -294,11 +294,11 @@ def costs_at(hypotheses: WindowHypotheses, motion: Motion) -> Floats:
 def _probability(hypotheses: WindowHypotheses, votes: Floats) -> float:
     """Probability that the other motion is that of the camera, and the best one that of a body."""
     of_other = votes < -LARGEST_VOTE
-    odds = odds_of_body(hypotheses, explained_tracks(hypotheses) & ~of_other, of_other)
+    odds = odds_of_object(hypotheses, explained_tracks(hypotheses) & ~of_other, of_other)
     return odds / (1 + odds)
 
 
-def odds_of_body(hypotheses: WindowHypotheses, of_best: Bools, of_other: Bools) -> float:
+def odds_of_object(hypotheses: WindowHypotheses, of_best: Bools, of_other: Bools) -> float:
     """Odds that a motion is that of a body, by the tracks (T,) that follow it and those that follow another motion."""
     places = places_of(hypotheses.motions[0].fit)
     return _odds(int(of_other.sum()) / max(int(of_best.sum()), 1), _extent(places[of_other]), _extent(places[of_best]))

@@ -30,15 +30,15 @@ import numpy as np
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.evidence import Margin
 from slam_init.types.lens import LensPrior
+from slam_init.window.competing import competing_term
 from slam_init.window.direction_term import DirectionTerm, direction_term, lens_of_best
 from slam_init.window.hypotheses import WindowHypotheses
-from slam_init.window.levels import EVEN_ODDS, FLOOR, ON_BODIES, UNDECIDED
+from slam_init.window.levels import EVEN_ODDS, FLOOR, ON_OBJECTS, UNDECIDED
 from slam_init.window.motion import OtherMotion
 from slam_init.window.other_motion import explained_tracks, other_motion
-from slam_init.window.rival import rival_term
 from slam_init.window.rotation_term import (
-    bodies_probability,
     keeps_errors,
+    moving_objects_probability,
     rotation_probability,
     with_errors_in_noise,
     zooming_probability,
@@ -52,7 +52,7 @@ class WindowRisk:
 
     #: Probabilities; that of bodies is :attr:`moving`, and ``FLOOR`` is the last term.
     direction: float
-    rival: float
+    competing: float
     rotation: float
     #: The directions and the rotation of the best motion, as the fit alone knows them.
     directions: DirectionTerm
@@ -60,7 +60,7 @@ class WindowRisk:
     #: baseline, over the tracks that the best motion explains. The landmarks of a map have figures of their own.
     depth_sigma: float
     #: Expected standard deviation of the coefficients of the error fields.
-    field_px: float
+    correlated_px: float
     #: The lens by the best motion, or by the camera that only rotates where that is likely.
     lens: LensPrior
     #: The focal length that the tracks tell near the best motion, without the prior.
@@ -75,14 +75,14 @@ class WindowRisk:
     other: OtherMotion
 
     @property
-    def knows_bodies(self) -> bool:
+    def seeks_objects(self) -> bool:
         """Whether another motion was looked for: it is not where the camera or its direction is open anyway."""
         return not _is_open(self.rotation, self.direction)
 
     @property
     def total(self) -> float:
         """The risk: the causes add their probabilities."""
-        return min(1.0, self.direction + self.rival + self.rotation + self.moving + FLOOR)
+        return min(1.0, self.direction + self.competing + self.rotation + self.moving + FLOOR)
 
     @property
     def moving(self) -> float:
@@ -113,14 +113,14 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
         seeks = direction + rotation + FLOOR <= max_risk
         other = other_motion(hypotheses, directions.rotation_sigma_deg, directions.sigma_deg, seeks=seeks)
     # Fits with fields take half of a frame that waits: before a camera that turns, .36 s without this condition.
-    rival, nearest = rival_term(hypotheses, expanded, directions.sigma_deg, with_fits=not is_open)
+    competing, nearest = competing_term(hypotheses, expanded, directions.sigma_deg, with_fits=not is_open)
     return WindowRisk(
         direction=direction,
-        rival=rival,
+        competing=competing,
         rotation=rotation,
         directions=directions,
         depth_sigma=_depth_sigma(hypotheses, expanded),
-        field_px=expanded.marginal.expected_scale_px(expanded.scale_weights),
+        correlated_px=expanded.marginal.expected_scale_px(expanded.scale_weights),
         lens=directions.lens if by_rotation.lens is None else by_rotation.lens,
         focal=focal_of_tracks(expanded),
         margin=nearest,
@@ -170,18 +170,18 @@ def _rotation_risk(hypotheses: WindowHypotheses, expanded: ExpandedFit, directio
     if lasting_in_noise:
         wide = with_errors_in_noise(hypotheses)
         of_wide = rotation_probability(wide, expand(wide.motions[0]), lasting_in_noise=True)[1]
-        of_wide = max(of_wide, _beside_bodies(wide))
+        of_wide = max(of_wide, _beside_objects(wide))
         lasting_in_noise, rotation = of_wide < rotation, min(of_wide, rotation)
-    rotation = max(rotation, _beside_bodies(hypotheses))
+    rotation = max(rotation, _beside_objects(hypotheses))
     return _RotationRisk(rotation, gain, lens if likely else None, lasting_in_noise)
 
 
-def _beside_bodies(hypotheses: WindowHypotheses) -> float:
+def _beside_objects(hypotheses: WindowHypotheses) -> float:
     """Probability of the camera that only rotates beside bodies that move.
 
     Points at infinity lie on no plane, so that a plane needs no such test.
     """
-    return 0.0 if hypotheses.planar else bodies_probability(hypotheses, ON_BODIES)
+    return 0.0 if hypotheses.planar else moving_objects_probability(hypotheses, ON_OBJECTS)
 
 
 def _depth_sigma(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> float:

@@ -13,7 +13,7 @@ apart.
       P(z is exceeded at any look) <= Q(z) (1 + max(z^2 - 1, 0) / 2 * ln G)
 
   up to terms of order 1/z^2 (Siegmund, "Sequential Analysis", 1985, chapter 4: the boundary of a constant significance
-  level). :func:`at_any_look` is this bound.
+  level). :func:`at_any_time` is this bound.
 """
 
 from __future__ import annotations
@@ -50,6 +50,6 @@ def chi_square_as_gaussian(mean_square: Floats, freedom: float) -> Floats:
     return np.asarray((mean_square ** (1 / 3) - (1 - spread)) / math.sqrt(spread))
 
 
-def at_any_look(z: float) -> float:
+def at_any_time(z: float) -> float:
     """Probability that a statistic exceeds z at any look, where a window is judged again while frames arrive."""
     return min(1.0, gaussian_tail(z) * (1 + 0.5 * max(z * z - 1, 0.0) * math.log(INFORMATION_GROWS)))

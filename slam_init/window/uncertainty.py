@@ -28,12 +28,12 @@ from quest.noise import GATE_SIGMAS
 from quest.robust.spatial_blocks import regions_of
 from slam_init.system.linear_algebra import deviations
 from slam_init.types.arrays import Bools, Floats
-from slam_init.types.error_fields import FIELD_PRIOR
+from slam_init.types.correlated_errors import FIELD_PRIOR
 from slam_init.types.lens import LensPrior
 from slam_init.window.joint_fit import JointFit
 from slam_init.window.levels import DOUBTFUL_SIGMAS, REGIONS, TURNING_FACTOR
 from slam_init.window.linearization import Linearization, information_by_chance, linearize_with_fields
-from slam_init.window.marginal import FieldMarginal, marginalize_fields
+from slam_init.window.marginal import ErrorMarginal, marginalize_fields
 from slam_init.window.motion import FittedMotion
 from slam_init.window.state import WindowState
 
@@ -50,7 +50,7 @@ class ExpandedFit:
 
     fit: JointFit
     linearization: Linearization
-    marginal: FieldMarginal
+    marginal: ErrorMarginal
 
     @cached_property
     def scale_weights(self) -> Floats:
@@ -184,7 +184,7 @@ def focal_of_tracks(expanded: ExpandedFit) -> FocalOfTracks:
     return FocalOfTracks(off / (variance * information), 1 / math.sqrt(information))
 
 
-def told_readout_s(lens: LensPrior) -> float:
+def significant_readout_s(lens: LensPrior) -> float:
     """The readout, 0 where the tracks do not tell it from none."""
     return lens.mean.readout_s if abs(lens.mean.readout_s) > GATE_SIGMAS * lens.readout_sigma_s else 0.0
 
@@ -195,7 +195,7 @@ def suspected_k1(lens: LensPrior) -> float | None:
     return lens.mean.k1 if told else None
 
 
-def _sigma_of(column: int, marginal: FieldMarginal) -> float:
+def _sigma_of(column: int, marginal: ErrorMarginal) -> float:
     """Standard deviation of an unknown, over all scales of the error fields."""
     J = np.zeros((1, len(marginal.shift)))
     J[0, column] = 1.0

@@ -14,7 +14,7 @@ import numpy as np
 
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
-from slam_init.types.error_fields import FIELD_SCALES_PX
+from slam_init.types.correlated_errors import FIELD_SCALES_PX
 from slam_init.window.arguments import FIELD_TERMS
 from slam_init.window.joint_fit import JointFit
 from slam_init.window.kernels import TUKEY_GATES

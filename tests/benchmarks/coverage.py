@@ -126,10 +126,10 @@ def simulated_worlds(count: int, seed: int) -> Iterator[World]:
     """Draw ``count`` worlds of each stratum."""
     for number in range(count):
         for stratum in _STRATA:
-            yield drawn_world(stratum, seed + number)
+            yield simulated_world(stratum, seed + number)
 
 
-def drawn_world(stratum: str, seed: int) -> World:
+def simulated_world(stratum: str, seed: int) -> World:
     """A world of the built-in generator."""
     rng = np.random.default_rng((seed, *stratum.encode()))
     off, size = float(rng.normal()), float(rng.uniform(0.1, 0.5))
@@ -137,7 +137,7 @@ def drawn_world(stratum: str, seed: int) -> World:
         "focal": f"&focal_error={0.02 * off}",
         "principal": f"&principal_error={0.025 * abs(off)}",
         "k1": f"&k1={0.05 * off}",
-        "field": f"&field_px={size}",
+        "field": f"&correlated_px={size}",
         "drift": f"&drift_px={size}",
     }.get(stratum, "")
     scene, baseline = _SCENES[seed % len(_SCENES)], rng.choice([0.05, 0.1, 0.2, 0.4])

@@ -228,12 +228,12 @@ def _counts(group: Sequence[Decision]) -> list[str]:
     expected = sum(one.risk for one in maps)
     with_causes = expected + len(maps) * UNMODELLED_RISK
     wait = f"{np.mean([one.wait for one in maps]):.2f}" if maps else "-"
-    judged = [one for one in maps if not one.no_translation]
+    evaluated = [one for one in maps if not one.no_translation]
     of_pair, of_any = (
-        np.array([getattr(one, name) for one in judged]) for name in ("deviations", "largest_deviations")
+        np.array([getattr(one, name) for one in evaluated]) for name in ("deviations", "largest_deviations")
     )
     beyond = [(of_pair, 2), (of_pair, 3), (of_any, 3)]
-    shares = [f"{100 * float(np.mean(errors > level)):.1f}" if judged else "-" for errors, level in beyond]
+    shares = [f"{100 * float(np.mean(errors > level)):.1f}" if evaluated else "-" for errors, level in beyond]
     return [str(len(group)), *counts, f"{expected:.2f}", f"{with_causes:.2f}", wait, *shares]
 
 

@@ -9,7 +9,7 @@ from make_window import WINDOW_CONFIG, point_source
 
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.initializer import Initializer
-from slam_init.types.inertial import Attitude
+from slam_init.types.inertial import RelativeRotation
 
 SIGMA_RAD = 1e-3
 
@@ -53,11 +53,11 @@ def test_it_tells_the_focal_length_of_a_camera_that_turns():
 
 
 def test_a_frame_without_a_measurement_breaks_the_chain():
-    first = Attitude(np.eye(3), 0.0, 0)
+    first = RelativeRotation(np.eye(3), 0.0, 0)
     second = first.after(rotation_from_vector(np.array([0.0, 0.1, 0.0])), 0.01)
     assert (second.start, second.variance_rad2) == (0, pytest.approx(1e-4))
     source = point_source("static", 1, views=4)
     rotations = steps_of(source)
     rotations[2] = None
     history = windows(source, source.camera, rotations)[1].history
-    assert [history.attitude(frame).start for frame in range(4)] == [0, 0, 2, 2]
+    assert [history.relative_rotation(frame).start for frame in range(4)] == [0, 0, 2, 2]

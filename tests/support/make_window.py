@@ -357,4 +357,4 @@ def errors_deg(source, map_):
 
 def looks_small(risk: WindowRisk) -> WindowRisk:
     """A risk whose terms are all 0, beside which the camera that rotates and zooms is looked for."""
-    return replace(risk, direction=0.0, rival=0.0, rotation=0.0, other=OtherMotion())
+    return replace(risk, direction=0.0, competing=0.0, rotation=0.0, other=OtherMotion())

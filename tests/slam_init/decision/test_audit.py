@@ -43,7 +43,7 @@ def test_a_true_map_is_sound(of_truth):
 
 
 def test_the_terms_add_up(of_truth):
-    names = ("direction", "rival", "rotation", "moving", "floor", "map")
+    names = ("direction", "competing", "rotation", "moving", "floor", "map")
     terms = [getattr(of_truth, f"risk_{name}") for name in names]
     assert all(0 <= term <= 1 for term in terms)
     assert of_truth.risk == pytest.approx(min(1.0, sum(terms)))

@@ -19,7 +19,7 @@ from slam_init.types.result import MAX_SEGMENTS, Attempt, Result, Segment
 from slam_init.types.stopwatch import StageTimes
 
 if TYPE_CHECKING:
-    from slam_init.decision.pose_so_far import WindowMotion
+    from slam_init.decision.current_pose import WindowMotion
     from slam_init.mapping.growing import Located
     from slam_init.mapping.map_building import MapWithViews
     from slam_init.mapping.refinement import Refinement
@@ -43,7 +43,7 @@ class Outcome:
     lens: LensInUse | None = None
 
 
-class MapsSoFar:
+class MapCandidates:
     """The maps of the attempts up to now: an accepted map, or two undecided maps, and the segments before a restart.
 
     Two maps are undecided where they are those of both motions of a plane, or of the scene at rest and a large body.
@@ -103,7 +103,7 @@ class MapsSoFar:
             self._recorder.undecided(self.hypotheses)
 
     @property
-    def handed_over(self) -> bool:
+    def is_final(self) -> bool:
         """Whether there is an accepted map that does not grow any more."""
         return self._refinement is not None and self._refinement.done
 
@@ -127,7 +127,7 @@ class MapsSoFar:
             self._replace(self._refinement.map)
         return located
 
-    def hand_over(self) -> None:
+    def finalize(self) -> None:
         """Take the accepted map, if there is one, as it has grown."""
         if self._refinement is not None and not self._refinement.done:
             self._refinement.end()

@@ -53,7 +53,7 @@ class Criteria:
 
     @property
     def rule(self) -> str:
-        """Return the criteria in words, as in the column ``judged_by`` of ``results.csv``.
+        """Return the criteria in words, as in the column ``evaluated_by`` of ``results.csv``.
 
         * Returns: For example ``rotation within 5 deg, direction within 15 deg``.
         """
@@ -66,7 +66,7 @@ class Criteria:
 
 
 #: For sequences without ground truth.
-NOT_JUDGED = Criteria(truth=Truth.NONE, direction_deg=None)
+NOT_EVALUATED = Criteria(truth=Truth.NONE, direction_deg=None)
 
 #: Synthetic scenes whose camera does not translate.
 _ONLY_TURNING = Criteria(no_translation=True, expected_reason="pure_rotation")

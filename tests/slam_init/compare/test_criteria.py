@@ -2,7 +2,7 @@
 
 import pytest
 
-from slam_init.compare.judging import Criteria, criteria_of, group_of_scene
+from slam_init.compare.criteria import Criteria, criteria_of, group_of_scene
 from slam_init.compare.measures import PoseErrors, is_correct, is_strict
 
 

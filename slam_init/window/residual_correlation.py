@@ -23,7 +23,7 @@ from slam_init.window.levels import NEIGHBOURHOOD
 _COMPARED, _BOUND_SIGMAS = 3, 1.645
 
 
-def variance_by_neighbours(fit: JointFit, places: Floats) -> float:
+def variance_by_correlation(fit: JointFit, places: Floats) -> float:
     """Factor on each variance of a fit for the errors that neighbouring tracks share.
 
     Shapes: ``places`` (T, 2).
@@ -40,7 +40,7 @@ def variance_by_neighbours(fit: JointFit, places: Floats) -> float:
     return 1.0 + max(float(np.sum(errors * (near @ errors))) / total, 0.0) if total > 0 else 1.0
 
 
-def agreement_of_neighbours(fit: JointFit, of: Bools, places: Floats) -> float:
+def residual_agreement(fit: JointFit, of: Bools, places: Floats) -> float:
     """How far the residuals of some tracks agree with those of their neighbours among them: at most, from 0 to 1.
 
     Tracks on a body that moves agree (0.7 to 1), wrong matches and tracks with more noise than others do not.

@@ -31,7 +31,7 @@ FIELD_SCALES_PX.setflags(write=False)
 FIELD_PRIOR.setflags(write=False)
 
 
-class ErrorFields(NamedTuple):
+class CorrelatedErrors(NamedTuple):
     """The fields that a quadratic expansion tells, along the eigenvectors of the information about them."""
 
     #: (F,) Eigenvalues of the information.
@@ -46,7 +46,7 @@ class ErrorFields(NamedTuple):
     log_evidence: Floats
 
     @staticmethod
-    def of(information: Floats, gradient: Floats, largest_pull_sigmas: float = LARGEST_PULL_SIGMAS) -> ErrorFields:
+    def of(information: Floats, gradient: Floats, largest_pull_sigmas: float = LARGEST_PULL_SIGMAS) -> CorrelatedErrors:
         """The fields by the information (F, F) that other unknowns leave, and the gradient (F,).
 
         * ``largest_pull_sigmas``: A larger pull of the fields counts as this number of its standard deviations;
@@ -58,7 +58,7 @@ class ErrorFields(NamedTuple):
         pull = np.clip(axes.T @ gradient, -largest, largest)
         spread = squares / (1 + squares * strength)
         log_evidence = 0.5 * (spread @ pull**2 - np.log1p(squares * strength).sum(axis=1))
-        return ErrorFields(strength, pull, axes, spread, log_evidence)
+        return CorrelatedErrors(strength, pull, axes, spread, log_evidence)
 
     @property
     def mean_square(self) -> float:

@@ -52,7 +52,7 @@ class WindowMotion:
     direction_sigma_deg: float
 
 
-class PoseSoFar:
+class CurrentPose:
     """Keeps the rotation of each frame of the history from the first frame, and tells the pose of the newest."""
 
     def __init__(self) -> None:
@@ -95,17 +95,17 @@ class PoseSoFar:
 
     def _fix(self, history: History, window: WindowMotion) -> None:
         """Take the rotation of the judged frame from that of the reference, where this is known."""
-        reference, judged = window.frames
+        reference, evaluated = window.frames
         start = self._known.get(reference)
-        if start is None or judged not in history or judged not in window.cam_from_world:
+        if start is None or evaluated not in history or evaluated not in window.cam_from_world:
             return
-        turned = window.cam_from_world[judged].R @ window.cam_from_world[reference].R.T
+        turned = window.cam_from_world[evaluated].R @ window.cam_from_world[reference].R.T
         sigma_rad = math.radians(window.rotation_sigma_deg)
         if window.rotates_only and reference in history:
-            i, j = common_tracks(history[reference], history[judged])
-            sigma_rad = _sigma_rad(turned, history[reference].bearings[i], history[judged].bearings[j])
-        self._known[judged] = (turned @ start[0], start[1] + sigma_rad**2)
-        self._anchor = judged
+            i, j = common_tracks(history[reference], history[evaluated])
+            sigma_rad = _sigma_rad(turned, history[reference].bearings[i], history[evaluated].bearings[j])
+        self._known[evaluated] = (turned @ start[0], start[1] + sigma_rad**2)
+        self._anchor = evaluated
 
     def _from_anchor(self, history: History, current: Observations) -> tuple[Floats, float] | None:
         """The rotation of a frame by the tracks that it shares with the anchor, or with the frame before."""

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from make_window import fitted_window
 
-from slam_init.window.neighbours import agreement_of_neighbours, variance_by_neighbours
+from slam_init.window.residual_correlation import residual_agreement, variance_by_correlation
 
 
 def factor(fit, residuals):
-    return variance_by_neighbours(replace(fit, residuals=residuals), fit.tracks.pixels[0])
+    return variance_by_correlation(replace(fit, residuals=residuals), fit.tracks.pixels[0])
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def agreement(fit, residuals, of=None):
     tracks = fit.tracks
     of = np.ones(len(tracks.anchor), bool) if of is None else of
     everywhere = replace(tracks, seen=np.ones_like(tracks.seen))
-    return agreement_of_neighbours(replace(fit, tracks=everywhere, residuals=residuals), of, tracks.pixels[0])
+    return residual_agreement(replace(fit, tracks=everywhere, residuals=residuals), of, tracks.pixels[0])
 
 
 def test_tracks_on_a_body_agree_and_noise_does_not(fitted):
