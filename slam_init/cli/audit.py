@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from slam_init.cli.parser import DONE, DOUBTFUL, WRONG, Commands, add_command
 from slam_init.errors import CalibrationError, SlamInitError, SourceError
-from slam_init.system.process_io import tell
+from slam_init.system.process_io import emit
 from slam_init.system.regular_file import user_path
 
 _OTHER_IMAGES = (
@@ -86,7 +86,7 @@ def _audit(arguments: argparse.Namespace) -> int:
     elif not found and source is not None and moves_otherwise(map_, poses, views, found.pair):
         found = replace(found, reason=None, advice=_OTHER_IMAGES)
     found = replace(found, notes=notes)
-    tell(json_text(found) if arguments.json else f"{found}\n")
+    emit(json_text(found) if arguments.json else f"{found}\n")
     if found:
         return DONE
     return WRONG if found.verdict is AuditVerdict.WRONG else DOUBTFUL

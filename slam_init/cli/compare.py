@@ -25,7 +25,7 @@ from slam_init.cli.source_options import (
     sequence_name,
     with_topics,
 )
-from slam_init.system.process_io import tell
+from slam_init.system.process_io import emit
 
 _DEFAULT_COMPARISON = "slam-init-compare"
 #: A suite fixes these options, which have these defaults.
@@ -140,7 +140,7 @@ def _compare(arguments: argparse.Namespace) -> int:
         frozen=frozen,
     )
     told = "".join(f"{note}\n" for note in notes)
-    tell(f"{main_table(summary)}\n\n{told}report: {out / 'report.html'}\n")
+    emit(f"{main_table(summary)}\n\n{told}report: {out / 'report.html'}\n")
     return DONE
 
 

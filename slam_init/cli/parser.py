@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
 from slam_init.errors import SlamInitError
-from slam_init.system.process_io import tell
+from slam_init.system.process_io import emit
 
 if TYPE_CHECKING:
     from _typeshed import SupportsWrite
@@ -53,7 +53,7 @@ class Parser(argparse.ArgumentParser):
 
     def print_help(self, file: SupportsWrite[str] | None = None) -> None:
         """Print the help; a closed pipe is no error."""
-        tell(self.format_help())
+        emit(self.format_help())
 
     def error(self, message: str) -> NoReturn:
         """Raise what is wrong with the arguments."""
@@ -86,7 +86,7 @@ class Print(argparse.Action):
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         """Print the text and exit."""
         assert callable(self.const)
-        tell(self.const())
+        emit(self.const())
         parser.exit()
 
 

@@ -18,7 +18,7 @@ from slam_init.cli.parser import (
     refuse_changed,
 )
 from slam_init.cli.source_options import BY_IMU, SENSORS, add_source, chosen_camera, opened_source, with_gravity
-from slam_init.system.process_io import tell
+from slam_init.system.process_io import emit
 from slam_init.system.regular_file import user_path
 
 if TYPE_CHECKING:
@@ -182,9 +182,9 @@ def _run(arguments: argparse.Namespace) -> int:
         source = with_gravity(arguments, opened_source(arguments, config.seed))
         result, summary = _run_on(source, arguments, config, out)
     if arguments.json:
-        tell(json_text(summary))
+        emit(json_text(summary))
     elif not arguments.quiet:
-        tell(report_text(result, summary, out, replaced))
+        emit(report_text(result, summary, out, replaced))
     return DONE if summary.reason is None else NOT_INITIALIZED
 
 

@@ -150,10 +150,10 @@ def table(rows: Iterable[tuple[str, str, TrialRow]], methods: Sequence[str]) -> 
             cells.setdefault(key, {}).setdefault(row.method, []).append(row)
     lines = []
     for (variant, sequence), found in sorted(cells.items(), key=lambda cell: cell[0][1] != "all"):
-        told = [_told(found.get(method, [])) for method in methods]
-        lines.append([variant, sequence, str(len(next(iter(found.values())))), *told])
-    told = [f"{method}: correct/false/none, wait" for method in methods]
-    return markdown_table(["", "sequence", "starts", *told], lines)
+        message = [_told(found.get(method, [])) for method in methods]
+        lines.append([variant, sequence, str(len(next(iter(found.values())))), *message])
+    message = [f"{method}: correct/false/none, wait" for method in methods]
+    return markdown_table(["", "sequence", "starts", *message], lines)
 
 
 def _told(rows: Sequence[TrialRow]) -> str:

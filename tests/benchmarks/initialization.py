@@ -71,8 +71,8 @@ def _counts(rows: Sequence[TrialRow]) -> list[str]:
     reasons = Counter(row.reason for row in rows if row.reason is not None)
     frames = [row.frames_to_accept for row in rows if row.frames_to_accept is not None]
     counts = (len(rows), classes["correct"] + classes["strict"], classes["strict"], classes["false"], classes["none"])
-    told = ", ".join(f"{count} {reason}" for reason, count in reasons.most_common()) or "-"
-    return [*map(str, counts), told, f"{median(frames):g}" if frames else "-"]
+    message = ", ".join(f"{count} {reason}" for reason, count in reasons.most_common()) or "-"
+    return [*map(str, counts), message, f"{median(frames):g}" if frames else "-"]
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -269,14 +269,14 @@ def _strata_of(decisions: Sequence[Decision]) -> list[str]:
 
 def commit() -> str:
     """The commit of the measured version, with a mark where files differ from it."""
-    told = subprocess.run(
+    message = subprocess.run(
         ["git", "describe", "--always", "--dirty"],
         capture_output=True,
         text=True,
         check=False,
         cwd=Path(__file__).parent,
     )
-    return told.stdout.strip() or "unknown"
+    return message.stdout.strip() or "unknown"
 
 
 def read_log(path: Path) -> list[Decision]:

@@ -134,7 +134,7 @@ def test_a_hand_held_camera_translates_by_the_requested_share_of_the_depth():
 
 
 @pytest.mark.parametrize(("moving", "objects"), [(0.6, 1), (0.5, 2), (0.3, 3)])
-def test_the_bodies_have_their_share_of_the_tracks_and_move_rigidly(moving, objects):
+def test_the_moving_objects_have_their_share_of_the_tracks_and_move_rigidly(moving, objects):
     options = PointOptions(**EXACT, moving=moving, objects=objects, object_deg_s=20, points=600, baseline=0.2)
     sequence = make_points("room", 6, options)
     assert sequence.is_moving.mean() == pytest.approx(moving, abs=0.002)

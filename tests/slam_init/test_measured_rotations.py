@@ -44,7 +44,7 @@ def test_a_measured_rotation_makes_the_rotation_and_the_direction_more_certain()
     assert measured.direction_sigma_deg < without.direction_sigma_deg
 
 
-def test_it_tells_the_focal_length_of_a_camera_that_turns():
+def test_it_determines_the_focal_length_of_a_camera_that_turns():
     source = point_source("rotation", 3, views=6)
     camera = replace(source.camera, fx=1.3 * source.camera.fx, fy=1.3 * source.camera.fy, focal_sigma=0.35)
     found, initializer = windows(source, camera, steps_of(source, SIGMA_RAD))

@@ -56,12 +56,12 @@ def robust_table(repetitions: int, data: Path) -> str:
     real = [times for name, times in cases.items() if name.endswith("real pairs")]
     if real:
         cases["all real pairs"] = {name: [one for times in real for one in times[name]] for name in (_OURS, _THEIRS)}
-    told = (
+    message = (
         f"\n\nCPU time, the fastest of {_TURNS} turns of each estimate, after a warm-up; quest and PoseLib alternate."
     )
-    told += " PoseLib runs at least 100 iterations, as its makers advise."
-    told += f" Left out, because the folder of data does not hold them: {', '.join(absent)}." if absent else ""
-    return estimates_table(cases) + told
+    message += " PoseLib runs at least 100 iterations, as its makers advise."
+    message += f" Left out, because the folder of data does not hold them: {', '.join(absent)}." if absent else ""
+    return estimates_table(cases) + message
 
 
 def estimates_table(cases: Mapping[str, Mapping[str, Sequence[float]]]) -> str:

@@ -38,7 +38,7 @@ def points(seed: int, count: int = 200, *, on_plane: float) -> np.ndarray:
 
 @laws
 @given(seed=SEEDS)
-def test_all_points_of_a_plane_lie_on_it_and_its_poses_are_the_motion_and_the_twin(seed):
+def test_all_points_of_a_plane_lie_on_it_and_its_poses_are_the_motion_and_the_second_motion(seed):
     m, n = views(points(seed, on_plane=1.0), noise_rad=NOISE_RAD, seed=seed)
     plane = fit_plane(MODEL, m, n, NOISE_RAD)
     assert plane.on + plane.off == 200

@@ -38,7 +38,7 @@ def test_a_wrong_command_is_reported_in_one_line(tmp_path, capsys):
         assert message.startswith("slam-init: error: ") and message.count("\n") == 1
 
 
-def test_a_missing_package_of_the_extra_is_told_with_what_to_install(tmp_path, monkeypatch, capsys):
+def test_a_missing_package_of_the_extra_is_reported_with_what_to_install(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("slam_init.compare.run.find_spec", lambda name: None if name == "pebble" else name)
     assert main(["compare", "points:room", "--methods", "quest", "--out", str(tmp_path / "out")]) == 2
     assert 'pip install "slam-init[compare]"' in capsys.readouterr().err

@@ -45,7 +45,7 @@ def test_results_hold_one_sorted_row_per_trial_with_the_documented_columns(finis
     assert summary["trials"] == len(rows) == len(SOURCES) * len(METHODS)
 
 
-def test_the_summary_counts_the_rows_and_tells_the_wait_and_how_each_scene_is_judged(finished):
+def test_the_summary_counts_the_rows_and_states_the_wait_and_how_each_scene_is_evaluated(finished):
     out, summary = finished
     stored = json.loads((out / "summary.json").read_text())
     assert stored == json.loads(json.dumps(plain(summary)))
@@ -80,12 +80,12 @@ def test_a_finished_comparison_is_narrowed_without_running_a_trial(plan, copied)
 
 def test_rows_of_other_settings_are_not_mixed_in(plan, copied):
     options = Config(keyframes=KeyframeConfig(window=1))
-    for settings, told in (
+    for settings, message in (
         (Settings(seed=1), "seed 0, not 1"),
         (Settings(config=options), "other options"),
         (Settings(audit=True), "audit None, not True"),
     ):
-        with pytest.raises(OutputError, match=told):
+        with pytest.raises(OutputError, match=message):
             compare(replace(plan, settings=settings), copied)
 
 

@@ -33,7 +33,7 @@ def test_trials_start_at_every_kth_frame_that_leaves_enough_frames():
     assert list(Plan((), ()).starts(replace(source, frames=2))) == [0]
 
 
-def test_a_source_without_ground_truth_is_not_judged_unless_its_camera_does_not_translate():
+def test_a_source_without_ground_truth_is_not_evaluated_unless_its_camera_does_not_translate():
     (source,) = describe_sources(["points:room"])
     assert source.criteria == Criteria()
     assert replace(source, has_truth=False).criteria == NOT_EVALUATED

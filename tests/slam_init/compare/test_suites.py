@@ -18,6 +18,6 @@ def test_the_tracks_of_the_worlds_are_the_frozen_ones():
 
 
 @pytest.mark.parametrize("suite", SUITES)
-def test_other_tracks_are_told(suite):
+def test_other_tracks_are_reported(suite):
     digests = ["0" * 16] * len(SUITES[suite].worlds)
     assert "runs on this machine only" in SUITES[suite].verdict(digests)

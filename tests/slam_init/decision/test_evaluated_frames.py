@@ -39,7 +39,7 @@ def test_images_of_noise_have_no_consistent_motion():
     assert status.reason == Verdict.NO_CONSISTENT_MOTION and "noise" in status.advice
 
 
-def test_before_a_motion_is_known_a_frame_without_a_chosen_pair_is_not_judged():
+def test_before_a_motion_is_known_a_frame_without_a_chosen_pair_is_not_evaluated():
     frames = Frames(point_source("room", 0, baseline=0.03))
     assert frames.evaluate(1, chosen=False) is None
     assert frames.rule.provisional() is None
@@ -73,7 +73,7 @@ def test_after_a_mere_rotation_no_window_is_fitted_until_a_pair_shows_parallax()
     assert all(attempt.window is None and attempt.two_view is None for attempt in still)
 
 
-def test_a_frame_without_a_chosen_pair_is_judged_with_the_reference_of_the_last_chosen_pair():
+def test_a_frame_without_a_chosen_pair_is_evaluated_with_the_reference_of_the_last_chosen_pair():
     frames = Frames(point_source("wall", 0, baseline=0.3))
     assert frames.evaluate(3, chosen=True, reference=1).accepted is None
     assert frames.evaluate(4, chosen=False, reference=0) is None

@@ -104,7 +104,7 @@ def test_a_camera_that_does_not_translate_is_never_initialized(scene, seed, opti
 
 
 @pytest.mark.parametrize(("scene", "seed"), [("rotation", 71002), ("static", 71003)])
-def test_moving_bodies_before_a_camera_that_does_not_translate_are_no_near_objects(scene, seed):
+def test_moving_objects_before_a_camera_that_does_not_translate_are_no_near_objects(scene, seed):
     """The rest of the tracks are at infinity, so that the bodies look like near objects of a translating camera."""
     source = point_source(scene, seed, moving=0.3, noise_px=1.0, outliers=(0.05, 0.15, 0.3)[seed % 3])
     assert not finished(source)
@@ -112,7 +112,7 @@ def test_moving_bodies_before_a_camera_that_does_not_translate_are_no_near_objec
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "noise_px"), [(365010, 0.3), (365029, 0.6)])
-def test_a_few_tracks_on_moving_bodies_do_not_decide_between_the_motions_of_a_plane(seed, noise_px):
+def test_a_few_tracks_on_moving_objects_do_not_decide_between_the_motions_of_a_plane(seed, noise_px):
     """Both walls had a map with the wrong motion, by the votes of 22 and of 53 tracks off the plane."""
     source = point_source("wall", seed, moving=0.3, noise_px=noise_px, outliers=0.2)
     result = finished(source)
@@ -285,7 +285,7 @@ def test_asking_for_the_provisional_map_does_not_change_the_result():
 # -- configuration and output ---------------------------------------------------------------------
 
 
-def test_each_frame_is_judged():
+def test_each_frame_is_evaluated():
     attempts = followed("wall", 0, 0.3).initializer.finish().attempts
     assert [attempt.frames[1] for attempt in attempts] == list(range(1, len(attempts) + 1))
     assert all(attempt.window is not None for attempt in attempts)
@@ -319,7 +319,7 @@ def test_the_inliers_of_an_accepted_pair_are_those_of_its_map_where_the_lens_was
 
 
 @pytest.mark.slow
-def test_the_maps_of_the_scene_and_of_a_large_body_are_kept_and_one_of_them_is_right():
+def test_the_maps_of_the_scene_and_of_a_large_moving_object_are_kept_and_one_of_them_is_right():
     source = point_source("room", 4, moving=0.6, objects=1, baseline=0.2)
     result = finished(source)
     assert (result.reason, result.map, len(result.hypotheses)) == (Verdict.MOVING_OBJECTS, None, 2)

@@ -36,7 +36,7 @@ def test_all_arrays_and_no_others_are_documented():
     assert documented == list(handover_arrays(make_map()))
 
 
-def test_the_same_map_gives_the_same_bytes_and_the_unit_is_told():
+def test_the_same_map_gives_the_same_bytes_and_the_unit_is_reported():
     map_ = make_map()
     assert handover_bytes(map_) == handover_bytes(make_map())
     assert str(loaded(map_)["unit"]) == "median depth"

@@ -115,7 +115,7 @@ def test_two_maps_are_drawn_while_they_are_kept_with_the_evidence_that_decides(p
     assert "one of the maps is right" in column(path, "/candidates/evidence", "TextDocument:text")[0][0]
 
 
-def test_tracks_on_moving_bodies_are_drawn_in_their_frame_only(path):
+def test_tracks_on_moving_objects_are_drawn_in_their_frame_only(path):
     attempt = make_attempts(make_map())[0]
     first, second, third, *_ = make_observations(make_map())
     with pinhole(path) as recorder:

@@ -114,7 +114,7 @@ def wall_with_panels(seed, relief):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_relief_leaves_the_plane_and_the_rest_stays(seed):
+def test_depth_variation_leaves_the_plane_and_the_rest_stays(seed):
     window, plane, stands = wall_with_panels(seed, 0.4)
     fit = fit_window(window.tracks, window.start(seed, 1.01 * plane, 0.002), PRIORS)
     used = window.tracks.seen.sum(axis=0) >= 4
@@ -131,7 +131,7 @@ def test_relief_leaves_the_plane_and_the_rest_stays(seed):
 # -- rotation only --------------------------------------------------------------------------------
 
 
-def test_a_rotation_only_camera_tells_its_focal_length():
+def test_a_rotation_only_camera_determines_its_focal_length():
     true = camera_of(make_points("rotation", 2))
     window = make_window("rotation", 2, 6, 150, noise_px=0.3, stated=camera_with_focal_factor(true, 1.05))
     t = np.outer(np.arange(6), [1e-9, 0, 0])
@@ -218,7 +218,7 @@ def test_too_few_residuals_leave_the_noise_as_assumed():
     assert fit_near_truth(window).noise_factor == 1
 
 
-def test_without_a_plane_there_is_no_relief():
+def test_without_a_plane_there_is_no_depth_variation():
     window = make_window("room", 1, 3, 40, noise_px=0.5, baseline=0.2)
     fit = fit_window(window.tracks, window.start(0), PRIORS)
     assert not information_off_plane(fit).any()

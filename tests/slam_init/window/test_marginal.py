@@ -132,7 +132,7 @@ def test_tracks_that_share_smooth_fields_prefer_a_scale_of_about_the_true_one(se
     assert 0.4 < FIELD_SCALES_PX[np.argmax(found.log_evidence)] / true_px < 2.5
 
 
-def test_a_pull_beyond_chance_in_a_direction_that_the_tracks_do_not_tell_is_no_evidence(linearization):
+def test_a_pull_beyond_chance_in_a_direction_that_the_tracks_do_not_determine_is_no_evidence(linearization):
     """Tracks that are held at infinity pull at fields along their epipolar lines, where they have no information."""
     found = marginalize_fields(linearization)
     field, other = np.flatnonzero(linearization.is_field), ~linearization.is_field

@@ -31,12 +31,12 @@ def test_a_scene_at_rest_has_no_other_motion_however_many_outliers_there_are(see
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_a_body_that_holds_as_many_tracks_as_the_scene_around_it_may_be_the_scene_but_less_likely_so(seed):
+def test_a_moving_object_with_as_many_tracks_as_the_scene_around_it_may_be_the_scene_but_less_likely(seed):
     found = hypotheses(seed, views=10, moving=0.45, objects=1, object_deg_s=30, outliers=0.05)
     assert 0.05 < risk_of(found).moving == other_motion(found).probability < 0.5
 
 
-def test_the_tracks_of_the_other_motion_lie_on_the_body_or_the_body_is_taken_for_the_scene():
+def test_the_tracks_of_the_other_motion_lie_on_the_object_or_it_is_taken_for_the_scene():
     for seed in range(2):
         body = {"moving": 0.45, "objects": 1, "object_deg_s": 30, "outliers": 0.05}
         other = other_motion(hypotheses(seed, views=10, **body))
@@ -44,7 +44,7 @@ def test_the_tracks_of_the_other_motion_lie_on_the_body_or_the_body_is_taken_for
         assert not len(other.track_ids) or max(on_object.mean(), 1 - on_object.mean()) > 0.9
 
 
-def test_a_small_body_is_no_rival():
+def test_a_small_moving_object_is_no_competing_motion():
     for seed in range(3):
         found = hypotheses(seed, moving=0.1, objects=1, object_deg_s=30, outliers=0.05)
         assert other_motion(found).probability == 0
@@ -125,7 +125,7 @@ def test_tracks_that_stay_at_their_pixel_may_be_the_scene_before_a_camera_that_s
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_where_the_tracks_of_the_scene_only_turn_a_body_that_holds_more_of_them_is_not_taken_for_it(seed):
+def test_where_the_tracks_of_the_scene_only_turn_a_moving_object_that_holds_more_of_them_is_not_taken_for_it(seed):
     source = point_source("room", seed, baseline=0.0, noise_px=0.3, points=200, moving=0.6, objects=1, object_deg_s=30)
     found = hypotheses_of(source.camera, pair_and_further(list(source.observations()), 8), PRIORS)
     on_object = source.sequence.shot.objects.object_of_track >= 0

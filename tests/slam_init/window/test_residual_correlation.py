@@ -50,7 +50,7 @@ def agreement(fit, residuals, of=None):
     return residual_agreement(replace(fit, tracks=everywhere, residuals=residuals), of, tracks.pixels[0])
 
 
-def test_tracks_on_a_body_agree_and_noise_does_not(fitted):
+def test_tracks_on_a_moving_object_agree_and_noise_does_not(fitted):
     rng = np.random.default_rng(2)
     shape = (*fitted.tracks.seen.shape, 2)
     of_noise = [agreement(fitted, 8 * rng.normal(size=shape)) for _ in range(20)]

@@ -49,7 +49,7 @@ def test_views_between_the_pair_lower_the_risk_of_a_room():
     assert most.total < MAX_RISK
 
 
-def test_a_single_motion_has_no_rival(undecided, clear):
+def test_a_single_motion_has_no_competing_motion(undecided, clear):
     assert len(clear.motions) == 1
     for single in (clear, replace(undecided, motions=undecided.motions[:1])):
         risk = risk_of(single)
@@ -58,7 +58,7 @@ def test_a_single_motion_has_no_rival(undecided, clear):
 
 
 @pytest.mark.parametrize("seed", [0, 8])
-def test_a_plane_in_two_views_has_a_rival_that_is_as_probable(seed):
+def test_a_plane_in_two_views_has_a_competing_motion_that_is_as_probable(seed):
     """All points lie within the horizon of the twin."""
     risk = risk_of(hypotheses("wall", seed, 2, baseline=0.3))
     assert 0.2 < risk.competing <= 0.5
@@ -67,7 +67,7 @@ def test_a_plane_in_two_views_has_a_rival_that_is_as_probable(seed):
 
 
 @pytest.mark.parametrize("seed", [3, 4])
-def test_points_beyond_the_horizon_of_the_twin_of_a_plane_count_against_it(seed):
+def test_points_beyond_the_horizon_of_the_second_motion_of_a_plane_count_against_it(seed):
     found = hypotheses("wall", seed, 2, baseline=0.3)
     best, twin = found.motions
     truth = true_motion(point_source("wall", seed, baseline=0.3), 0, 11)
@@ -79,7 +79,7 @@ def test_points_beyond_the_horizon_of_the_twin_of_a_plane_count_against_it(seed)
 
 
 @pytest.mark.parametrize("seed", [0, 3])
-def test_further_views_decide_against_the_twin_of_a_plane(seed):
+def test_further_views_decide_against_the_second_motion_of_a_plane(seed):
     risk = risk_of(hypotheses("wall", seed, 12, baseline=0.3))
     assert risk.competing < 1e-4
     assert risk.total < MAX_RISK
@@ -123,7 +123,7 @@ def test_a_track_votes_by_three_nats_at_the_most(undecided, sign):
     assert 0 < sign * margin.log_likelihood <= 3 * some.sum()
 
 
-def test_a_rival_that_locates_fewer_views_pays_for_the_views_it_leaves_out():
+def test_a_competing_motion_that_locates_fewer_views_pays_for_the_views_it_leaves_out():
     found = hypotheses("wall", 0, 4, baseline=0.3)
     best, competing = found.motions
     equal = replace(competing, fit=replace(competing.fit, track_costs=best.fit.track_costs))
@@ -161,7 +161,7 @@ def test_the_direction_of_the_pair_is_the_first_of_the_views_and_that_of_a_near_
 
 
 @pytest.mark.parametrize(("share", "doubtful"), [(0.15, True), (0.4, False)])
-def test_a_view_that_fewer_tracks_locate_than_a_body_holds_is_as_doubtful_as_bodies_are(share, doubtful):
+def test_a_view_that_fewer_tracks_locate_than_a_moving_object_holds_is_as_doubtful_as_such_objects_are(share, doubtful):
     """Of all other views it knows nothing, and the risk of the pair stays nearly the same."""
     found = hypotheses("room", 0, 6)
     row = 4
@@ -203,7 +203,7 @@ def test_the_stated_size_of_the_error_fields_grows_with_that_of_the_tracks():
     assert large > 0.5
 
 
-def test_above_a_bound_the_term_of_the_rivals_is_a_lower_one():
+def test_above_a_bound_the_term_of_the_competing_motions_is_a_lower_one():
     """Fits with error fields only raise it, so that the decision is the same."""
     for seed in range(3):
         found = hypotheses("nadir", seed, 6, baseline=0.06)

@@ -8,7 +8,7 @@ from slam_init.window.tails import at_any_time, chi_square_as_gaussian, three_di
 
 
 @pytest.mark.parametrize("limit", [0.5, 1.5, 3.0])
-def test_an_error_in_two_or_three_directions_exceeds_a_limit_as_often_as_drawn_errors_do(limit):
+def test_an_error_in_two_or_three_directions_exceeds_a_limit_as_often_as_simulated_errors_do(limit):
     errors = np.random.default_rng(1).normal(size=(200_000, 3))
     assert two_directions(limit, np.ones(1))[0] == pytest.approx(
         (np.linalg.norm(errors[:, :2], axis=1) > limit).mean(), abs=0.004
