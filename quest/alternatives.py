@@ -1,7 +1,7 @@
 """Comparison of two motions on the same matches: which alternatives to a pose remain, and whether a plane is one.
 
 Motions are compared by one score, the likelihood of all matches (:mod:`quest.robust.loss`). The difference of two
-scores is a sum over matches whose errors are correlated between neighbours: a moving body, one part of the lens or a
+scores is a sum over matches whose errors are correlated between neighbours: a moving object, one part of the lens or a
 repeated texture. So the difference is compared with its scatter over regions of the view.
 
 References
@@ -37,7 +37,7 @@ _MOST = 3
 _DROPPED_SIGMAS = 4.0
 #: Least cosine of a slant, and least noise in thresholds: exact matches have residuals of rounding errors.
 _LEAST_COSINE, _LEAST_NOISE = 1e-3, 1e-3
-#: The relief of all matches may exceed its mean by chance by this number of standard deviations, once in 160 planes.
+#: The depth variation of all matches may exceed its mean by chance by this number of standard deviations, once in 160 planes.
 #: Its variance is 2 a match, and 5.4 more since the noise, by which it is divided, comes from a median of as many
 #: residuals. Two in a hundred matches may lie off the plane and add 9 each: 25 planes with 15 % outliers left 1.5 %.
 _VARIATION_SIGMAS, _CHI2_VARIANCE, _OFF_PLANE, _LARGEST_VARIATION = 2.5, 7.4, 0.02, 9.0
@@ -46,7 +46,7 @@ _VARIATION_SIGMAS, _CHI2_VARIANCE, _OFF_PLANE, _LARGEST_VARIATION = 2.5, 7.4, 0.
 def explained_by_plane(problem: PoseProblem, plane: PlaneFit, best: Floats, inliers: int) -> bool:
     """Whether the inliers of the best motion lie on one plane, and one of the plane's motions fits them as well.
 
-    The residuals along the epipolar lines must have the size of the noise in their sum: the relief.
+    The residuals along the epipolar lines must have the size of the noise in their sum: the depth variation.
 
     Shapes: ``best`` (7,).
     """
@@ -59,8 +59,8 @@ def explained_by_plane(problem: PoseProblem, plane: PlaneFit, best: Floats, inli
 def more_probable_first(problem: PoseProblem, plane: PlaneFit, noise_rad: float) -> list[Floats]:
     """The motions (q_wxyz, t) of a plane by the likelihood of the matches on it, the more probable one first.
 
-    Both motions have the same residuals of the homography. A relief adds to those along the epipolar lines of the true
-    motion. With A and C the sums of squares along and across the lines, the likelihood under the most probable relief
+    Both motions have the same residuals of the homography. A depth variation adds to those along the epipolar lines of the true
+    motion. With A and C the sums of squares along and across the lines, the likelihood under the most probable depth variation
     is ``-N/2 (log A + log C)``, or that of equal variances where A < C, so that an exact plane says nothing. A match
     behind a camera is an outlier.
 

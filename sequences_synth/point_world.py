@@ -1,4 +1,4 @@
-"""The world of a sequence of tracks: points on the surfaces of a scene, bodies that move, and a camera on its path.
+"""The world of a sequence of tracks: points on the surfaces of a scene, moving objects, and a camera on its path.
 
 The path is a continuous function of the time, since a rolling shutter sees each pixel at the time of its own row, and
 the row is that in which the pixel lies. The projection of a point is therefore a fixed point: of the row, to the time,
@@ -82,9 +82,9 @@ class PointPath:
 
 @dataclass(frozen=True, eq=False)
 class MovingObjects:
-    """Rigid bodies that translate steadily and turn steadily about their own centres."""
+    """Rigid moving objects that translate steadily and turn steadily about their own centres."""
 
-    #: (M,) Number of the body to which a track belongs, -1 where it belongs to none.
+    #: (M,) Number of the object to which a track belongs, -1 where it belongs to none.
     object_of_track: Ints
     #: (B, 3) Translation from the first to the last tick of the path, metres.
     shift: Floats
@@ -94,7 +94,7 @@ class MovingObjects:
     centre: Floats
 
     def displaced(self, points: Floats, progress: Floats | float) -> Floats:
-        """Move the points that lie on bodies.
+        """Move the points that lie on moving objects.
 
         Shapes: ``points`` (M, 3), ``progress`` (M,), returns (M, 3).
         """
@@ -187,7 +187,7 @@ def inside(camera: SynthCamera, pixels: Floats) -> Bools:
 _TRACKS_BY_VISIBLE = 1.15
 # The points of a hand-held scene are spread evenly over what this many views see. The other views lie between them.
 _SPREAD_VIEWS = 60
-#: What a track is: a point of the scene at rest, a point on a moving body, or an outlier.
+#: What a track is: a point of the scene at rest, a point on a moving object, or an outlier.
 STATIC, MOVING, OUTLIER = 0, 1, 2
 
 
@@ -199,7 +199,7 @@ def film(
     rng: np.random.Generator,
     object_rng: np.random.Generator,
 ) -> tuple[Shot, Ints]:
-    """Draw the world, the path and the bodies of a scene.
+    """Draw the world, the path and the moving objects of a scene.
 
     Shapes: returns ``kinds`` (M,).
     """
@@ -213,7 +213,7 @@ def film(
     draw = _spread_points if layout.in_depths else _points
     points = draw(layout, poses, camera, options, rng)
     kinds, clusters = _kinds(points, options, rng)
-    # Each body moves about as fast as the camera, in its own direction. Where the camera does not translate, the
+    # Each object moves about as fast as the camera, in its own direction. Where the camera does not translate, the
     # speed is that of the default baseline.
     reach = options.baseline * depth
     if reach == 0:
@@ -311,7 +311,7 @@ def _moving_objects(
     count = options.objects
     object_of_track = clusters
     if count == 2 and options.object_deg_s == 0:
-        # Two bodies that do not turn keep the division by the order of the tracks, with which these worlds were first
+        # Two moving objects that do not turn keep the division by the order of the tracks, with which these worlds were first
         # measured: each of the two motions has tracks of both clusters.
         moving = np.flatnonzero(clusters >= 0)
         object_of_track = clusters.copy()

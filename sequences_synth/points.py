@@ -1,7 +1,7 @@
 """Tracks without images: points of a known scene seen by a moving camera, thousands of sequences per minute.
 
 The scenes have the names of the rendered ones, and depth, planes and motion of the same kind, drawn from a seed. Tracks
-have Gaussian noise. Some tracks are outliers, and on request some lie on bodies that move on their own. On request the
+have Gaussian noise. Some tracks are outliers, and on request some lie on moving objects. On request the
 tracks of a view also have a smooth error in common (:class:`TrackingError`), and the camera has a
 rolling shutter (:mod:`sequences_synth.camera`) or a wrong calibration. Poses are ``world_from_cam`` of the middle row.
 The world frame is the pose at which the camera would start without the tremor of the hand; in the scenes ``handheld``
@@ -153,7 +153,7 @@ class PointSequence:
     visible: Bools
     #: The correlated error that ``pixels`` contain, except those of outliers.
     tracking_error: TrackingError
-    #: The true camera, path, shutter and bodies.
+    #: The true camera, path, shutter and moving objects.
     shot: Shot
 
     def __len__(self) -> int:

@@ -23,7 +23,7 @@ stage          what it does
 A map is **accepted** if its risk is small enough and its depths are known. It is **handed over** when it does not
 change any more: at once, or after it has grown by further frames (``Config.refine_frames``). A refusal has a reason and
 its evidence. If the views cannot decide between two motions, those of a plane or those of the scene and a
-large body, both maps are kept.
+large object, both maps are kept.
 """
 
 from __future__ import annotations
@@ -265,7 +265,7 @@ class Initializer:
             self._keep(outcome, current.frame)
         self.keyframes.update(current, pairs)
         self.history.forget(keep=self.keyframes.candidates)
-        # The judgement may have changed the lens or the readout, and with them the rays of this frame.
+        # The evaluation may have changed the lens or the readout, and with them the rays of this frame.
         self.status = self._status_after(outcome, self.history[current.frame])
         return self.status
 
@@ -292,7 +292,7 @@ class Initializer:
         self._maps.keep(outcome)
 
     def _status_after(self, outcome: Outcome | None, current: Observations) -> Status:
-        """The status after a frame that was judged or left out, with the pose of its camera."""
+        """The status after a frame that was evaluated or left out, with the pose of its camera."""
         attempt, motion = (None, None) if outcome is None else (outcome.attempt, outcome.motion)
         pose = self._pose.update(self.history, current, motion, self.map)
         wrong_focal = self._attempts.wrong_focal
@@ -343,12 +343,12 @@ class Initializer:
 
     @property
     def motion(self) -> FittedPoses | None:
-        """The poses of the last judged window by its best motion, with their camera; None where it has no motion."""
+        """The poses of the last evaluated window by its best motion, with their camera; None where it has no motion."""
         return self._window.motion
 
     @property
     def provisional(self) -> ProvisionalMap | None:
-        """The map of the best motion of the last judged window, with its risk; the accepted map once there is one.
+        """The map of the best motion of the last evaluated window, with its risk; the accepted map once there is one.
 
         It is built when it is asked for, which takes as long as a bundle adjustment. None where no motion is known, or
         where its frames are forgotten.
@@ -376,7 +376,7 @@ class Initializer:
         return self.result
 
     def reset(self, since: int | None = None) -> None:
-        """Start anew: after a map that was lost, or after a cut.
+        """Restart: after a map that was lost, or after a cut.
 
         The camera, the tracker with its tracks, the clock and an estimated readout stay. Keyframes, attempts and
         motions are forgotten, and the next map has a world frame of its own. A map that was accepted becomes a segment
@@ -405,7 +405,7 @@ def _window_rule(config: Config, intake: Intake, *, third_view: bool, propose: P
 
 @cache
 def load_all() -> None:
-    """Load what judgements need, and compile it on a machine's first run, so that no frame waits for it.
+    """Load what evaluations need, and compile it on a machine's first run, so that no frame waits for it.
 
     A small scene of its own is initialized: 800 points two to four units before a camera that moves
     sideways.

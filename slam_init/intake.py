@@ -188,7 +188,7 @@ class Intake:
         return [observed.frame for observed in self.history]
 
     def change_lens(self, lens: LensInUse) -> None:
-        """Go on with another estimate of the lens: the history gets the rays of all its frames anew."""
+        """Go on with another estimate of the lens: the history gets the rays of all its frames again."""
         self.shutter.change_lens(self.history, lens)
 
     @property

@@ -1,4 +1,4 @@
-"""One run, from a source to the files of its results: initialize, follow the map, start anew where it is lost."""
+"""One run, from a source to the files of its results: initialize, follow the map, restart where it is lost."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def run(
     scale : ScaleRequest, optional
         What is known of the size of the scene (:mod:`slam_init.scale.requests`): the maps are then in metres.
     restart : bool
-        Whether to start anew where a map is lost (:mod:`slam_init.mapping.follower`). The result lists all maps.
+        Whether to restart where a map is lost (:mod:`slam_init.mapping.follower`). The result lists all maps.
     imu : bool or InertialSensor
         Whether to use the gyroscope of the source, if it has one (:mod:`slam_init.datasets.gyroscope`); or the sensor
         of a file (:func:`slam_init.datasets.inertial.read_inertial_file`), whose record is that of the scale too.
@@ -275,7 +275,7 @@ class Finished:
     summary: Summary
     located: tuple[Keyframe, ...]
     descriptors: tuple[Descriptors, ...]
-    #: That of the last judged window, see :attr:`slam_init.initializer.Initializer.motion`.
+    #: That of the last evaluated window, see :attr:`slam_init.initializer.Initializer.motion`.
     motion: FittedPoses | None = None
 
 
@@ -431,7 +431,7 @@ class _Run:
         return self.initializer.process(frame, rotation=rotation, rotation_sigma_rad=sigma_rad)
 
     def _reset(self, since: int) -> None:
-        """Start anew with the tracks from a frame on, which the initializer did not get where they are given."""
+        """Restart with the tracks from a frame on, which the initializer did not get where they are given."""
         for observed in list(self.tracker.history):
             if observed.frame >= since:
                 self.initializer.history.put(observed)

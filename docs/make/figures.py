@@ -82,7 +82,7 @@ def _eigenproblem() -> Any:
     axes.scatter(angles, sampson, s=26, color=GREY, label=f"the {len(candidates)} candidates of 5 matches")
     axes.scatter(angles[best], sampson[best], s=60, color=GREEN, label="chosen by the other 55 matches")
     axes.set(xscale="symlog", yscale="log", xlabel="rotation error (deg)", ylabel="median residual of 60 matches (px)")
-    axes.set_title("the eigenvectors, judged by further matches", fontsize=8.5)
+    axes.set_title("the eigenvectors, evaluated by further matches", fontsize=8.5)
     axes.legend(fontsize=7.5, frameon=False, loc="upper left")
     axes.set_ylim(top=3000)
     return figure

@@ -28,7 +28,7 @@ class PlaneFit(NamedTuple):
     on: int
     off: int
     #: Sum over all matches of their squared residuals along the epipolar lines, in units of the noise, each at most
-    #: 9. Without relief it has a chi-square distribution, with as many degrees of freedom as matches.
+    #: 9. Without depth variation it has a chi-square distribution, with as many degrees of freedom as matches.
     depth_variation: float
     #: (7,) The motions (q_wxyz, t) of the homography, |t| = 1, the one nearest to the given motion first. Empty where
     #: there is no plane.

@@ -1,7 +1,7 @@
 """The covariances of a map: what the noise of the tracks leaves open, and what the errors add that tracks share.
 
 A covariance is written as its causes: independent errors of unit variance, and how far poses and points follow each of
-them. The causes are the noise of the poses, the coefficients of the error fields of the views, the lens, and for each
+them. The causes are the noise of the poses, the coefficients of the fields of correlated errors of the views, the lens, and for each
 point its rays. With the names of :func:`slam_init.bundle.kernel.eliminate_points`, the poses x and the shared errors s
 have the equations ``P x + B s``, so that the poses follow by ``-P^-1 B``, and a point follows by
 ``-C^-T (Y x + C^-1 V s)``.
@@ -36,7 +36,7 @@ class SharedErrors(NamedTuple):
     """What the observations have in common besides poses and points.
 
     The map holds the lens as it is stated, and has no fields: their errors are those of the prior then. A fit of them
-    would follow errors of all kinds; it made directions worse by a half in drawn worlds with an exact lens.
+    would follow errors of all kinds; it made directions worse by a half in simulated worlds with an exact lens.
     """
 
     #: (M, 2, 4) Derivatives of the residuals by the lens.

@@ -106,7 +106,7 @@ def add_run(commands: Commands) -> None:
     after.add_argument(
         "--restart",
         action="store_true",
-        help="follow the frames after the map and start anew where it is lost: one map a segment",
+        help="follow the frames after the map and restart where it is lost: one map a segment",
     )
     after.add_argument(
         "--scale",

@@ -20,7 +20,7 @@ module           content
 ``sources``      the sequences, how they are opened; ``suites`` has the frozen ones
 ``replay``       the tracks of a sequence, stored once and replayed for each method
 ``trials``       the plan of the trials; one trial and its row
-``judging``      how each sequence is judged; ``measures`` has the errors of a map
+``criteria``     how each sequence is evaluated; ``measures`` has the errors of a map
 ``rows``         the row of a trial, and the rows on disk
 ``workers``      the processes and the cluster in which trials run
 ``figures``      the figures of all rows, with ``statistics``

@@ -69,8 +69,8 @@ _MEDIANS_OF_CORRECT = (
 )  # fmt: skip
 #: Version 2 added the figures of ambiguous planes and of suspected focal lengths. Version 3 renamed the parts
 #: ``image_still`` and ``points_still`` to ``image_static`` and ``points_static``. Version 4 added ``min_left``,
-#: ``judging``, ``wait``, ``waits`` and ``reliability``. Version 5 added the figures of the audit.
-_SCHEMA = 5
+#: ``criteria``, ``wait``, ``waits`` and ``reliability``. Version 5 added the figures of the audit, and version 6 renamed ``judging``.
+_SCHEMA = 6
 
 
 #: The figures of a set of trials, by their name in ``summary.json``. A *rate* is a share with Wilson's interval.
@@ -83,7 +83,7 @@ FIGURES: dict[str, Callable[[DataFrame], Any]] = {
     "none": lambda t: _count(t["outcome"] == "none"),
     "error": lambda t: _count(t["outcome"] == "error"),
     "accepted": lambda t: _count(t["outcome"].isin(["correct", "false", "accepted"])),
-    # Shares of the judged trials with a correct map, and with a false one, and of the right ones of the maps.
+    # Shares of the evaluated trials with a correct map, and with a false one, and of the right ones of the maps.
     "correct_rate": lambda t: _rate(t["outcome"][t["evaluated"]] == "correct"),
     "false_rate": lambda t: _rate(t["outcome"][t["evaluated"]] == "false"),
     "precision": lambda t: _rate(t["outcome"][t["outcome"].isin(["correct", "false"])] == "correct"),
@@ -241,7 +241,7 @@ def summary_of(table: DataFrame, plan: Plan) -> Figures:
         "trials": len(table),
         "methods": plan.methods,
         "sources": [source.label for source in plan.sources],
-        "judging": {source.group: source.criteria for source in sorted(plan.sources, key=lambda one: one.group)},
+        "criteria": {source.group: source.criteria for source in sorted(plan.sources, key=lambda one: one.group)},
         "parts": {name: _figures(part, plan.methods) for name, part in parts.items()},
         "groups": {str(group): _figures(of_group, plan.methods) for group, of_group in table.groupby("group")},
         "pairs": {name: pair_tests(part, plan.methods) for name, part in parts.items()},

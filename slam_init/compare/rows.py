@@ -49,7 +49,7 @@ class TrialRow:
     frames_to_accept: int | None = None
     #: Rotation error of the map in degrees.
     rotation_error_deg: float | None = None
-    #: Error of the direction of the baseline in degrees; None if the direction is not judged.
+    #: Error of the direction of the baseline in degrees; None if the direction is not evaluated.
     direction_error_deg: float | None = None
     #: Scene of the source. Trials of one scene are counted together.
     group: str

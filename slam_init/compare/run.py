@@ -65,7 +65,7 @@ def compare(
         folder.claim(TRIALS)
         settings = replace(plan.settings, tracks=str((folder.staging / _TRACKS).resolve()))
         criteria = {source.label: source.criteria.rule for source in plan.sources}
-        # A trial whose row was judged by other criteria is run again.
+        # A trial whose row was evaluated by other criteria is run again.
         with Journal(
             folder.path / TRIALS,
             _shared_settings(plan),

@@ -49,7 +49,7 @@ class ComparedSource:
         """Return the criteria by which the maps of the source are classified.
 
         * Returns: Those of its group; :data:`slam_init.compare.criteria.NOT_EVALUATED` if there is no ground truth. A
-          camera that is known not to translate is judged without one.
+          camera that is known not to translate is evaluated without one.
         """
         criteria = criteria_of(self.group)
         return criteria if self.has_truth or criteria.no_translation else NOT_EVALUATED

@@ -287,7 +287,7 @@ def _stated_columns(
 
 
 def _evaluated(errors: PoseErrors, criteria: Criteria) -> PoseErrors:
-    """Leave out the direction where it is not judged."""
+    """Leave out the direction where it is not evaluated."""
     return errors if criteria.direction_deg is not None else replace(errors, direction_deg=None)
 
 

@@ -49,7 +49,7 @@ _ONE_PLACE = 1e-9
 #: Class: budget.
 _MOST_FRAMES = 24
 #: Views after the pair see the same scene while they share this part of its tracks. Tracks drift: with views far
-#: beyond the baseline of the pair the drift looks like moving bodies. Of 32 right maps at 17 starts of four films 10
+#: beyond the baseline of the pair the drift looks like moving objects. Of 32 right maps at 17 starts of four films 10
 #: were sound with a share of .3, 14 with .5, 16 with .7, and 14 without such views.
 #: Class: measured.
 _SAME_SCENE = 0.7
@@ -173,7 +173,7 @@ def _chosen(known: Mapping[int, Pose], history: History, config: Config) -> tupl
     centres = np.array([known[frame].t for frame in frames])
     baselines = np.linalg.norm(centres[:, None] - centres[None], axis=2)
     if baselines.max() <= _ONE_PLACE * np.abs(centres).max(initial=0.0):
-        raise SlamInitError("all cameras of the map are at one place: it has no baseline to judge")
+        raise SlamInitError("all cameras of the map are at one place: it has no baseline to evaluate")
     wide = baselines >= SHORTEST_BASELINE * baselines.max()
     previews: list[PairPreview] = []
     for k, frame in enumerate(frames):

@@ -1,4 +1,4 @@
-"""A judged window, and what follows from it: the gates on its risk, its reason, the next lens, and its evidence.
+"""An evaluated window, and what follows from it: the gates on its risk, its reason, the next lens, and its evidence.
 
 All of it is a function of the window. Nothing here looks at the history or remembers an earlier window.
 """
@@ -80,7 +80,7 @@ class EvaluatedWindow:
             poses = {frame: Pose(R[k], np.zeros(3)) for k, frame in enumerate(self.hypotheses.tracks.frames)}
         pair, directions = (self.best.frames[0], self.best.frames[1]), self.risk.directions
         differences_deg = [self.best.difference_deg(one) for one in self.hypotheses.motions[1:]]
-        # The motion may be that of a rival.
+        # A competing motion may be right.
         rotation_deg, direction_deg = math.sqrt(self.risk.competing) * np.max([(0.0, 0.0), *differences_deg], axis=0)
         sigmas_deg = (
             math.hypot(directions.rotation_sigma_deg, rotation_deg),

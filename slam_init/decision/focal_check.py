@@ -40,7 +40,7 @@ _PROPOSED_AT = (0.5, 0.7, 1.4, 2.0)
 #: Class: geometry.
 _LEAST_VIEWS = 3
 #: The estimate contradicts the stated focal length from so many of its deviations on. These hold the errors that the
-#: tracks of a view share as if all of them pulled the focal length to one side. Of 399 drawn worlds with a right
+#: tracks of a view share as if all of them pulled the focal length to one side. Of 399 simulated worlds with a right
 #: calibration, two were beyond 1.9, three beyond 1.8 and one beyond 2; of 118 with a wrong one that their tracks tell,
 #: 96, 98 and 93 were.
 #: Class: measured.
@@ -48,7 +48,7 @@ _CONTRADICTS_SIGMAS = 1.9
 
 
 #: A window that would have a map is not fitted again where the estimate by its tracks alone is within this share of
-#: what contradicts the stated focal length. Of 22 drawn windows that contradicted it none was (the nearest one at
+#: what contradicts the stated focal length. Of 22 simulated windows that contradicted it none was (the nearest one at
 #: 0.20), of 139 others 49 %, of 30 on video 63 %; on other seeds none of 8, and 47 of 107.
 #: Class: measured.
 _AGREES = 0.2

@@ -35,18 +35,18 @@ class Outcome:
     accepted: MapWithViews | None = None
     #: The maps of two motions that the tracks do not decide between, the better one first.
     hypotheses: tuple[InitialMap, ...] = ()
-    #: The vote between the best motion and its nearest rival; None without a rival.
+    #: The vote between the best motion and its nearest competing motion; None without a competing motion.
     margin: Margin | None = None
-    #: The poses of the cameras of the judged window; None where no window was judged.
+    #: The poses of the cameras of the evaluated window; None where no window was evaluated.
     motion: WindowMotion | None = None
-    #: The lens to go on with; None where no window was judged.
+    #: The lens to go on with; None where no window was evaluated.
     lens: LensInUse | None = None
 
 
 class MapCandidates:
     """The maps of the attempts up to now: an accepted map, or two undecided maps, and the segments before a restart.
 
-    Two maps are undecided where they are those of both motions of a plane, or of the scene at rest and a large body.
+    Two maps are undecided where they are those of both motions of a plane, or of the scene at rest and a large object.
     An accepted map may grow by further frames. From the end of its growth on it is handed over.
 
     * ``recorder``: Receives a report when a map is accepted or has grown, and when the undecided maps change.
@@ -74,7 +74,7 @@ class MapCandidates:
         self._first = frame if self._first is None else self._first
 
     def restart(self) -> None:
-        """Start anew; an accepted map becomes a segment."""
+        """Restart; an accepted map becomes a segment."""
         self._earlier.extend(self._current_segment())
         self._forget()
 

@@ -35,7 +35,7 @@ from slam_init.window.tracker_errors import with_lasting_errors
 from slam_init.window.uncertainty import direction_uncertainty, expand
 
 #: Probability that the camera of a map only rotates, before any track is seen. Of .5, .2 and .1 the last one stated
-#: best how many maps were false: 66 of 287 maps of rivals, where 63 were (docs/measurements/accuracy.md).
+#: best how many maps were false: 66 of 287 maps of competing motions, where 63 were (docs/measurements/accuracy.md).
 #: Class: measured.
 _ROTATES = 0.1
 #: A smaller tail of the test for a rotation adds nothing: its posterior is below 1e-4.
@@ -55,7 +55,7 @@ class MapPosterior:
 
     #: The best motion is right, and a map at its fit would be wrong.
     direction: float
-    #: A rival is right, and the map is not near it.
+    #: A competing motion is right, and the map is not near it.
     competing: float
     #: The camera only rotates.
     rotation: float
@@ -116,7 +116,7 @@ def is_near(world_from_cam: Mapping[int, Pose], fitted: FittedMotion) -> bool:
 
 
 def _wrong_if_competing(hypotheses: WindowHypotheses, k: int, world_from_cam: Mapping[int, Pose]) -> float:
-    """Probability that the map is wrong if a rival is right."""
+    """Probability that the map is wrong if a competing motion is right."""
     competing = hypotheses.motions[k]
     rotation_deg, direction_deg = differences_deg(world_from_cam, competing)[competing.frames[1]]
     if rotation_deg > 2 * WRONG_ROTATION_DEG or direction_deg > 2 * WRONG_DIRECTION_DEG:
@@ -188,7 +188,7 @@ def _tail_of_rotation(hypotheses: WindowHypotheses, risk: WindowRisk) -> float:
 def _tail_with_lasting_errors(hypotheses: WindowHypotheses) -> float:
     """The tail with the errors that a tracker keeps in the noise, and all motions fitted again with it.
 
-    The risk has such a test where its direction is known. A map from anywhere is judged where it is not.
+    The risk has such a test where its direction is known. A map from anywhere is evaluated where it is not.
     """
     wide = with_lasting_errors(hypotheses.tracks, hypotheses.rotation_only.state.R)
     again = fit_hypotheses(wide, [one.motion for one in hypotheses.motions], hypotheses.priors)

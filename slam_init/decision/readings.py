@@ -98,7 +98,7 @@ def fitting_reading(
     others = reading.of(poses)
     try:
         found = audit(others, tracks, camera, config)
-    except SlamInitError:  # poses that cannot be judged do not fit
+    except SlamInitError:  # poses that cannot be evaluated do not fit
         return None
     first, *frames = (frame for frame in found.frames if frame in poses)
     turned = [(one[first].inverse() @ one[frame]).R for frame in frames for one in (poses, others)]

@@ -1,4 +1,4 @@
-"""The map of a judged window: bundle-adjusted on all tracks of the pair, and refused where it cannot be used."""
+"""The map of an evaluated window: bundle-adjusted on all tracks of the pair, and refused where it cannot be used."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _HELD = 0.1
 
 
 class WindowMaps:
-    """Builds the maps of a judged window.
+    """Builds the maps of an evaluated window.
 
     * ``history``: Holds the frames of the window.
     * ``shutter``: Has corrected their rays.
@@ -55,7 +55,7 @@ class WindowMaps:
     def undecided(self, reason: Verdict) -> tuple[InitialMap, ...]:
         """The maps of the two motions that the tracks do not decide between, the best first; none where one has no map.
 
-        These are both motions of a plane, or those of the scene and of a body that holds many tracks.
+        These are both motions of a plane, or those of the scene and of a moving object that holds many tracks.
         """
         hypotheses = self._window.hypotheses
         motions: list[FittedMotion] = []

@@ -1,9 +1,9 @@
 """The decision on a frame: by the risk that the map of the best hypothesis is wrong, and by the depths of this map.
 
 quest proposes motions from the pairs that the keyframe manager chooses. From then on the motions live: each further
-frame joins their joint fit, and the risk is stated anew. What follows from a window is a function of it
+frame joins their joint fit, and the risk is stated again. What follows from a window is a function of it
 (:mod:`slam_init.decision.evaluated_window`). A map is built for an accepted motion, for the two motions of an undecided
-plane or of the scene and a large body, or on request (:mod:`slam_init.decision.window_map`).
+plane or of the scene and a large object, or on request (:mod:`slam_init.decision.window_map`).
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ class WindowRule:
         self._other = OtherMotion()
 
     def renewed(self) -> WindowRule:
-        """A rule with the same options that has judged nothing."""
+        """A rule with the same options that has evaluated nothing."""
         return WindowRule(
             self._config, self._history, self._shutter, third_view=self._third_view, propose=self._estimate
         )
@@ -160,12 +160,12 @@ class WindowRule:
         last = self._last
         return None if last is None else (last.best.motion.cam_from_world, last.lens_of_best.camera)
 
-    # -- parts of the judgement -------------------------------------------------------------------
+    # -- parts of the evaluation -------------------------------------------------------------------
 
     def _propose_and_fit(
         self, chosen: PairPreview | None, views: _Views, attempt: Attempt, stopwatch: Stopwatch
     ) -> Outcome:
-        """Propose motions where a pair was chosen, and judge all that are known."""
+        """Propose motions where a pair was chosen, and evaluate all that are known."""
         if chosen is not None:
             self._reference = chosen.reference
             with stopwatch("two_view"):
@@ -194,7 +194,7 @@ class WindowRule:
         hypotheses, risk = found
         pair = self._with_readout(views.pair, risk)
         window = EvaluatedWindow(pair, hypotheses, risk, self._history.lens, self._threshold_rad)
-        # A camera that merely rotates is judged again once a pair shows parallax.
+        # A camera that merely rotates is evaluated again once a pair shows parallax.
         self._last, self._rotates = window, window.only_rotates
         outcome = self._accept_or_refuse(window, window.with_evidence(attempt))
         free = self._focal_check(window, accepted=outcome.accepted is not None)

@@ -130,8 +130,8 @@ class ExternalInitializer:
         raise SlamInitError(f"{self._command.label} is an external program, which needs images: give no points: source")
 
     def reset(self, since: int | None = None) -> None:
-        """Refuse to start anew: the program gets all frames at once."""
-        raise SlamInitError("an external program gets all frames at once: it cannot start anew after a loss")
+        """Refuse to restart: the program gets all frames at once."""
+        raise SlamInitError("an external program gets all frames at once: it cannot restart after a loss")
 
     def finish(self) -> Result:
         """Run the program, and read its trajectory."""

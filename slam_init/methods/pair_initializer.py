@@ -135,7 +135,7 @@ class PairInitializer:
         return result
 
     def reset(self, since: int | None = None) -> None:
-        """Start anew; see :meth:`slam_init.initializer.Initializer.reset`.
+        """Restart; see :meth:`slam_init.initializer.Initializer.reset`.
 
         * ``since``: Absolute index of the first frame whose tracks the next map may use; by default the newest one.
         """

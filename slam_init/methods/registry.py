@@ -97,7 +97,7 @@ _DESCRIBED = (
         alias_of="essential-5pt",
     ),
     MethodInfo(
-        "poselib-window", "PoseLib's relative pose in place of QuEst, judged by the window of quest", needs="poselib"
+        "poselib-window", "PoseLib's relative pose in place of QuEst, evaluated by the window of quest", needs="poselib"
     ),
     MethodInfo(
         "opensfm",

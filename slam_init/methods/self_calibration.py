@@ -181,7 +181,7 @@ def by_all_frames(
 ) -> StretchEstimate | None:
     """The lens by one bundle adjustment of all frames of a stretch; None where it does not tell the focal length.
 
-    The tracks are matches of descriptors. Each image is measured anew, so that their errors do not add up: on a road
+    The tracks are matches of descriptors. Each image is measured again, so that their errors do not add up: on a road
     they tell the focal length four times as well as tracks of the flow.
 
     * ``motion``: The poses of some of the frames, and the camera that was fitted with them, as a start.

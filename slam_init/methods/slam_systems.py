@@ -86,7 +86,7 @@ class OrbSlam(RuledMethod):
         best, good, parallax = check.best()
         second, most = check.second_share(), self.second_homography if planar else self.second_fundamental
         needed, low = self._needed(int(inliers.sum()), planar), self.min_parallax_deg
-        # As in the sources: a rival exactly at the bound refuses a homography, and not a fundamental matrix.
+        # As in the sources: a competing motion exactly at the bound refuses a homography, and not a fundamental matrix.
         ambiguous = second >= most if planar else second > most
         # The sources give no reasons; these follow the list of this project. The number of good points
         # comes first, since a few points have no reliable parallax.

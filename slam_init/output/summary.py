@@ -97,7 +97,7 @@ class Summary:
     ground_truth: GroundTruthErrors | None
     #: The frames after the initialization, if the run continued.
     continued: ContinuationRecord | None
-    #: All maps of a run that starts anew after a loss, in time order; the keys above describe the first. Else empty.
+    #: All maps of a run that restarts after a loss, in time order; the keys above describe the first. Else empty.
     segments: tuple[SegmentRecord, ...]
     #: Notes for the user, e.g. that the calibration was guessed.
     notes: tuple[str, ...]

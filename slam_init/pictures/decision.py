@@ -23,7 +23,7 @@ _TERMS = (
     ("risk_direction", "direction", "-"),
     ("risk_competing", "another motion", "--"),
     ("risk_rotation", "only rotation", ":"),
-    ("risk_moving", "moving bodies", "-."),
+    ("risk_moving", "moving objects", "-."),
 )
 #: Most attempts of a failure whose risk is drawn with its terms.
 _MOST_WITH_TERMS = 40
@@ -73,7 +73,7 @@ def draw_decision(axes: Axes, attempts: Sequence[Attempt]) -> None:
 
 
 def _risks(attempts: Sequence[Attempt], name: str) -> Floats:
-    """A figure of the window of each attempt, NaN where none was judged."""
+    """A figure of the window of each attempt, NaN where none was evaluated."""
     return np.array([np.nan if one.window is None else float(getattr(one.window, name)) for one in attempts])
 
 

@@ -201,7 +201,7 @@ def _plots() -> Any:
     whole = ["/stats/risk_log10/total", "/stats/risk_log10/bound"]
     parts = ["$origin/**", *(f"- {entity}" for entity in whole)]
     powers = rrb.ScalarAxis(range=(math.log10(LEAST_RISK) - 0.2, 0.2))
-    # A judgement in one piece takes a second; on its scale the budget would lie on the axis.
+    # An evaluation in one piece takes a second; on its scale the budget would lie on the axis.
     times = rrb.ScalarAxis(range=(0.0, 5 * BUDGET_MS))
     more = rrb.Grid(
         plot("parallax px", "parallax"),

@@ -13,7 +13,7 @@ entity                      content
 ``candidates/a``, ``/b``    both undecided maps while they are kept, the better one first
 ``candidates/evidence``     what has to decide between them
 ``pairs``                   the last pair tried: images, matches (green inliers, red outliers,
-                            purple on a body that moves, yellow where no motion was estimated),
+                            purple on a moving object, yellow where no motion was estimated),
                             verdict and evidence
 ``stats``                   number of tracks; figures of the attempts; the risk, its terms and its
                             bound as powers of ten; time of a frame; error of bundle adjustment
@@ -228,7 +228,7 @@ class RerunRecorder(Recorder):
 
     def restarted(self) -> None:
         """Clear the lost map. The next one has another world frame."""
-        self._log_line("the map was lost: starting anew", good=False)
+        self._log_line("the map was lost: restarting", good=False)
         for entity in ("world/keyframes", "world/points", "world/trajectory", map_view.SCALE_BAR):
             self._rec.log(entity, self._rr.Clear(recursive=True))
         self._map_view.clear()
@@ -267,7 +267,7 @@ class RerunRecorder(Recorder):
         self._rec.log(entity, rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN), static=static)
 
     def _log_moving(self, pixels: Floats) -> None:
-        """Draw the tracks of the frame that lie on moving bodies."""
+        """Draw the tracks of the frame that lie on moving objects."""
         self._moving = len(pixels) > 0
         self._log_pixels("world/camera/image/moving", pixels, PURPLE, 3, draw_order=60.0)
 

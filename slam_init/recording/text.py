@@ -38,7 +38,7 @@ def attempt_markdown(attempt: Attempt) -> str:
             ("the direction is uncertain", window.risk_direction),
             ("another motion", window.risk_competing),
             ("a camera that only rotates", window.risk_rotation),
-            ("moving bodies", window.risk_moving),
+            ("moving objects", window.risk_moving),
         )
         name, term = max(terms, key=lambda pair: pair[1])
         lines.append(f"largest part of the risk: {name}, {term:.2g}")

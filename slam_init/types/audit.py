@@ -45,7 +45,7 @@ class Audit(Described):
     direction_sigma_deg, rotation_sigma_deg : float
         Standard deviations of the pair's direction and rotation, of the best motion.
     pair : (int, int)
-        The frames whose baseline was judged.
+        The frames whose baseline was evaluated.
     frames : tuple of int
         All frames of the window, the pair first.
     tracks : int

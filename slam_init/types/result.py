@@ -162,7 +162,7 @@ class GroundTruthErrors:
 
 @dataclass(frozen=True, eq=False)
 class ProvisionalMap:
-    """The map of the window that was judged last, of an initializer that has not accepted one yet.
+    """The map of the window that was evaluated last, of an initializer that has not accepted one yet.
 
     Attributes
     ----------
@@ -178,7 +178,7 @@ class ProvisionalMap:
         return self.map.risk
 
 
-#: Largest number of maps of a run that starts anew after a loss: a map takes some megabytes of memory.
+#: Largest number of maps of a run that restarts after a loss: a map takes some megabytes of memory.
 MAX_SEGMENTS = 99
 
 
@@ -227,12 +227,12 @@ class Result(Described, Savable):
         ``(map,)`` when initialized. Two maps if the views could not decide between them: one of the two is right, and
         the one that explains the tracks better comes first. Else empty.
     margin : Margin or None
-        The last vote between two maps: how much better the first hypothesis is than its rival. None if there was no
-        rival.
+        The last vote between two maps: how much better the first hypothesis is than the second one. None if there was no
+        second one.
     scale : Scale or None
         What was found of the scale, if it was looked for. The map is in metres where it was found.
     segments : tuple of Segment
-        All maps in time order, if the initializer started anew; else empty.
+        All maps in time order, if the initializer restarted; else empty.
     camera : Camera or None
         The stated camera of the initializer.
     wrong_focal : FreeFocal or None
@@ -316,7 +316,7 @@ def _kept_facts(result: Result) -> _Facts:
 
 
 def _risk_facts(result: Result) -> _Facts:
-    """The line about the risk of the best map, where a window was judged, and the depths of the landmarks."""
+    """The line about the risk of the best map, where a window was evaluated, and the depths of the landmarks."""
     window = next((attempt.window for attempt in reversed(result.attempts) if attempt.window is not None), None)
     if window is None:
         return []

@@ -1,8 +1,8 @@
-"""The term *rival* of the risk: the probability that another motion is right.
+"""The term *competing* of the risk: the probability that another motion is right.
 
 Each track votes by the difference of its two log likelihoods, by three nats at the most: so much it costs to say that
-the track is an outlier. The image region with the largest vote is left out, since a moving body or a step in the scene
-fills a region. What the error fields explain of the rival counts for it.
+the track is an outlier. The image region with the largest vote is left out, since a moving object or a step in the scene
+fills a region. What the fields of correlated errors explain of the competing motion counts for it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from slam_init.window.uncertainty import ExpandedFit, expand_for_evidence, place
 _UNLIKELY = 0.01
 #: Largest number of Gauss-Newton steps from a fit without fields to one with fields: they converge quadratically.
 _STEPS_WITH_FIELDS = 5
-#: A rival that is further behind than this is not looked at with error fields: they explain less.
+#: A competing motion that is further behind than this is not looked at with fields of correlated errors: they explain less.
 _FAR_BEHIND_NATS = 0.5 * FAR_BEHIND
 
 
@@ -46,7 +46,7 @@ def competing_term(
     *,
     with_fits: bool = True,
 ) -> tuple[float, Margin | None]:
-    """The probability that a rival is right, and the vote against the nearest one.
+    """The probability that a competing motion is right, and the vote against the nearest one.
 
     * ``with_fits``: Whether the motions are fitted with fields too, which only raises the probability.
     """
@@ -65,9 +65,9 @@ def competing_term(
 
 
 def competing_odds(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> list[float]:
-    """The probability of each rival over that of the best motion, without a bound from above.
+    """The probability of each competing motion over that of the best motion, without a bound from above.
 
-    The risk always leaves out the region with the largest vote. Here a moving body fills it with a prior probability.
+    The risk always leaves out the region with the largest vote. Here a moving object fills it with a prior probability.
     """
     best, odds = hypotheses.motions[0], []
     for other in hypotheses.motions[1:]:
@@ -82,7 +82,7 @@ def competing_odds(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> list[
 
 
 def _margin(hypotheses: WindowHypotheses, best: FittedMotion, other: FittedMotion, *, of_all: bool = False) -> Margin:
-    """The vote of the tracks, or of all of them; a rival that locates fewer views explains the others as outliers."""
+    """The vote of the tracks, or of all of them; a competing motion that locates fewer views explains the others as outliers."""
     votes = hypotheses.votes(best, other)
     where = places_of(best.fit)
     largest = 0.0 if of_all else float(np.bincount(regions_of(where), weights=votes).max())
@@ -95,9 +95,9 @@ def _margin(hypotheses: WindowHypotheses, best: FittedMotion, other: FittedMotio
 
 
 def _competing_by_objects(hypotheses: WindowHypotheses, best: FittedMotion, other: FittedMotion) -> float:
-    """Probability that the rival is right, and that the few tracks off the plane lie on moving bodies."""
+    """Probability that the competing motion is right, and that the few tracks off the plane lie on moving objects."""
     used = hypotheses.tracks.anchor >= 0
-    # Points beyond the horizon of the rival's plane are on the plane: they do not move.
+    # Points beyond the horizon of the competing motion's plane are on the plane: they do not move.
     on_plane = used & best.fit.state.on_plane
     if not hypotheses.planar or on_plane.sum() < (1 - SHARE_OF_OBJECTS) * used.sum():
         return 0.0
@@ -108,7 +108,7 @@ def _competing_by_objects(hypotheses: WindowHypotheses, best: FittedMotion, othe
 def _competing_probability(
     hypotheses: WindowHypotheses, of_best: ExpandedFit, other: FittedMotion, margin: Margin, *, with_fits: bool = True
 ) -> float:
-    """Probability that the rival is right after all: the odds of the votes, less what error fields explain of them."""
+    """Probability that the competing motion is right after all: the odds of the votes, less what fields of correlated errors explain of them."""
     behind = margin.log_likelihood
     if behind <= 0.0 or behind > _FAR_BEHIND_NATS:
         return 0.5 if behind <= 0.0 else 0.0
@@ -138,7 +138,7 @@ def _competing_probability(
 
 
 def _odds(margin: Margin, left: Floats) -> Floats:
-    """Probability of a rival of which these shares of the margin are left: by its odds, and as an exact twin."""
+    """Probability of a competing motion of which these shares of the margin are left: by its odds, and as an exact twin."""
     left = np.clip(left, 0.0, 1.0)
     equal = np.array([at_any_time(float(margin.z * share)) for share in left])
     return np.asarray(np.maximum(1 / (1 + np.exp(margin.log_likelihood * left)), equal))
@@ -155,7 +155,7 @@ def _cost_with_fields(motion: FittedMotion, priors: Priors, expanded: ExpandedFi
 
 
 def _wrong_if_right(best: FittedMotion, other: FittedMotion, sigma_deg: float) -> float:
-    """Probability that the map of the best motion is wrong if the rival is right: not if both are nearly the same."""
+    """Probability that the map of the best motion is wrong if the competing motion is right: not if both are nearly the same."""
     rotation_deg, direction_deg = best.difference_deg(other)
     if rotation_deg > WRONG_ROTATION_DEG:
         return 1.0

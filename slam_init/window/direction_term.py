@@ -1,8 +1,8 @@
 """The term of the direction: the right motion with a large error of a direction, or of the rotation.
 
-The covariance of the joint fit (Laplace) gives the deviations, the error fields integrated out. It knows noise,
+The covariance of the joint fit (Laplace) gives the deviations, the fields of correlated errors integrated out. It knows noise,
 focal length and errors that the tracks of a view share. What it does not know widens them: few views, a lens beyond its
-prior, bodies that the fit explains by chance, and residuals that neighbouring tracks share. The map of a calibrated
+prior, moving objects that the fit explains by chance, and residuals that neighbouring tracks share. The map of a calibrated
 camera keeps the stated lens, which the fit moves: what that changes adds to both. A zoom and a shift of each view widen
 and move the direction, with the probability that the lens changes from view to view.
 """
@@ -47,7 +47,7 @@ class DirectionTerm:
 
     #: (V - 1,) Probability that the direction of a view, or its rotation, is wrong: of all views of the best motion but
     #: the first, the pair's own first. A view near the reference has an uncertain direction although its position is
-    #: certain, and one that few tracks link to the pair an uncertain rotation. Few tracks may lie on a body, or on a
+    #: certain, and one that few tracks link to the pair an uncertain rotation. Few tracks may lie on a moving object, or on a
     #: texture that repeats.
     of_views: tuple[float, ...]
     #: (V - 1,) Deviations of these directions where they are largest, in degrees.
@@ -57,7 +57,7 @@ class DirectionTerm:
     #: The pair's if focal length and distortion were known, and the model of the lens left nothing that neighbouring
     #: tracks share.
     with_known_lens: float
-    #: The pair's if no track lies on a moving body, and neighbouring tracks share no errors.
+    #: The pair's if no track lies on a moving object, and neighbouring tracks share no errors.
     if_rigid: float
     #: The pair's if the lens does not change from view to view.
     if_lens_fixed: float
@@ -168,7 +168,7 @@ class _Optimism:
     few_views: float
     #: A focal length or a distortion beyond its prior: it compensates errors that the model does not have.
     pulled_lens: float
-    #: Tracks on bodies that the fit explains by chance, and residuals that neighbouring tracks share.
+    #: Tracks on moving objects that the fit explains by chance, and residuals that neighbouring tracks share.
     objects: float
 
     def factor(self, *, lens_held: bool) -> float:
@@ -176,7 +176,7 @@ class _Optimism:
         return math.sqrt(self.few_views * (1 + (0.0 if lens_held else self.pulled_lens) + self.objects))
 
     def if_rigid(self, *, lens_held: bool) -> float:
-        """Factor on the standard deviation if no track lies on a moving body."""
+        """Factor on the standard deviation if no track lies on a moving object."""
         return replace(self, objects=0.0).factor(lens_held=lens_held)
 
 
@@ -184,7 +184,7 @@ def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> _Optimism:
     """Factors for what the covariance of the direction does not know."""
     few_views = (1 + FEW_VIEWS / math.sqrt(len(best.rows) - 1)) ** 2
     pull2 = sum(pull**2 for pull in hypotheses.priors.lens_pulls(best.fit.state))
-    # Tracks that stay near without being explained may lie on moving bodies. As many again may be explained by chance,
+    # Tracks that stay near without being explained may lie on moving objects. As many again may be explained by chance,
     # and each of these pulls by about half a standard deviation of a track. The variance of their sum is that of pulls
     # in the same direction, times their correlation.
     places, near = places_of(best.fit), best.fit.close_outliers
@@ -196,9 +196,9 @@ def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> _Optimism:
 
 
 def _held_by_objects(best: FittedMotion) -> Floats:
-    """Probability (V - 1,) that a body, or a texture that repeats, locates a view: that of a body, where few tracks do.
+    """Probability (V - 1,) that a moving object, or a texture that repeats, locates a view: that of a moving object, where few tracks do.
 
-    Few are fewer than a body holds. Before a corridor whose panels repeat, 18 of the 122 tracks of a pair agreed on a
+    Few are fewer than a moving object holds. Before a corridor whose panels repeat, 18 of the 122 tracks of a pair agreed on a
     pose of a further view that was off by 4 degrees. The tracks of the pair itself locate its second view.
     """
     locating = np.count_nonzero(best.tracks.seen & best.fit.explains, axis=1)[1:]

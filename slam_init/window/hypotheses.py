@@ -45,7 +45,7 @@ _GIVEN_UP = 1.5
 #: A motion whose cost is higher by this cannot become the best: 300 nats.
 #: Class: level, in twice the nats.
 FAR_BEHIND = 600.0
-#: A gain is certain where it exceeds that by chance by so many standard deviations (one in 10^12) even if error fields
+#: A gain is certain where it exceeds that by chance by so many standard deviations (one in 10^12) even if fields of correlated errors
 #: explain half of it, the most that they can.
 #: Class: level.
 CERTAIN_SIGMAS, EXPLAINED_BY_FIELDS = 7.0, 0.5
@@ -106,7 +106,7 @@ class WindowHypotheses:
         return np.asarray(motion.fit.track_costs + self.priors.gate_sigmas**2 * missing)
 
     def votes(self, motion: FittedMotion, other: FittedMotion) -> Floats:
-        """The votes of the tracks for a motion against a rival: differences of bounded costs.
+        """The votes of the tracks for a motion against a competing motion: differences of bounded costs.
 
         Shapes: returns (T,).
         """
@@ -140,7 +140,7 @@ class WindowHypotheses:
             off = ~best.fit.state.on_plane & (self.tracks.anchor >= 0)
             lowered -= float((self.rotation_only.track_costs - self.costs_of(best))[off].sum())
         # A distance is not negative, so that by chance half of the tracks gain nothing. But without a translation its
-        # direction is chosen to suit the tracks, and outliers gain more than noise: 0.9 a track in 32 drawn windows.
+        # direction is chosen to suit the tracks, and outliers gain more than noise: 0.9 a track in 32 simulated windows.
         points = 3.0 if self.planar else float((self.tracks.anchor >= 0).sum())
         return 0.5 * lowered, 3 * (len(best.rows) - 1) - 1 + points
 
@@ -159,7 +159,7 @@ def motions_of_pair(
     * ``frames``: The pair first.
     * ``pose``: ``cam2_from_cam1`` with its alternatives. If its kind is "rotation", only the alternatives have a
       translation. They are worth trying where a rotation-only camera would show as much parallax once in twenty pairs.
-      So little parallax shows no relief either: the points start on a plane then.
+      So little parallax shows no depth variation either: the points start on a plane then.
     """
     proposed: list[Hypothesis | RelativePose] = [pose, *pose.alternatives]
     chance = pose.evidence.parallax_p
@@ -203,7 +203,7 @@ def fit_hypotheses(
     * ``motions``: Each knows two of the views or more. Those that know more come first: a later one that is near is
       left out.
     * ``living``: Where the last fits of the camera that only rotates ended (:attr:`WindowHypotheses.rotations`); by
-      default it is fitted anew.
+      default it is fitted again.
     """
     first = motions[0] if motions else Motion({}, lens=Lens(readout_s=tracks.readout_s))
     bearings = tracks.bearings(_with_stated_focal(first.lens))

@@ -120,7 +120,7 @@ class LiveHypotheses:
     def keep(self, hypotheses: WindowHypotheses) -> None:
         """Go on with the motions of hypotheses, but for those that the tracks vote against."""
         best = hypotheses.motions[0]
-        # By their votes, not by their costs: a few tracks on a moving body cost as much as they are far off.
+        # By their votes, not by their costs: a few tracks on a moving object cost as much as they are far off.
         kept = [
             m for m in hypotheses.motions
             if len(m.rows) < len(best.rows) or hypotheses.votes(best, m).sum() < _HOPELESS

@@ -1,9 +1,9 @@
-"""The error fields of a fit, integrated out.
+"""The fields of correlated errors of a fit, integrated out.
 
 The tracks of a view share errors: of the lens model, of the shutter, of the tracker. A smooth field for each view
 describes them (:mod:`slam_init.window.kernels`). How large the fields are is not known beforehand, and the tracks tell:
 errors that neighbours share do not average out. So the scale of the fields has a posterior too. It decides how far a
-rival is behind (its fields explain a part of its residuals), and how certain the direction of the baseline is.
+competing motion is behind (its fields explain a part of its residuals), and how certain the direction of the baseline is.
 
 With the quadratic expansion of the cost (Laplace), both have a closed form for each scale: one eigenvalue
 decomposition serves all scales.
@@ -117,7 +117,7 @@ class ErrorMarginal:
 def marginalize_fields(
     linearization: Linearization, *, largest_pull_sigmas: float = LARGEST_PULL_SIGMAS
 ) -> ErrorMarginal:
-    """Integrate the error fields out.
+    """Integrate the fields of correlated errors out.
 
     * ``largest_pull_sigmas``: A larger pull of the fields counts as this number of its standard deviations; infinity
       for exact integrals.

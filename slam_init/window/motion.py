@@ -100,9 +100,9 @@ class FittedMotion:
 
 @dataclass(frozen=True, eq=False)
 class OtherMotion:
-    """A rigid motion of tracks that the best motion does not explain: that of a body, or of the scene at rest."""
+    """A rigid motion of tracks that the best motion does not explain: that of a moving object, or of the scene at rest."""
 
-    #: That it is the camera's, and the best motion that of a body; 0 where its tracks are few or show no body.
+    #: That it is the camera's, and the best motion that of a moving object; 0 where its tracks are few or show none.
     probability: float = 0.0
     #: (M,) The tracks that have this motion; empty where there is none.
     track_ids: Ints = dataclasses.field(default_factory=lambda: np.zeros(0, int))

@@ -1,8 +1,8 @@
 """Whether tracks that the best motion does not explain have a motion of their own, and are the scene at rest.
 
-Where a body fills a large part of the view, its motion relative to the camera explains as many tracks as the motion of
+Where a moving object fills a large part of the view, its motion relative to the camera explains as many tracks as the motion of
 the scene at rest does. Images alone do not tell which of the two motions is that of the camera. Two cues remain. The
-scene at rest mostly holds more tracks than a body does. And a body is compact: a scene that extends around it is behind
+scene at rest mostly holds more tracks than a moving object does. And a moving object is compact: a scene that extends around it is behind
 it. Distant tracks and tracks that move by little follow both motions, so that only those count for the other motion
 which it explains far better than the best one.
 
@@ -10,7 +10,7 @@ The other motion is one of four, the most probable one:
 
 * what quest proposes of these tracks in two views, fitted to all views that they locate;
 * the other motion of the window before, while its probability exceeds the floor;
-* a rotation, where the camera turns or stands before a body;
+* a rotation, where the camera turns or stands before a moving object;
 * none, where tracks that stay at their pixel have been left out as an overlay: the camera may stand.
 
 As long as it is found beside a best motion of the same tracks, its probability does not fall. It stays as probable
@@ -87,7 +87,7 @@ def other_motion(
 def _since_found(hypotheses: WindowHypotheses, found: OtherMotion) -> OtherMotion:
     """The same motion, at least as probable as it was in earlier windows beside a best motion of the same tracks.
 
-    A body that comes nearer hides tracks of the scene, and tracks end. The odds fall with their number, while nothing
+    A moving object that comes nearer hides tracks of the scene, and tracks end. The odds fall with their number, while nothing
     has told which of the two motions is that of the camera.
     """
     ids, explained = hypotheses.tracks.track_ids, explained_tracks(hypotheses)
@@ -163,7 +163,7 @@ def _unlocated(search: _Search, proposed: Proposal) -> OtherMotion:
 
 
 def _rotation(search: _Search) -> OtherMotion:
-    """The camera only rotates by the tracks that the best motion does not explain, and the best one is a body's."""
+    """The camera only rotates by the tracks that the best motion does not explain, and the best one is a moving object's."""
     hypotheses = search.hypotheses
     fit = _rotation_by(hypotheses, np.flatnonzero(search.rest))
     costs = _costs_of_rotation(hypotheses, np.arange(len(search.rest)), fit)
@@ -191,7 +191,7 @@ def _costs_of_rotation(hypotheses: WindowHypotheses, some: Ints, fit: JointFit) 
 
 
 def _overlay(hypotheses: WindowHypotheses) -> OtherMotion:
-    """The camera stands by the tracks that stay at their pixel, and the best motion is that of a body.
+    """The camera stands by the tracks that stay at their pixel, and the best motion is that of a moving object.
 
     These tracks are left out of the window, as those of an overlay (:mod:`slam_init.frontend.static_tracks`).
     """
@@ -259,7 +259,7 @@ def _fitted_to(hypotheses: WindowHypotheses, start: Motion, moving: Ints) -> Fit
     """A motion in the views that some tracks locate, fitted to these; None where they do not locate the reference."""
     tracks = hypotheses.tracks.of_tracks(moving)
     bearings, rotations = bearings_of_best(hypotheses)[:, moving], hypotheses.rotation_only.state.R
-    # A body may hide them in the newest view.
+    # A moving object may hide them in the newest view.
     located = locate_views(tracks, start, bearings, rotations, current=False)
     return None if located is None else fit_motion(tracks, located, hypotheses.priors)
 
@@ -271,7 +271,7 @@ def _weighed(search: _Search, fitted: FittedMotion) -> OtherMotion:
     fitted = fit_motion(tracks.of_tracks(more), fitted.motion, hypotheses.priors)
     votes = _votes(hypotheses, costs_at(hypotheses, fitted.motion))
     others = tracks.track_ids[votes < -LARGEST_VOTE]
-    # A motion that explains all tracks is a rival, and shows no body.
+    # A motion that explains all tracks is a competing motion, and shows no moving object.
     shows_object = min(len(others), int(np.count_nonzero(votes > LARGEST_VOTE))) >= LEAST_TRACKS
     rotation_deg, direction_deg = farthest_deg(hypotheses.motions[0].motion, fitted.motion)
     shows_object &= rotation_deg >= search.same_rotation_deg or direction_deg >= search.same_direction_deg
@@ -292,22 +292,22 @@ def costs_at(hypotheses: WindowHypotheses, motion: Motion) -> Floats:
 
 
 def _probability(hypotheses: WindowHypotheses, votes: Floats) -> float:
-    """Probability that the other motion is that of the camera, and the best one that of a body."""
+    """Probability that the other motion is that of the camera, and the best one that of a moving object."""
     of_other = votes < -LARGEST_VOTE
     odds = odds_of_object(hypotheses, explained_tracks(hypotheses) & ~of_other, of_other)
     return odds / (1 + odds)
 
 
 def odds_of_object(hypotheses: WindowHypotheses, of_best: Bools, of_other: Bools) -> float:
-    """Odds that a motion is that of a body, by the tracks (T,) that follow it and those that follow another motion."""
+    """Odds that a motion is that of a moving object, by the tracks (T,) that follow it and those that follow another motion."""
     places = places_of(hypotheses.motions[0].fit)
     return _odds(int(of_other.sum()) / max(int(of_best.sum()), 1), _extent(places[of_other]), _extent(places[of_best]))
 
 
 def _odds(tracks: float, of_other: float, of_best: float) -> float:
-    """Odds that a motion is that of a body.
+    """Odds that a motion is that of a moving object.
 
-    Bodies on the ground at any distance have areas in the image whose density falls with the square of the area.
+    Moving objects on the ground at any distance have areas in the image whose density falls with the square of the area.
 
     * ``tracks``: The tracks of the other motion for each one that it has.
     * ``of_other, of_best``: Areas of the other motion and of this one.

@@ -1,6 +1,6 @@
 """The plane that the matches of a motion lie on, and whether the points of a window do.
 
-A plane is assumed only where it can be told: a relief would show in the tracks, and no relief shows.
+A plane is assumed only where it is observable: a depth variation would show in the tracks, and no depth variation shows.
 """
 
 from __future__ import annotations
@@ -55,14 +55,14 @@ def plane_of_motion(R: Floats, t: Floats, m: Floats, n: Floats) -> Floats:
 def is_plane(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> bool:
     """Whether the points of a fit lie on its plane.
 
-    * Returns: True if a relief would show, and distances of their own gain nothing: neither at the poses of the fit,
+    * Returns: True if a depth variation would show, and distances of their own gain nothing: neither at the poses of the fit,
       nor where the poses follow.
     """
     return _fits_plane(tracks, fitted) and not _leaves_plane(tracks, fitted, priors)
 
 
 def _fits_plane(tracks: WindowTracks, fitted: FittedMotion) -> bool:
-    """Whether the points of a fit lie on its plane: a relief would show, and distances of their own gain nothing."""
+    """Whether the points of a fit lie on its plane: a depth variation would show, and distances of their own gain nothing."""
     on_plane = fitted.fit.state.on_plane & (tracks.anchor >= 0)
     count = int(on_plane.sum())
     if count < max(LEAST_TRACKS, LEAST_ON_PLANE * float((tracks.anchor >= 0).sum())):
@@ -74,7 +74,7 @@ def _fits_plane(tracks: WindowTracks, fitted: FittedMotion) -> bool:
 
 
 def _observes_plane(fitted: FittedMotion) -> bool:
-    """Whether a relief of a fifth of the distances would lower the cost far beyond chance."""
+    """Whether a depth variation of a fifth of the distances would lower the cost far beyond chance."""
     information = information_off_plane(fitted.fit)
     gains = np.minimum(OBSERVABLE_VARIATION**2 * information, LARGEST_GAIN)
     return float(gains.sum()) >= OBSERVABLE_SIGMAS * math.sqrt(2 * max(int((information > 0).sum()), 1))
@@ -85,7 +85,7 @@ def _leaves_plane(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) ->
 
     Where the parallax is small, a wrong motion can bring the points of any scene near a plane. At these poses distances
     of their own gain little, so the fit without a plane has to be made. The noise is that of this fit: with the plane,
-    relief would count as noise. A noise below its lower limit is not trusted.
+    depth variation would count as noise. A noise below its lower limit is not trusted.
     """
     count = int((fitted.fit.state.on_plane & (tracks.anchor >= 0)).sum())
     left = int((tracks.anchor >= 0).sum()) - count

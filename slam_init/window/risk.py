@@ -5,17 +5,17 @@ causes add their probabilities:
 
 * **direction**: the right motion with a large error of the direction, or of the rotation
   (:mod:`~slam_init.window.direction_term`).
-* **rival**: another motion is right. Each track votes by the difference of its two log likelihoods, by three nats at
+* **competing**: another motion is right. Each track votes by the difference of its two log likelihoods, by three nats at
   the most: so much it costs to say that the track is an outlier. The image region with the largest vote is left out,
-  since a moving body or a step in the scene fills a region. What the error fields explain of the rival counts for it.
+  since a moving object or a step in the scene fills a region. What the fields of correlated errors explain of the competing motion counts for it.
 * **rotation**: the camera only rotates, with a wrong focal length, and translation and points gain by chance; or up to
-  half of the tracks lie on bodies that move; or its images zoom and shift (:mod:`~slam_init.window.rotation_term`). The
+  half of the tracks lie on moving objects; or its images zoom and shift (:mod:`~slam_init.window.rotation_term`). The
   last of these takes as long as all other terms, so it is stated where these are small alone.
 * **moving**: the tracks that the best motion does not explain have a rigid motion of their own, and they may be the
   scene at rest (:mod:`~slam_init.window.other_motion`).
 * **floor**: what is not modelled.
 
-A window is judged at each frame: tails hold for any stopping time (:mod:`~slam_init.window.tails`).
+A window is evaluated at each frame: tails hold for any stopping time (:mod:`~slam_init.window.tails`).
 ``docs/explanation/risk.md`` derives all of it.
 """
 
@@ -50,7 +50,7 @@ from slam_init.window.uncertainty import ExpandedFit, FocalOfTracks, expand, foc
 class WindowRisk:
     """The probability that a map of the best hypothesis is wrong, by its terms (see the module docstring)."""
 
-    #: Probabilities; that of bodies is :attr:`moving`, and ``FLOOR`` is the last term.
+    #: Probabilities; that of moving objects is :attr:`moving`, and ``FLOOR`` is the last term.
     direction: float
     competing: float
     rotation: float
@@ -59,13 +59,13 @@ class WindowRisk:
     #: Median of the relative standard deviations of the distances from the reference, in units of the pair's
     #: baseline, over the tracks that the best motion explains. The landmarks of a map have figures of their own.
     depth_sigma: float
-    #: Expected standard deviation of the coefficients of the error fields.
+    #: Expected standard deviation of the coefficients of the fields of correlated errors.
     correlated_px: float
     #: The lens by the best motion, or by the camera that only rotates where that is likely.
     lens: LensPrior
     #: The focal length that the tracks tell near the best motion, without the prior.
     focal: FocalOfTracks
-    #: The vote against the nearest rival; None without a rival.
+    #: The vote against the nearest competing motion; None without a competing motion.
     margin: Margin | None
     #: Log likelihood of the best motion over the rotation-only camera, in nats.
     rotation_log_likelihood: float
@@ -86,7 +86,7 @@ class WindowRisk:
 
     @property
     def moving(self) -> float:
-        """The term of bodies: the motion of other tracks is that of the camera."""
+        """The term of moving objects: the motion of other tracks is that of the camera."""
         return self.other.probability
 
     def of_map(self, rotation_deg: float, direction_deg: float) -> WindowRisk:
@@ -96,7 +96,7 @@ class WindowRisk:
 
 
 def risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
-    """Compose the risk of the best hypothesis; above ``max_risk`` no new motion of bodies is sought."""
+    """Compose the risk of the best hypothesis; above ``max_risk`` no new motion of moving objects is sought."""
     with single_threaded():
         return _risk_of(hypotheses, max_risk)
 
@@ -139,13 +139,13 @@ def likely_lens(hypotheses: WindowHypotheses) -> LensPrior:
 
 
 def with_zooming_rotation(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk:
-    """The risk with the rival that the camera only rotates, and that its images zoom and shift from view to view."""
+    """The risk with the competing motion that the camera only rotates, and that its images zoom and shift from view to view."""
     with single_threaded():
         return replace(risk, rotation=min(1.0, risk.rotation + zooming_probability(hypotheses)))
 
 
 def _is_open(rotation: float, direction: float) -> bool:
-    """Whether a window has no map without the terms of rivals and bodies, so that it is not worth their fits."""
+    """Whether a window has no map without the terms of competing motions and moving objects, so that it is not worth their fits."""
     return max(rotation, direction) > UNDECIDED
 
 
@@ -162,7 +162,7 @@ class _RotationRisk(NamedTuple):
 
 
 def _rotation_risk(hypotheses: WindowHypotheses, expanded: ExpandedFit, direction: float) -> _RotationRisk:
-    """The term of the camera that only rotates: with a wrong focal length, with errors that last, or beside bodies."""
+    """The term of the camera that only rotates: with a wrong focal length, with errors that last, or beside moving objects."""
     gain, rotation, lens = rotation_probability(hypotheses, expanded)
     likely = rotation > EVEN_ODDS
     # Another test takes two fits, which a direction that is unknown is not worth.
@@ -177,7 +177,7 @@ def _rotation_risk(hypotheses: WindowHypotheses, expanded: ExpandedFit, directio
 
 
 def _beside_objects(hypotheses: WindowHypotheses) -> float:
-    """Probability of the camera that only rotates beside bodies that move.
+    """Probability of the camera that only rotates beside moving objects.
 
     Points at infinity lie on no plane, so that a plane needs no such test.
     """

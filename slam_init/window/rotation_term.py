@@ -93,7 +93,7 @@ def with_errors_in_noise(hypotheses: WindowHypotheses) -> WindowHypotheses:
 def moving_objects_probability(hypotheses: WindowHypotheses, share: float, price: float = 0.0) -> float:
     """Probability of the gains over the rotation-only camera if this share of the tracks, which gain most, moves.
 
-    Before a camera that only rotates, a moving body looks like a near object before points at infinity.
+    Before a camera that only rotates, a moving object looks like a near object before points at infinity.
 
     * ``price``: A part of the gain that no track is needed for, in twice the nats.
     """
@@ -130,8 +130,8 @@ def _probability_beside_zooms(
     See :func:`rotation_probability` for ``lasting_in_noise``.
     """
     explained = 0.5 * (hypotheses.rotation_only.cost - zooming.cost)
-    # A zoom looks like a motion toward a plane, so that a few bodies before it look like its relief. Tracks that lie on
-    # a plane are no such bodies.
+    # A zoom looks like a motion toward a plane, so that a few moving objects before it look like its depth variation. Tracks that lie on
+    # a plane are no such moving objects.
     objects = explained > zooming.hypotheses.gain_over_rotation[0] and not hypotheses.planar
     # What the model of a zoom lacks is a share of what it explains. Where outliers bound that, it is in the noise.
     cases = [(hypotheses, zooming, ZOOM_LEAVES * explained if zooming.has_zooms else 0.0)]

@@ -1,4 +1,4 @@
-"""What an observation tells of the unknowns that all tracks share: the lens, and the error field of its view."""
+"""What an observation tells of the unknowns that all tracks share: the lens, and the field of correlated errors of its view."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def add_field(
     turn: Floats,
     sums: TrackSums,
 ) -> None:
-    """Add what an observation tells of the error field of its view, alone and with the other unknowns.
+    """Add what an observation tells of the field of correlated errors of its view, alone and with the other unknowns.
 
     Shapes: ``turn`` (V, V, 9).
     """

@@ -1,11 +1,11 @@
 """Tail probabilities of the risk: of errors in two and in three directions, and of a statistic that is looked at often.
 
-A window is judged at each frame, and the first one with a small risk is accepted. Two kinds of terms have to be told
+A window is evaluated at each frame, and the first one with a small risk is accepted. Two kinds of terms have to be told
 apart.
 
 * **A posterior probability** is right at any time at which one stops. It is a conditional expectation of "the map is
   wrong", so that its mean over all accepted maps is the share of the wrong ones, whatever the rule of stopping
-  (optional stopping). The same holds for a likelihood ratio: under the rival its mean is 1 at any time, so that it
+  (optional stopping). The same holds for a likelihood ratio: under the competing motion its mean is 1 at any time, so that it
   exceeds 1/p at any time with probability p at most (Ville's inequality).
 * **The tail of a statistic** is no such probability. A statistic that is Gaussian at each look exceeds z at some look
   more often than at one. For a sum whose information grows by a factor G between the first look and the last,
@@ -51,5 +51,5 @@ def chi_square_as_gaussian(mean_square: Floats, freedom: float) -> Floats:
 
 
 def at_any_time(z: float) -> float:
-    """Probability that a statistic exceeds z at any look, where a window is judged again while frames arrive."""
+    """Probability that a statistic exceeds z at any look, where a window is evaluated again while frames arrive."""
     return min(1.0, gaussian_tail(z) * (1 + 0.5 * max(z * z - 1, 0.0) * math.log(INFORMATION_GROWS)))

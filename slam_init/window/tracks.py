@@ -380,7 +380,7 @@ def _since_anchor(seen: Bools, drifts: Floats, slides_px: Floats) -> Floats:
     between = drifts - drifts[anchor, np.arange(seen.shape[1])]
     # A track that keeps its instant slides where the motion changes.
     slides_px = np.where(seen[..., None], slides_px - slides_px[anchor, np.arange(seen.shape[1])], 0.0)
-    # A view that is earlier than the anchor has drifted less. Where descriptors found a track, its drift began anew.
+    # A view that is earlier than the anchor has drifted less. Where descriptors found a track, its drift began again.
     # The errors of two alignments do not add up, so that their difference is too small. On clear images both are below
     # the least noise.
     variances, axes = _principal_axes(np.where(seen[..., None, None], between, 0.0))

@@ -1,6 +1,6 @@
 """The uncertainty of a fitted motion: of its rotations, of the directions of its baselines, and of its distances.
 
-The quadratic expansion of the cost (Laplace) gives the covariance of linear functions of the unknowns. The error fields
+The quadratic expansion of the cost (Laplace) gives the covariance of linear functions of the unknowns. The fields of correlated errors
 are integrated out, for each of their scales and then over the scales. The expansion counts information that the errors
 of the distances make by chance; it is left out (:func:`slam_init.window.linearization.information_by_chance`). All
 covariances are second moments about the fit: the fit has no fields, so the mean of the posterior may differ from it.
@@ -46,7 +46,7 @@ _LEAST_INFORMATION = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class ExpandedFit:
-    """A fit, its quadratic expansion, and the posterior of the scale of its error fields."""
+    """A fit, its quadratic expansion, and the posterior of the scale of its fields of correlated errors."""
 
     fit: JointFit
     linearization: Linearization
@@ -142,7 +142,7 @@ class FocalOfTracks(NamedTuple):
 
 
 def expand(motion: FittedMotion) -> ExpandedFit:
-    """Expand the cost of a fitted motion, and integrate the error fields out."""
+    """Expand the cost of a fitted motion, and integrate the fields of correlated errors out."""
     expanded, by_chance = expand_for_evidence(motion), information_by_chance(motion.fit)
     return replace(expanded, marginal=expanded.marginal.without_chance(by_chance))
 
@@ -154,7 +154,7 @@ def expand_for_evidence(motion: FittedMotion) -> ExpandedFit:
 
 
 def lens_estimate(expanded: ExpandedFit, optimism: float = 1.0) -> LensPrior:
-    """The lens that a fit found, with the error fields integrated out; no readout where it is no unknown of the fit.
+    """The lens that a fit found, with the fields of correlated errors integrated out; no readout where it is no unknown of the fit.
 
     * ``optimism``: Factor on the standard deviation of the focal length, for what the covariance does not know.
     """
@@ -196,7 +196,7 @@ def suspected_k1(lens: LensPrior) -> float | None:
 
 
 def _sigma_of(column: int, marginal: ErrorMarginal) -> float:
-    """Standard deviation of an unknown, over all scales of the error fields."""
+    """Standard deviation of an unknown, over all scales of the fields of correlated errors."""
     J = np.zeros((1, len(marginal.shift)))
     J[0, column] = 1.0
     log_weights = marginal.log_evidence + np.log(FIELD_PRIOR)

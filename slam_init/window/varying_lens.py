@@ -95,7 +95,7 @@ def varying_lens(expanded: ExpandedFit) -> VaryingLens:
 def _modes(camera: Camera, times_s: Floats) -> Iterator[tuple[Floats, float]]:
     """How a lens may change: roots (3 V - 3, 3 V - 3) of the prior covariances of all views, and their probabilities.
 
-    A lens that focuses zooms smoothly, or it has settled anew in each view: both are alike probable. Independent zooms
+    A lens that focuses zooms smoothly, or it has settled again in each view: both are alike probable. Independent zooms
     alone would let a slow zoom pay for as many unknowns as there are views, so that it would be less likely than none.
     A stabilizer moves each frame for itself.
     """

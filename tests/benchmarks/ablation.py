@@ -1,7 +1,7 @@
 """What each rule of a decision is worth: the outcomes without it, beside those with all rules.
 
 A rule is left out in a forked process: its function gives there what it gives where it finds nothing. All cases are
-decided again: planes at short baselines, cameras on a tripod whose lens zooms, drawn worlds, and starts of the real
+decided again: planes at short baselines, cameras on a tripod whose lens zooms, simulated worlds, and starts of the real
 sequences below ``SLAM_INIT_DATA``. A rule whose absence costs neither a false map nor right ones goes. ::
 
     python -m tests.benchmarks.ablation --seeds 300 320 --log ablation.jsonl
@@ -283,7 +283,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seeds", type=int, nargs=2, default=(300, 320), metavar=("FIRST", "END"))
     parser.add_argument("--worlds", type=_file_with_seeds, action="append", default=[], metavar="FILE:FIRST-END")
     parser.add_argument("--rules", nargs="+", choices=RULES, default=list(RULES), metavar="RULE", help="by default all")
-    parser.add_argument("--no-film", action="store_true", help="drawn worlds only")
+    parser.add_argument("--no-film", action="store_true", help="simulated worlds only")
     parser.add_argument("--jobs", type=int, default=2, metavar="N")
     parser.add_argument("--log", type=Path, default=Path("ablation.jsonl"), metavar="FILE", help="lines are appended")
     parser.add_argument("--from-log", type=Path, metavar="FILE", help="the table of a log; run nothing")

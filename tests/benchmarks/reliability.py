@@ -44,7 +44,7 @@ from slam_init.window.motion import difference_deg
 from tests.benchmarks.options import show
 from tests.benchmarks.tables import markdown_table
 
-#: What counts as wrong, in degrees, and the shortest baseline that is judged, over the longest one.
+#: What counts as wrong, in degrees, and the shortest baseline that is evaluated, over the longest one.
 ROTATION_DEG, DIRECTION_DEG, _SHORTEST = 5.0, 15.0, 0.3
 #: Scenes and baselines of the built-in generator; the last two do not translate.
 _SCENES = ("room", "corridor", "wall", "desk", "nadir", "nadir-turn", "tilted-30", "rotation", "static")
@@ -91,7 +91,7 @@ class Decision:
 
 
 def decide(world: World, seed: int) -> Decision:
-    """Give the tracks of a world to an initializer, and judge its map."""
+    """Give the tracks of a world to an initializer, and evaluate its map."""
     initializer, count = Initializer(world.camera), 0
     for view in world.views:
         count += 1

@@ -71,12 +71,12 @@ def test_correlated_error_is_the_only_difference_from_the_world_without_it(scene
         seen = static & clean.visible[index]
         expected = wrong.tracking_error.at(index, reprojected(clean, index)[seen])
         np.testing.assert_allclose((wrong.pixels - clean.pixels)[index, seen], expected, atol=1e-9)
-    # The tracks of moving bodies are real tracks too.
+    # The tracks of moving objects are real tracks too.
     shift = (wrong.pixels - clean.pixels)[-1, clean.is_moving & clean.visible[-1]]
     assert np.sqrt(np.mean(shift**2)) > 0.2
 
 
-# -- shutter, hand-held turning, bodies, lens ---------------------------------------------------------
+# -- shutter, hand-held turning, moving objects, lens ---------------------------------------------------------
 
 
 EXACT = {"noise_px": 0.0, "outliers": 0.0}

@@ -27,7 +27,7 @@ RNG = np.random.default_rng
 
 
 def result_of(gravity_in):
-    """The result of a drawn room; ``gravity_in`` makes of a true pose the gravity in its frame."""
+    """The result of a simulated room; ``gravity_in`` makes of a true pose the gravity in its frame."""
     source = point_source("room", 2, baseline=0.1, views=8)
     initializer = Initializer(source.camera, WINDOW_CONFIG)
     for seen, pose in zip(source.observations(), source.groundtruth.world_from_cam, strict=True):

@@ -67,7 +67,7 @@ class InitializerNode(LifecycleNode):
         self._forget()
 
     def _forget(self) -> None:
-        """Begin anew: there is no calibration, no image, no map."""
+        """Begin again: there is no calibration, no image, no map."""
         self._info: Any = None
         self._initializer: Initializer | None = None
         self._follower: Follower | None = None

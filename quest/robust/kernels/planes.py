@@ -131,7 +131,7 @@ def fit_plane(
     Shapes: ``m, n`` (N, 3), ``t`` (3,), ``H`` (3, 3), ``on_plane`` (N,).
 
     * ``sigmas``: Gate of the matches on the plane, in standard deviations of a residual.
-    * Returns ``relief``: See :class:`quest.robust.plane.PlaneFit`; infinite where there is no plane.
+    * Returns ``depth_variation``: See :class:`quest.robust.plane.PlaneFit`; infinite where there is no plane.
     """
     count = len(m)
     gate2 = 2 * (sigmas * noise_rad) ** 2

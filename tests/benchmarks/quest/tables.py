@@ -1,4 +1,4 @@
-"""Tables with relief, quest beside PoseLib: ``python -m tests.benchmarks.quest.tables --out DIR``.
+"""Tables with depth variation, quest beside PoseLib: ``python -m tests.benchmarks.quest.tables --out DIR``.
 
 A table is a slanted plane whose points stand out by up to 1 to 5 % of their distance. A cell has the AUC at 5, 10 and
 20 degrees of the first pose, and of the best of the returned poses.

@@ -52,4 +52,4 @@ def test_a_video_is_compared_with_a_given_camera(tmp_path, capsys):
     assert main(words) == 2
     assert "give --camera FILE" in capsys.readouterr().err
     assert main([*words, "--camera", "fov=60"]) == 0
-    assert [row["evaluated_by"] for row in rows_of(tmp_path / "out")] == ["not judged"]
+    assert [row["evaluated_by"] for row in rows_of(tmp_path / "out")] == ["not evaluated"]

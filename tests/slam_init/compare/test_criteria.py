@@ -1,4 +1,4 @@
-"""How sequences are judged: each bound separates correct maps from false ones."""
+"""How sequences are evaluated: each bound separates correct maps from false ones."""
 
 import pytest
 

@@ -14,7 +14,7 @@ from slam_init.window.motion import difference_deg
 
 
 def world(scene, seed=0, **options):
-    """The tracks of a drawn world, its camera, and its true poses by frame."""
+    """The tracks of a simulated world, its camera, and its true poses by frame."""
     source = point_source(scene, seed, **options)
     return list(source.observations()), source.camera, dict(enumerate(source.groundtruth.world_from_cam))
 

@@ -1,4 +1,4 @@
-"""Laws of which frames of a video the rule of the window judges."""
+"""Laws of which frames of a video the rule of the window evaluates."""
 
 import numpy as np
 from make_pair import preview_of
@@ -17,7 +17,7 @@ FEWER = 150
 
 
 class Frames:
-    """Frames of a source that a rule judges one by one, each paired with the first frame."""
+    """Frames of a source that a rule evaluates one by one, each paired with the first frame."""
 
     def __init__(self, source):
         self.observations = list(source.observations())

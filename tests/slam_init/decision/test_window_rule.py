@@ -105,7 +105,7 @@ def test_a_camera_that_does_not_translate_is_never_initialized(scene, seed, opti
 
 @pytest.mark.parametrize(("scene", "seed"), [("rotation", 71002), ("static", 71003)])
 def test_moving_objects_before_a_camera_that_does_not_translate_are_no_near_objects(scene, seed):
-    """The rest of the tracks are at infinity, so that the bodies look like near objects of a translating camera."""
+    """The rest of the tracks are at infinity, so that the moving objects look like near objects of a translating camera."""
     source = point_source(scene, seed, moving=0.3, noise_px=1.0, outliers=(0.05, 0.15, 0.3)[seed % 3])
     assert not finished(source)
 
@@ -142,7 +142,7 @@ def test_each_attempt_with_a_motion_has_its_window_and_one_gate_on_the_risk(worl
         assert window.hypotheses >= 1
         assert window.focal_factor == pytest.approx(1, abs=0.1)
         assert 0 < window.depth_sigma < np.inf
-        assert window.noise_px == pytest.approx(0.7, rel=0.15)  # of the drawn worlds
+        assert window.noise_px == pytest.approx(0.7, rel=0.15)  # of the simulated worlds
         assert 0 <= window.correlated_px <= 2
     last = result.attempts[-1]
     assert (last.verdict, last.stage, last.progress) == (Verdict.ACCEPTED, None, 1.0)
@@ -297,7 +297,7 @@ def test_without_a_third_view_the_window_holds_the_pair_alone():
     assert result, result.reason
     evaluated = [attempt for attempt in result.attempts if attempt.stage is not Stage.MOTION]
     assert {attempt.window.views for attempt in evaluated} == {2}
-    assert all(attempt.two_view is not None for attempt in evaluated)  # no motion of an earlier pair is judged
+    assert all(attempt.two_view is not None for attempt in evaluated)  # no motion of an earlier pair is evaluated
     assert len(result.map.keyframes) == 2
     rotation, direction = errors_deg(source, result.map)
     assert rotation < 5

@@ -161,7 +161,7 @@ def test_the_noise_has_a_lower_limit():
     assert fit_hypotheses(tracks, motions, PRIORS).tracks.noise_px == pytest.approx(0.25)
 
 
-# -- relief ---------------------------------------------------------------------------------------
+# -- depth variation ---------------------------------------------------------------------------------------
 
 
 def test_a_room_that_is_proposed_with_a_plane_is_fitted_without_one():

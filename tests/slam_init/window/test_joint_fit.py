@@ -123,7 +123,7 @@ def test_depth_variation_leaves_the_plane_and_the_rest_stays(seed):
     assert off[used & ~stands].mean() < 0.05
     assert (fit.track_costs[off & used] >= OFF_PLANE_COST).all()
     assert window.direction_error(fit.state) < np.radians(3)
-    # A plane without relief costs its tracks more.
+    # A plane without depth variation costs its tracks more.
     costs = costs_off_plane(fit)
     np.testing.assert_allclose(costs[off], fit.track_costs[off] - OFF_PLANE_COST, atol=0.5)
 

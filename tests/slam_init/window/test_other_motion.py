@@ -87,7 +87,7 @@ def test_the_odds_of_a_motion_do_not_fall_while_it_is_found_beside_a_best_motion
 
 
 def test_tracks_that_only_turn_are_explained_by_any_motion_and_stay_as_probable():
-    """Before a camera that turns, a body's motion explains the scene as points at infinity."""
+    """Before a camera that turns, a moving object's motion explains the scene as points at infinity."""
     options = {"baseline": 0.0, "noise_px": 0.3, "points": 200, "moving": 0.6, "objects": 1, "object_deg_s": 30}
     source = point_source("room", 0, **options)
     found = hypotheses_of(source.camera, pair_and_further(list(source.observations()), 6), PRIORS)

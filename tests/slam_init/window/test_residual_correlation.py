@@ -57,7 +57,7 @@ def test_tracks_on_a_moving_object_agree_and_noise_does_not(fitted):
     assert max(of_noise) < 0.2
     moved = 8 * rng.normal(size=(shape[0], 1, 2)) + rng.normal(size=shape)
     assert agreement(fitted, moved) > 0.9
-    # Two bodies on both sides of the image move as each of them does.
+    # Two moving objects on both sides of the image move as each of them does.
     left = fitted.tracks.pixels[0, :, 0] < fitted.tracks.camera.width / 2
     two = np.where(left[:, None], moved, -moved)
     assert agreement(fitted, two) > 0.8

@@ -86,7 +86,7 @@ def test_further_views_decide_against_the_second_motion_of_a_plane(seed):
 
 
 def with_competing_costs(found, extra):
-    """The same hypotheses where the rival has the costs of the best motion plus those of the argument."""
+    """The same hypotheses where the competing motion has the costs of the best motion plus those of the argument."""
     best, competing = found.motions
     costs = np.full_like(best.fit.track_costs, 1.0)
     a = replace(best, fit=replace(best.fit, track_costs=costs))
@@ -177,7 +177,7 @@ def test_a_view_that_fewer_tracks_locate_than_a_moving_object_holds_is_as_doubtf
 
 
 def test_the_relative_errors_of_the_depths_have_the_stated_size():
-    """The focal length is known, since that of the drawn worlds has no error."""
+    """The focal length is known, since that of the simulated worlds has no error."""
     ratios = []
     for seed in range(8):
         found = hypotheses("wall", seed, 6, priors=Priors(1e-6), baseline=0.2, outliers=0.0, points=150)
@@ -204,7 +204,7 @@ def test_the_stated_size_of_the_error_fields_grows_with_that_of_the_tracks():
 
 
 def test_above_a_bound_the_term_of_the_competing_motions_is_a_lower_one():
-    """Fits with error fields only raise it, so that the decision is the same."""
+    """Fits with fields of correlated errors only raise it, so that the decision is the same."""
     for seed in range(3):
         found = hypotheses("nadir", seed, 6, baseline=0.06)
         whole, bounded = risk_of(found), risk_of(found, 0.005)

@@ -56,7 +56,7 @@ def test_a_lens_that_is_said_to_be_fixed_has_no_other_modes():
 
 
 def test_the_direction_of_a_rigid_scene_knows_that_the_lens_may_change():
-    """Otherwise a lens that changes would be taken for moving bodies."""
+    """Otherwise a lens that changes would be taken for moving objects."""
     risk = risk_of(hypotheses("wall", zoom=0.02, baseline=0.05, points=300))
     assert risk.directions.if_lens_fixed < 0.2 * risk.directions.if_rigid
 
