@@ -37,9 +37,10 @@ _MOST = 3
 _DROPPED_SIGMAS = 4.0
 #: Least cosine of a slant, and least noise in thresholds: exact matches have residuals of rounding errors.
 _LEAST_COSINE, _LEAST_NOISE = 1e-3, 1e-3
-#: The depth variation of all matches may exceed its mean by chance by this number of standard deviations, once in 160 planes.
-#: Its variance is 2 a match, and 5.4 more since the noise, by which it is divided, comes from a median of as many
-#: residuals. Two in a hundred matches may lie off the plane and add 9 each: 25 planes with 15 % outliers left 1.5 %.
+#: The depth variation of all matches may exceed its mean by chance by this number of standard deviations, once in 160
+#: planes. Its variance is 2 a match, and 5.4 more since the noise, by which it is divided, comes from a median of as
+#: many residuals. Two in a hundred matches may lie off the plane and add 9 each: 25 planes with 15 % outliers left 1.5
+#: %.
 _VARIATION_SIGMAS, _CHI2_VARIANCE, _OFF_PLANE, _LARGEST_VARIATION = 2.5, 7.4, 0.02, 9.0
 
 
@@ -59,10 +60,10 @@ def explained_by_plane(problem: PoseProblem, plane: PlaneFit, best: Floats, inli
 def more_probable_first(problem: PoseProblem, plane: PlaneFit, noise_rad: float) -> list[Floats]:
     """The motions (q_wxyz, t) of a plane by the likelihood of the matches on it, the more probable one first.
 
-    Both motions have the same residuals of the homography. A depth variation adds to those along the epipolar lines of the true
-    motion. With A and C the sums of squares along and across the lines, the likelihood under the most probable depth variation
-    is ``-N/2 (log A + log C)``, or that of equal variances where A < C, so that an exact plane says nothing. A match
-    behind a camera is an outlier.
+    Both motions have the same residuals of the homography. A depth variation adds to those along the epipolar lines of
+    the true motion. With A and C the sums of squares along and across the lines, the likelihood under the most probable
+    depth variation is ``-N/2 (log A + log C)``, or that of equal variances where A < C, so that an exact plane says
+    nothing. A match behind a camera is an outlier.
 
     A patch of a plane fills a part of the view in proportion to the cosine of its slant, in both views. The measure of
     homographies does not depend on which of its motions makes one: the cosines are the prior.

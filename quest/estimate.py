@@ -52,7 +52,8 @@ _ERROR_RATE = 1e-4
 #: camera agree to some hundredths of a pixel, a few do not, and so long a tail is not Gaussian.
 _LEAST_NOISE = 0.05
 #: A motion always fits the five to seven matches that it was computed from. With fewer than ten matches, too few others
-#: remain to confirm it: of 360 simulated cameras that only rotate, 2 showed a translation by eight matches, none by ten.
+#: remain to confirm it: of 360 simulated cameras that only rotate, 2 showed a translation by eight matches, none by
+#: ten.
 _MIN_MATCHES = 10
 #: Share of the matches that a rotation explains at least.
 _LEAST_SHARE = 0.25

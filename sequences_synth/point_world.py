@@ -311,8 +311,8 @@ def _moving_objects(
     count = options.objects
     object_of_track = clusters
     if count == 2 and options.object_deg_s == 0:
-        # Two moving objects that do not turn keep the division by the order of the tracks, with which these worlds were first
-        # measured: each of the two motions has tracks of both clusters.
+        # Two moving objects that do not turn keep the division by the order of the tracks, with which these worlds were
+        # first measured: each of the two motions has tracks of both clusters.
         moving = np.flatnonzero(clusters >= 0)
         object_of_track = clusters.copy()
         object_of_track[moving] = np.arange(len(moving)) < len(moving) // 2

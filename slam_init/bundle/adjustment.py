@@ -50,8 +50,8 @@ _ITERATIONS, _FEW_ITERATIONS = 15, 6
 _WEIGHED, _WEIGHING_ROUNDS = 0.1, 4
 #: Four coordinates in two views leave one residual that tests a landmark. Where the poses follow the landmark so far
 #: that half of its residual is gone, it decides about them and nothing tests it. An outlier near its epipolar line has
-#: such a place: a large parallax. Of 80 simulated maps with two views and outliers, 11 had a landmark with a leverage above
-#: 0.5 that was an outlier (directions off by 2 to 7 degrees), and 2 one that was right.
+#: such a place: a large parallax. Of 80 simulated maps with two views and outliers, 11 had a landmark with a leverage
+#: above 0.5 that was an outlier (directions off by 2 to 7 degrees), and 2 one that was right.
 _LARGEST_LEVERAGE = 0.5
 
 

@@ -1,9 +1,9 @@
 """The covariances of a map: what the noise of the tracks leaves open, and what the errors add that tracks share.
 
 A covariance is written as its causes: independent errors of unit variance, and how far poses and points follow each of
-them. The causes are the noise of the poses, the coefficients of the fields of correlated errors of the views, the lens, and for each
-point its rays. With the names of :func:`slam_init.bundle.kernel.eliminate_points`, the poses x and the shared errors s
-have the equations ``P x + B s``, so that the poses follow by ``-P^-1 B``, and a point follows by
+them. The causes are the noise of the poses, the coefficients of the fields of correlated errors of the views, the lens,
+and for each point its rays. With the names of :func:`slam_init.bundle.kernel.eliminate_points`, the poses x and the
+shared errors s have the equations ``P x + B s``, so that the poses follow by ``-P^-1 B``, and a point follows by
 ``-C^-T (Y x + C^-1 V s)``.
 """
 

@@ -31,7 +31,7 @@ def add_audit(commands: Commands) -> None:
     audit.add_argument(
         "--images",
         metavar="SOURCE",
-        help="the images of the map, or its matches (COLMAP's database, .h5, .npz): their tracks evaluate it in place of "
+        help="the images of the map, or its matches (COLMAP's database, .h5, .npz): their tracks are used in place of "
         "those that the map has kept. A trajectory needs them",
     )
     audit.add_argument(

@@ -21,7 +21,7 @@ _WIDE = 1.8
 
 
 def moving_matches(attempt: Attempt) -> Bools:
-    """Which matches of a pair lie on moving objects with a motion of their own, and are no inliers of the camera: (N,)."""
+    """Which matches (N,) of a pair lie on moving objects, and are no inliers of the camera."""
     return attempt.moving & ~attempt.inliers if attempt.moving.size else np.zeros_like(attempt.inliers)
 
 

@@ -1,4 +1,4 @@
-"""Smooth fields of correlated errors: what the tracks of a view share, of the lens model, of the shutter, of the tracker.
+"""Smooth fields of correlated errors of the tracks of a view: errors of lens model, shutter and tracker.
 
 A field moves both coordinates of the pixels of a view by six polynomials each. How large the twelve coefficients are is
 not known beforehand, and the tracks tell: errors that neighbours share do not average out. So the scale of the fields

@@ -97,9 +97,9 @@ class WindowEvidence:
     risk : float
         Probability that the map is wrong; the sum of the five terms below, at most 1.
     risk_direction, risk_competing, risk_rotation, risk_moving, risk_floor : float
-        By the uncertainty of direction and rotation, by another motion, by a camera that only rotates, by moving objects
-        (tracks with a rigid motion of their own, or a half of the view that prefers another motion), and by what is
-        not modelled.
+        By the uncertainty of direction and rotation, by another motion, by a camera that only rotates, by moving
+        objects (tracks with a rigid motion of their own, or a half of the view that prefers another motion), and by
+        what is not modelled.
     direction_sigma_deg, rotation_sigma_deg : float
         Largest standard deviations of the direction of the baseline and of the rotation of the pair.
     depth_sigma : float

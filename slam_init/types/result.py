@@ -227,8 +227,8 @@ class Result(Described, Savable):
         ``(map,)`` when initialized. Two maps if the views could not decide between them: one of the two is right, and
         the one that explains the tracks better comes first. Else empty.
     margin : Margin or None
-        The last vote between two maps: how much better the first hypothesis is than the second one. None if there was no
-        second one.
+        The last vote between two maps: how much better the first hypothesis is than the second one. None if there was
+        no second one.
     scale : Scale or None
         What was found of the scale, if it was looked for. The map is in metres where it was found.
     segments : tuple of Segment

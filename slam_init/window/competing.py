@@ -1,8 +1,8 @@
 """The term *competing* of the risk: the probability that another motion is right.
 
 Each track votes by the difference of its two log likelihoods, by three nats at the most: so much it costs to say that
-the track is an outlier. The image region with the largest vote is left out, since a moving object or a step in the scene
-fills a region. What the fields of correlated errors explain of the competing motion counts for it.
+the track is an outlier. The image region with the largest vote is left out, since a moving object or a step in the
+scene fills a region. What the fields of correlated errors explain of the competing motion counts for it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ from slam_init.window.uncertainty import ExpandedFit, expand_for_evidence, place
 _UNLIKELY = 0.01
 #: Largest number of Gauss-Newton steps from a fit without fields to one with fields: they converge quadratically.
 _STEPS_WITH_FIELDS = 5
-#: A competing motion that is further behind than this is not looked at with fields of correlated errors: they explain less.
+#: A competing motion that is further behind than this is not looked at with fields of correlated errors: they explain
+#: less.
 _FAR_BEHIND_NATS = 0.5 * FAR_BEHIND
 
 
@@ -82,12 +83,12 @@ def competing_odds(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> list[
 
 
 def _margin(hypotheses: WindowHypotheses, best: FittedMotion, other: FittedMotion, *, of_all: bool = False) -> Margin:
-    """The vote of the tracks, or of all of them; a competing motion that locates fewer views explains the others as outliers."""
+    """The vote of the tracks. A competing motion that locates fewer views explains the other views as outliers."""
     votes = hypotheses.votes(best, other)
     where = places_of(best.fit)
     largest = 0.0 if of_all else float(np.bincount(regions_of(where), weights=votes).max())
     ahead = 0.5 * (float(votes.sum()) - max(largest, 0.0))
-    # Two exact twins have the same likelihood, but each fit adapts to the noise by unknowns of its own. With the
+    # Two equivalent motions have the same likelihood, but each fit adapts to the noise by unknowns of its own. With the
     # projections P1, P2 on these, the difference is e^T (P1 - P2) e / 2: its variance is half the sum of squared votes.
     # Such votes are symmetric about zero, so those against the best motion tell their sum; real votes are left out.
     against = 0.5 * np.minimum(votes, 0.0)
@@ -108,7 +109,7 @@ def _competing_by_objects(hypotheses: WindowHypotheses, best: FittedMotion, othe
 def _competing_probability(
     hypotheses: WindowHypotheses, of_best: ExpandedFit, other: FittedMotion, margin: Margin, *, with_fits: bool = True
 ) -> float:
-    """Probability that the competing motion is right after all: the odds of the votes, less what fields of correlated errors explain of them."""
+    """Probability that the competing motion is right: the odds of the votes, less what correlated errors explain."""
     behind = margin.log_likelihood
     if behind <= 0.0 or behind > _FAR_BEHIND_NATS:
         return 0.5 if behind <= 0.0 else 0.0
@@ -138,7 +139,7 @@ def _competing_probability(
 
 
 def _odds(margin: Margin, left: Floats) -> Floats:
-    """Probability of a competing motion of which these shares of the margin are left: by its odds, and as an exact twin."""
+    """Probability of a competing motion of which these shares of the margin are left: by its odds, or at even odds."""
     left = np.clip(left, 0.0, 1.0)
     equal = np.array([at_any_time(float(margin.z * share)) for share in left])
     return np.asarray(np.maximum(1 / (1 + np.exp(margin.log_likelihood * left)), equal))
@@ -155,7 +156,7 @@ def _cost_with_fields(motion: FittedMotion, priors: Priors, expanded: ExpandedFi
 
 
 def _wrong_if_right(best: FittedMotion, other: FittedMotion, sigma_deg: float) -> float:
-    """Probability that the map of the best motion is wrong if the competing motion is right: not if both are nearly the same."""
+    """Probability that the map of the best motion is wrong if the competing one is right; 0 where both agree."""
     rotation_deg, direction_deg = best.difference_deg(other)
     if rotation_deg > WRONG_ROTATION_DEG:
         return 1.0

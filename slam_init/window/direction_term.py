@@ -1,10 +1,10 @@
 """The term of the direction: the right motion with a large error of a direction, or of the rotation.
 
-The covariance of the joint fit (Laplace) gives the deviations, the fields of correlated errors integrated out. It knows noise,
-focal length and errors that the tracks of a view share. What it does not know widens them: few views, a lens beyond its
-prior, moving objects that the fit explains by chance, and residuals that neighbouring tracks share. The map of a calibrated
-camera keeps the stated lens, which the fit moves: what that changes adds to both. A zoom and a shift of each view widen
-and move the direction, with the probability that the lens changes from view to view.
+The covariance of the joint fit (Laplace) gives the deviations, the fields of correlated errors integrated out. It knows
+noise, focal length and errors that the tracks of a view share. What it does not know widens them: few views, a lens
+beyond its prior, moving objects that the fit explains by chance, and residuals that neighbouring tracks share. The map
+of a calibrated camera keeps the stated lens, which the fit moves: what that changes adds to both. A zoom and a shift of
+each view widen and move the direction, with the probability that the lens changes from view to view.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ class DirectionTerm:
 
     #: (V - 1,) Probability that the direction of a view, or its rotation, is wrong: of all views of the best motion but
     #: the first, the pair's own first. A view near the reference has an uncertain direction although its position is
-    #: certain, and one that few tracks link to the pair an uncertain rotation. Few tracks may lie on a moving object, or on a
-    #: texture that repeats.
+    #: certain, and one that few tracks link to the pair an uncertain rotation. Few tracks may lie on a moving object,
+    #: or on a texture that repeats.
     of_views: tuple[float, ...]
     #: (V - 1,) Deviations of these directions where they are largest, in degrees.
     sigmas_deg: tuple[float, ...]
@@ -196,10 +196,10 @@ def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> _Optimism:
 
 
 def _held_by_objects(best: FittedMotion) -> Floats:
-    """Probability (V - 1,) that a moving object, or a texture that repeats, locates a view: that of a moving object, where few tracks do.
+    """Probability (V - 1,) that a moving object, or a texture that repeats, locates a view: not 0 where few tracks do.
 
-    Few are fewer than a moving object holds. Before a corridor whose panels repeat, 18 of the 122 tracks of a pair agreed on a
-    pose of a further view that was off by 4 degrees. The tracks of the pair itself locate its second view.
+    Few are fewer than a moving object holds. Before a corridor whose panels repeat, 18 of the 122 tracks of a pair
+    agreed on a pose of a further view that was off by 4 degrees. The tracks of the pair itself locate its second view.
     """
     locating = np.count_nonzero(best.tracks.seen & best.fit.explains, axis=1)[1:]
     few = locating < SHARE_OF_OBJECTS * best.fit.explained

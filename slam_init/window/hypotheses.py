@@ -45,8 +45,8 @@ _GIVEN_UP = 1.5
 #: A motion whose cost is higher by this cannot become the best: 300 nats.
 #: Class: level, in twice the nats.
 FAR_BEHIND = 600.0
-#: A gain is certain where it exceeds that by chance by so many standard deviations (one in 10^12) even if fields of correlated errors
-#: explain half of it, the most that they can.
+#: A gain is certain where it exceeds that by chance by so many standard deviations (one in 10^12) even if fields of
+#: correlated errors explain half of it, the most that they can.
 #: Class: level.
 CERTAIN_SIGMAS, EXPLAINED_BY_FIELDS = 7.0, 0.5
 #: A start whose residuals are this many times the noise is far from the answer.
@@ -140,7 +140,8 @@ class WindowHypotheses:
             off = ~best.fit.state.on_plane & (self.tracks.anchor >= 0)
             lowered -= float((self.rotation_only.track_costs - self.costs_of(best))[off].sum())
         # A distance is not negative, so that by chance half of the tracks gain nothing. But without a translation its
-        # direction is chosen to suit the tracks, and outliers gain more than noise: 0.9 a track in 32 simulated windows.
+        # direction is chosen to suit the tracks, and outliers gain more than noise: 0.9 a track in 32 simulated
+        # windows.
         points = 3.0 if self.planar else float((self.tracks.anchor >= 0).sum())
         return 0.5 * lowered, 3 * (len(best.rows) - 1) - 1 + points
 

@@ -10,8 +10,8 @@ and the residual in units of the noise is, with the projection pi of the lens an
 
     e = W ((pi(P; focal scale, k1) + p + S r - x) / sigma + F(x) c_k)
 
-``F(x) c_k`` is the smooth field of correlated errors of view k: six polynomials of the image coordinates for each component, with
-coefficients c_k. View 0 is a measurement like any other, so its rays have residuals too.
+``F(x) c_k`` is the smooth field of correlated errors of view k: six polynomials of the image coordinates for each
+component, with coefficients c_k. View 0 is a measurement like any other, so its rays have residuals too.
 
 ``r`` is the readout of a rolling shutter in seconds, and ``S`` how far the pixel moves for each second of it
 (:mod:`slam_init.frontend.rolling_shutter`). The poses are those of the middle of the readout. ``p`` is the error of the

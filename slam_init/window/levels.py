@@ -37,11 +37,11 @@ FEW_VIEWS = 0.7
 #: Class: assumption.
 ON_OBJECTS = 0.5
 
-#: A rotation or a competing motion with a larger probability is undecided, however precisely it is known. A direction that is
-#: wrong with a larger probability is unknown, however far behind the competing motions are. A gain over the rotation-only camera
-#: that chance exceeds more often is no evidence of a translation. But motions of a pair are tried whose parallax chance
-#: exceeds less often: quest speaks of a translation from 1e-4 on, and further views may turn a twentieth into a
-#: certainty.
+#: A rotation or a competing motion with a larger probability is undecided, however precisely it is known. A direction
+#: that is wrong with a larger probability is unknown, however far behind the competing motions are. A gain over the
+#: rotation-only camera that chance exceeds more often is no evidence of a translation. But motions of a pair are tried
+#: whose parallax chance exceeds less often: quest speaks of a translation from 1e-4 on, and further views may turn a
+#: twentieth into a certainty.
 #: Class: level.
 UNDECIDED = 0.05
 
@@ -56,10 +56,10 @@ EVEN_ODDS = 0.5
 CHANCE_GAIN = 0.9
 
 #: Tracks off the plane that are fewer than this share lie on one thing or two, which move with this probability. Both
-#: are assumptions: one scene in twenty has such an object, and a quarter of the tracks is more than a moving object or two hold. A
-#: moving object votes for the motion that its own resembles: of 30 simulated walls with 30 % of the tracks on moving objects, two had
-#: a false map, by the votes of 22 and of 53 such tracks against those of 250 on the plane. A further view that fewer
-#: tracks locate than this share of those of the pair may be located by a moving object.
+#: are assumptions: one scene in twenty has such an object, and a quarter of the tracks is more than a moving object or
+#: two hold. A moving object votes for the motion that its own resembles: of 30 simulated walls with 30 % of the tracks
+#: on moving objects, two had a false map, by the votes of 22 and of 53 such tracks against those of 250 on the plane. A
+#: further view that fewer tracks locate than this share of those of the pair may be located by a moving object.
 #: Class: assumption.
 SHARE_OF_OBJECTS, OBJECTS_MOVE = 0.25, 0.05
 
@@ -153,17 +153,17 @@ ZOOMED_COST = 9.2
 #: Class: assumption.
 ZOOM_LEAVES = 0.1
 
-#: A neighbourhood holds a tenth of the tracks, and so about as much of the view: moving objects and the errors of a lens extend
-#: that far. A larger one has fewer independent parts, and says less.
+#: A neighbourhood holds a tenth of the tracks, and so about as much of the view: moving objects and the errors of a
+#: lens extend that far. A larger one has fewer independent parts, and says less.
 #: Class: assumption.
 NEIGHBOURHOOD = 0.1
 
 # -- a motion of other tracks ----------------------------------------------------------------------------
 
-#: Of two rigid motions of the tracks either may be that of the camera, and the other one that of a moving object. The odds that
-#: a moving object holds a share s of these tracks, and not 1 - s, fall with this power of s / (1 - s): a scene at rest that
-#: holds half as many tracks as a moving object of equal area has odds of 1 to 12. So much fits 362 worlds with a moving object on at
-#: least 20 tracks, of four authors (95 %: 2.8 to 4.4).
+#: Of two rigid motions of the tracks either may be that of the camera, and the other one that of a moving object. The
+#: odds that a moving object holds a share s of these tracks, and not 1 - s, fall with this power of s / (1 - s): a
+#: scene at rest that holds half as many tracks as a moving object of equal area has odds of 1 to 12. So much fits 362
+#: worlds with a moving object on at least 20 tracks, of four authors (95 %: 2.8 to 4.4).
 #: Class: measured, over the tracks of such worlds.
 RARER_BY_TRACKS = 3.6
 
@@ -184,15 +184,15 @@ REGIONS = (4, 3)
 #: Class: level.
 PLANE_SIGMAS = 2.5
 
-#: The same where the poses follow. A depth variation of unknown size explains an excess of z standard deviations better than
-#: chance does by exp(z^2 / 2), and it has one unknown more, which costs a factor of about three: even odds.
+#: The same where the poses follow. A depth variation of unknown size explains an excess of z standard deviations better
+#: than chance does by exp(z^2 / 2), and it has one unknown more, which costs a factor of about three: even odds.
 #: Class: level.
 VARIATION_SIGMAS = 1.5
 
-#: A depth variation of a fifth of the distances would show by this number of standard deviations, else nothing is known of a
-#: plane. The poses follow a smooth depth variation and hide most of it: of 12 simulated corridors at baselines of .03 and .05 of the
-#: depth those that looked like planes had 19 at most; 12 walls and 12 level flights had 40 or more once they were
-#: accepted.
+#: A depth variation of a fifth of the distances would show by this number of standard deviations, else nothing is known
+#: of a plane. The poses follow a smooth depth variation and hide most of it: of 12 simulated corridors at baselines of
+#: .03 and .05 of the depth those that looked like planes had 19 at most; 12 walls and 12 level flights had 40 or more
+#: once they were accepted.
 #: Class: measured.
 OBSERVABLE_VARIATION, OBSERVABLE_SIGMAS, LARGEST_GAIN = 0.2, 20.0, 9.0
 

@@ -17,7 +17,7 @@ _NO_GATE = 1e6
 
 @dataclass(frozen=True, eq=False)
 class Linearization:
-    """The quadratic expansion of the cost about a fit, with a field of correlated errors in each view that has no prior yet."""
+    """The quadratic expansion of the cost about a fit, with fields of correlated errors that have no prior yet."""
 
     #: information, gradient: (G, G), (G,) Half of the second and half of the first derivatives of the cost, tracks
     #: eliminated, baseline held.

@@ -100,7 +100,7 @@ class FittedMotion:
 
 @dataclass(frozen=True, eq=False)
 class OtherMotion:
-    """A rigid motion of tracks that the best motion does not explain: that of a moving object, or of the scene at rest."""
+    """A rigid motion of tracks that the best motion does not explain: of a moving object, or of the static scene."""
 
     #: That it is the camera's, and the best motion that of a moving object; 0 where its tracks are few or show none.
     probability: float = 0.0

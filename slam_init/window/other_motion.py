@@ -1,10 +1,10 @@
 """Whether tracks that the best motion does not explain have a motion of their own, and are the scene at rest.
 
-Where a moving object fills a large part of the view, its motion relative to the camera explains as many tracks as the motion of
-the scene at rest does. Images alone do not tell which of the two motions is that of the camera. Two cues remain. The
-scene at rest mostly holds more tracks than a moving object does. And a moving object is compact: a scene that extends around it is behind
-it. Distant tracks and tracks that move by little follow both motions, so that only those count for the other motion
-which it explains far better than the best one.
+Where a moving object fills a large part of the view, its motion relative to the camera explains as many tracks as the
+motion of the scene at rest does. Images alone do not show which of the two motions is that of the camera. Two cues
+remain. The scene at rest mostly holds more tracks than a moving object does. And a moving object is compact: a scene
+that extends around it is behind it. Distant tracks and tracks that move by little follow both motions, so that only
+those count for the other motion which it explains far better than the best one.
 
 The other motion is one of four, the most probable one:
 
@@ -77,8 +77,8 @@ def other_motion(
         WRONG_ROTATION_DEG - GATE_SIGMAS * rotation_sigma_deg,
         WRONG_DIRECTION_DEG - GATE_SIGMAS * direction_sigma_deg,
     )
-    # The views may not tell the motion again that was found in the window before.
-    found = [_carried(search), overlay]
+    # The views may not show the motion again that was found in the window before.
+    found = [_from_last_window(search), overlay]
     if seeks:
         found = [_proposed(search), _rotation(search), *found]
     return _since_found(hypotheses, max(found, key=lambda other: other.probability))
@@ -87,8 +87,8 @@ def other_motion(
 def _since_found(hypotheses: WindowHypotheses, found: OtherMotion) -> OtherMotion:
     """The same motion, at least as probable as it was in earlier windows beside a best motion of the same tracks.
 
-    A moving object that comes nearer hides tracks of the scene, and tracks end. The odds fall with their number, while nothing
-    has told which of the two motions is that of the camera.
+    A moving object that comes nearer hides tracks of the scene, and tracks end. The odds fall with their number, while
+    nothing has shown which of the two motions is that of the camera.
     """
     ids, explained = hypotheses.tracks.track_ids, explained_tracks(hypotheses)
     found = replace(found, of_best=ids[explained & ~np.isin(ids, found.track_ids)])
@@ -121,7 +121,7 @@ class _Search:
     same_direction_deg: float
 
 
-def _carried(search: _Search) -> OtherMotion:
+def _from_last_window(search: _Search) -> OtherMotion:
     """The motion that was found in the window before, located in this one."""
     tracks, before = search.hypotheses.tracks, search.hypotheses.other_before
     motion = None if before is None or before.fitted is None else before.fitted.motion
@@ -163,7 +163,7 @@ def _unlocated(search: _Search, proposed: Proposal) -> OtherMotion:
 
 
 def _rotation(search: _Search) -> OtherMotion:
-    """The camera only rotates by the tracks that the best motion does not explain, and the best one is a moving object's."""
+    """The case that the camera only rotates, by the tracks off the best motion, which is that of a moving object."""
     hypotheses = search.hypotheses
     fit = _rotation_by(hypotheses, np.flatnonzero(search.rest))
     costs = _costs_of_rotation(hypotheses, np.arange(len(search.rest)), fit)
@@ -227,7 +227,7 @@ class Proposal:
 
 
 def propose(hypotheses: WindowHypotheses, of: Bools) -> Proposal | None:
-    """The rigid motion of some tracks (T,), by the two views that tell most of it; None without one."""
+    """The rigid motion of some tracks (T,), by the two most informative views; None without one."""
     tracks, rays = hypotheses.tracks, bearings_of_best(hypotheses)
     rows = _most_informative_pair(tracks, of & np.isfinite(rays).all(axis=2))
     if rows is None:
@@ -240,19 +240,19 @@ def propose(hypotheses: WindowHypotheses, of: Bools) -> Proposal | None:
 
 
 def _most_informative_pair(tracks: WindowTracks, seen: Bools) -> tuple[int, int] | None:
-    """The two views whose common tracks tell most of their motion; None where no two have enough of them.
+    """The two views whose common tracks are the most informative; None where no two have enough of them.
 
-    What tracks tell grows with their number and with the square of the baseline, which grows with the time between two
-    views.
+    The information of tracks grows with their number and with the square of the baseline, which grows with the time
+    between two views.
 
     Shapes: ``seen`` (V, T).
     """
     common = seen.astype(int) @ seen.T.astype(int)
     frames = np.array(tracks.frames)
     apart = np.abs(frames[:, None] - frames[None])
-    told = np.where(common >= LEAST_TRACKS, common * apart**2, 0)
-    first, second = np.unravel_index(int(np.argmax(told)), told.shape)
-    return (int(first), int(second)) if told[first, second] else None
+    weight = np.where(common >= LEAST_TRACKS, common * apart**2, 0)
+    first, second = np.unravel_index(int(np.argmax(weight)), weight.shape)
+    return (int(first), int(second)) if weight[first, second] else None
 
 
 def _fitted_to(hypotheses: WindowHypotheses, start: Motion, moving: Ints) -> FittedMotion | None:
@@ -299,7 +299,7 @@ def _probability(hypotheses: WindowHypotheses, votes: Floats) -> float:
 
 
 def odds_of_object(hypotheses: WindowHypotheses, of_best: Bools, of_other: Bools) -> float:
-    """Odds that a motion is that of a moving object, by the tracks (T,) that follow it and those that follow another motion."""
+    """Odds that a motion is that of a moving object, by the tracks (T,) that follow it and those of another motion."""
     places = places_of(hypotheses.motions[0].fit)
     return _odds(int(of_other.sum()) / max(int(of_best.sum()), 1), _extent(places[of_other]), _extent(places[of_best]))
 
@@ -307,7 +307,8 @@ def odds_of_object(hypotheses: WindowHypotheses, of_best: Bools, of_other: Bools
 def _odds(tracks: float, of_other: float, of_best: float) -> float:
     """Odds that a motion is that of a moving object.
 
-    Moving objects on the ground at any distance have areas in the image whose density falls with the square of the area.
+    Moving objects on the ground at any distance have areas in the image whose density falls with the square of the
+    area.
 
     * ``tracks``: The tracks of the other motion for each one that it has.
     * ``of_other, of_best``: Areas of the other motion and of this one.

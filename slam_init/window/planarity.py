@@ -1,6 +1,7 @@
 """The plane that the matches of a motion lie on, and whether the points of a window do.
 
-A plane is assumed only where it is observable: a depth variation would show in the tracks, and no depth variation shows.
+A plane is assumed only where it is observable: a depth variation would show in the tracks, and no depth variation
+shows.
 """
 
 from __future__ import annotations
@@ -55,14 +56,14 @@ def plane_of_motion(R: Floats, t: Floats, m: Floats, n: Floats) -> Floats:
 def is_plane(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> bool:
     """Whether the points of a fit lie on its plane.
 
-    * Returns: True if a depth variation would show, and distances of their own gain nothing: neither at the poses of the fit,
-      nor where the poses follow.
+    * Returns: True if a depth variation would show, and distances of their own gain nothing: neither at the poses of
+      the fit, nor where the poses follow.
     """
     return _fits_plane(tracks, fitted) and not _leaves_plane(tracks, fitted, priors)
 
 
 def _fits_plane(tracks: WindowTracks, fitted: FittedMotion) -> bool:
-    """Whether the points of a fit lie on its plane: a depth variation would show, and distances of their own gain nothing."""
+    """Whether the points of a fit lie on its plane: a depth variation would show, and free distances gain nothing."""
     on_plane = fitted.fit.state.on_plane & (tracks.anchor >= 0)
     count = int(on_plane.sum())
     if count < max(LEAST_TRACKS, LEAST_ON_PLANE * float((tracks.anchor >= 0).sum())):

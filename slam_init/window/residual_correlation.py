@@ -17,8 +17,8 @@ from slam_init.window.joint_fit import NEAR_SIGMAS, JointFit
 from slam_init.window.kernels import TUKEY_GATES
 from slam_init.window.levels import NEIGHBOURHOOD
 
-#: Neighbours that a track is compared with: a moving object holds four tracks or more, or pulls little. The bound is exceeded by
-#: chance once in twenty, that many standard deviations beyond the mean.
+#: Neighbours that a track is compared with: a moving object holds four tracks or more, or pulls little. The bound is
+#: exceeded by chance once in twenty, that many standard deviations beyond the mean.
 #: Class: level.
 _COMPARED, _BOUND_SIGMAS = 3, 1.645
 

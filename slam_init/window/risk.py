@@ -5,9 +5,10 @@ causes add their probabilities:
 
 * **direction**: the right motion with a large error of the direction, or of the rotation
   (:mod:`~slam_init.window.direction_term`).
-* **competing**: another motion is right. Each track votes by the difference of its two log likelihoods, by three nats at
-  the most: so much it costs to say that the track is an outlier. The image region with the largest vote is left out,
-  since a moving object or a step in the scene fills a region. What the fields of correlated errors explain of the competing motion counts for it.
+* **competing**: another motion is right. Each track votes by the difference of its two log likelihoods, by three nats
+  at the most: so much it costs to say that the track is an outlier. The image region with the largest vote is left out,
+  since a moving object or a step in the scene fills a region. What the fields of correlated errors explain of the
+  competing motion counts for it.
 * **rotation**: the camera only rotates, with a wrong focal length, and translation and points gain by chance; or up to
   half of the tracks lie on moving objects; or its images zoom and shift (:mod:`~slam_init.window.rotation_term`). The
   last of these takes as long as all other terms, so it is stated where these are small alone.
@@ -63,7 +64,7 @@ class WindowRisk:
     correlated_px: float
     #: The lens by the best motion, or by the camera that only rotates where that is likely.
     lens: LensPrior
-    #: The focal length that the tracks tell near the best motion, without the prior.
+    #: The focal length by the tracks near the best motion, without the prior.
     focal: FocalOfTracks
     #: The vote against the nearest competing motion; None without a competing motion.
     margin: Margin | None
@@ -139,13 +140,13 @@ def likely_lens(hypotheses: WindowHypotheses) -> LensPrior:
 
 
 def with_zooming_rotation(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk:
-    """The risk with the competing motion that the camera only rotates, and that its images zoom and shift from view to view."""
+    """The risk with the hypothesis of a rotation-only camera whose images zoom and shift from view to view."""
     with single_threaded():
         return replace(risk, rotation=min(1.0, risk.rotation + zooming_probability(hypotheses)))
 
 
 def _is_open(rotation: float, direction: float) -> bool:
-    """Whether a window has no map without the terms of competing motions and moving objects, so that it is not worth their fits."""
+    """Whether a window has no map even without the terms of competing motions and objects, which need further fits."""
     return max(rotation, direction) > UNDECIDED
 
 
@@ -162,7 +163,7 @@ class _RotationRisk(NamedTuple):
 
 
 def _rotation_risk(hypotheses: WindowHypotheses, expanded: ExpandedFit, direction: float) -> _RotationRisk:
-    """The term of the camera that only rotates: with a wrong focal length, with errors that last, or beside moving objects."""
+    """The term of the rotation-only camera: with a wrong focal length, lasting errors, or moving objects."""
     gain, rotation, lens = rotation_probability(hypotheses, expanded)
     likely = rotation > EVEN_ODDS
     # Another test takes two fits, which a direction that is unknown is not worth.

@@ -130,8 +130,8 @@ def _probability_beside_zooms(
     See :func:`rotation_probability` for ``lasting_in_noise``.
     """
     explained = 0.5 * (hypotheses.rotation_only.cost - zooming.cost)
-    # A zoom looks like a motion toward a plane, so that a few moving objects before it look like its depth variation. Tracks that lie on
-    # a plane are no such moving objects.
+    # A zoom looks like a motion toward a plane, so that a few moving objects before it look like its depth variation.
+    # Tracks that lie on a plane are no such moving objects.
     objects = explained > zooming.hypotheses.gain_over_rotation[0] and not hypotheses.planar
     # What the model of a zoom lacks is a share of what it explains. Where outliers bound that, it is in the noise.
     cases = [(hypotheses, zooming, ZOOM_LEAVES * explained if zooming.has_zooms else 0.0)]

@@ -5,8 +5,8 @@ apart.
 
 * **A posterior probability** is right at any time at which one stops. It is a conditional expectation of "the map is
   wrong", so that its mean over all accepted maps is the share of the wrong ones, whatever the rule of stopping
-  (optional stopping). The same holds for a likelihood ratio: under the competing motion its mean is 1 at any time, so that it
-  exceeds 1/p at any time with probability p at most (Ville's inequality).
+  (optional stopping). The same holds for a likelihood ratio: under the competing motion its mean is 1 at any time, so
+  that it exceeds 1/p at any time with probability p at most (Ville's inequality).
 * **The tail of a statistic** is no such probability. A statistic that is Gaussian at each look exceeds z at some look
   more often than at one. For a sum whose information grows by a factor G between the first look and the last,
 

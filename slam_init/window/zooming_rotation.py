@@ -1,4 +1,4 @@
-"""The camera that only rotates, with a lens that zooms and an image that shifts from view to view: a competing hypothesis.
+"""The hypothesis that the camera only rotates, with a lens that zooms and an image that shifts from view to view.
 
 A lens that focuses changes the focal length of each view by up to some hundredths. That looks like a motion toward a
 plane. A stabilizer shifts the image of each view by up to a hundredth of its width. That looks like a motion along a
@@ -119,8 +119,8 @@ def with_zooms(hypotheses: WindowHypotheses) -> ZoomingRotation:
             other = _alternated(hypotheses, replace(state, lens=lens._replace(log_scale=log_scale)), free)
             if other.cost < lowest.cost:
                 lowest = other
-    # Shifts come last: beside a zoom that is not known yet, moving objects would lead them away. But without shifts, zooms and
-    # the focal length may take their place: so both come at once too.
+    # Shifts come last: beside a zoom that is not known yet, moving objects would lead them away. But without shifts,
+    # zooms and the focal length may take their place: so both come at once too.
     found = _alternated(hypotheses, state, lowest.hypotheses.rotation_priors if lowest.zooms.any() else priors, lowest)
     if lowest.zooms.any():
         found = min(found, _alternated(hypotheses, state, priors, _unchanged(hypotheses)), key=lambda one: one.cost)

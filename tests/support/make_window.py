@@ -195,7 +195,7 @@ def direction_sigma_deg(fit: JointFit, view: int = 1) -> float:
 
 
 def focal_sigma(fit: JointFit) -> float:
-    """Posterior standard deviation of the logarithm of the focal scale, of a fit without fields of correlated errors."""
+    """Posterior standard deviation of the logarithm of the focal scale, of a fit without correlated errors."""
     column = 6 * (len(fit.state.R) - 1)
     return float(np.sqrt(np.linalg.inv(fit.information)[column, column]))
 

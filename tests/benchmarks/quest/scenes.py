@@ -222,4 +222,4 @@ SCENES: dict[str, SceneKind] = {
 }
 
 #: Tables with depth variation: tags that bend, things that lie flat.
-TABLES = {f"off plane {share:.0%}": SceneKind(_table(share), _anywhere, 0.1) for share in (0.01, 0.02, 0.03, 0.05)}
+TABLES = {f"depth {share:.0%}": SceneKind(_table(share), _anywhere, 0.1) for share in (0.01, 0.02, 0.03, 0.05)}

@@ -4,8 +4,8 @@ The time of an estimate is the least of three. The estimators take turns between
 machine meets both. Single runs under load misled. A first run also finds the caches of the processor filled by other
 work, such as the matching of images: on real pairs quest then takes 1.4 times as long, PoseLib the same time.
 
-Both get the same threshold. PoseLib has the setting of its makers: 100 iterations at least. The simulated scenes have given
-numbers of matches and shares of outliers. The real pairs are those of :mod:`tests.benchmarks.image_pairs`, which
+Both get the same threshold. PoseLib has the setting of its makers: 100 iterations at least. The simulated scenes have
+given numbers of matches and shares of outliers. The real pairs are those of :mod:`tests.benchmarks.image_pairs`, which
 are matched as the pipeline matches photographs.
 """
 

@@ -53,8 +53,8 @@ def test_the_summary_counts_the_rows_and_states_the_wait_and_how_each_scene_is_e
     for method, figures in stored["parts"]["points_moving"].items():
         counts = Counter(row["outcome"] for row in rows if row["method"] == method)
         assert {name: figures[name] for name in ("correct", "false", "none", "error") if figures[name]} == counts
-    assert stored["judging"]["points:room"]["truth"] == "sound"
-    assert stored["judging"]["points:rotation"]["no_translation"]
+    assert stored["criteria"]["points:room"]["truth"] == "sound"
+    assert stored["criteria"]["points:rotation"]["no_translation"]
     assert [item["second"] for item in stored["waits"]["points_moving"]] == list(METHODS[1:])
     assert stored["parts"]["points_moving"][METHODS[-1]]["wait"][0] == 4  # the limit of a trial that fails
     assert stored["parts"]["points_static"][METHODS[0]]["wait"] == [None, None, None]

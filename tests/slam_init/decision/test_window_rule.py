@@ -105,7 +105,7 @@ def test_a_camera_that_does_not_translate_is_never_initialized(scene, seed, opti
 
 @pytest.mark.parametrize(("scene", "seed"), [("rotation", 71002), ("static", 71003)])
 def test_moving_objects_before_a_camera_that_does_not_translate_are_no_near_objects(scene, seed):
-    """The rest of the tracks are at infinity, so that the moving objects look like near objects of a translating camera."""
+    """The other tracks are at infinity: the moving objects look like near objects before a translating camera."""
     source = point_source(scene, seed, moving=0.3, noise_px=1.0, outliers=(0.05, 0.15, 0.3)[seed % 3])
     assert not finished(source)
 

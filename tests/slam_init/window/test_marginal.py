@@ -1,4 +1,4 @@
-"""Laws of the integral over the fields of correlated errors: it is that of the full normal equations, and tracks tell the scale."""
+"""Laws of the integral over fields of correlated errors: it equals the full normal equations, and finds the scale."""
 
 from dataclasses import replace
 
@@ -102,7 +102,7 @@ def test_the_evidence_is_the_gaussian_integral_over_all_unknowns(linearization):
 
 
 def small_fit(scene, seed, correlated_px):
-    """The expansion of the fit of a simulated world from its truth, and the root mean square of its field coefficients."""
+    """The expansion of the fit of a simulated world from its truth, and the root mean square of its fields."""
     source = point_source(scene, seed, correlated_px=correlated_px, outliers=0.0, views=6, points=200, baseline=0.2)
     tracks = gather_tracks(source.camera, list(source.observations()), 0.7)
     poses = source.groundtruth.world_from_cam

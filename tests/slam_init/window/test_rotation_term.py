@@ -90,7 +90,7 @@ def test_two_views_show_a_translation_beyond_what_a_tracker_keeps(seed):
 
 @pytest.mark.parametrize(("seed", "views"), [(0, 2), (1, 3)])
 def test_moving_objects_before_a_turning_camera_are_no_translation_whatever_its_tracker_keeps(seed, views):
-    """A third of the tracks moves with a moving object; the errors that the others keep gain for a translation as well."""
+    """A third of the tracks is on a moving object; the errors that the others keep gain for a translation as well."""
     camera, turned = turned_views("rotation", seed, 15.0, lasting_px=0.3, on_object=0.3)
     found = hypotheses_of(camera, turned[:views], PRIORS)
     assert risk_of(found).rotation > 0.5

@@ -114,7 +114,8 @@ def test_errors_have_the_stated_size(kind):
     """The pair is the first and a middle view. The mean over 40 windows; 1 if the covariance is right.
 
     The bounds are wide: the standard deviation of the mean is 0.13 for the rotation, 0.16 for the direction, and up to
-    0.22 for distances that share one error. Fields of correlated errors, which these worlds do not have, add to the stated size.
+    0.22 for distances that share one error. Fields of correlated errors, which these worlds do not have, add to the
+    stated size.
     """
     squares = np.array(
         [
