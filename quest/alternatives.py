@@ -1,7 +1,7 @@
 """Comparison of two motions on the same matches: which alternatives to a pose remain, and whether a plane is one.
 
 Motions are compared by one score, the likelihood of all matches (:mod:`quest.robust.loss`). The difference of two
-scores is a sum over matches whose errors are correlated between neighbours: a moving body, one part of the lens or a
+scores is a sum over matches whose errors are correlated between neighbours: a moving object, one part of the lens or a
 repeated texture. So the difference is compared with its scatter over regions of the view.
 
 References
@@ -37,21 +37,22 @@ _MOST = 3
 _DROPPED_SIGMAS = 4.0
 #: Least cosine of a slant, and least noise in thresholds: exact matches have residuals of rounding errors.
 _LEAST_COSINE, _LEAST_NOISE = 1e-3, 1e-3
-#: The relief of all matches may exceed its mean by chance by this number of standard deviations, once in 160 planes.
-#: Its variance is 2 a match, and 5.4 more since the noise, by which it is divided, comes from a median of as many
-#: residuals. Two in a hundred matches may lie off the plane and add 9 each: 25 planes with 15 % outliers left 1.5 %.
-_RELIEF_SIGMAS, _RELIEF_VARIANCE, _OFF_PLANE, _LARGEST_RELIEF = 2.5, 7.4, 0.02, 9.0
+#: The depth variation of all matches may exceed its mean by chance by this number of standard deviations, once in 160
+#: planes. Its variance is 2 a match, and 5.4 more since the noise, by which it is divided, comes from a median of as
+#: many residuals. Two in a hundred matches may lie off the plane and add 9 each: 25 planes with 15 % outliers left 1.5
+#: %.
+_VARIATION_SIGMAS, _CHI2_VARIANCE, _OFF_PLANE, _LARGEST_VARIATION = 2.5, 7.4, 0.02, 9.0
 
 
 def explained_by_plane(problem: PoseProblem, plane: PlaneFit, best: Floats, inliers: int) -> bool:
     """Whether the inliers of the best motion lie on one plane, and one of the plane's motions fits them as well.
 
-    The residuals along the epipolar lines must have the size of the noise in their sum: the relief.
+    The residuals along the epipolar lines must have the size of the noise in their sum: the depth variation.
 
     Shapes: ``best`` (7,).
     """
-    chance = inliers + _RELIEF_SIGMAS * np.sqrt(_RELIEF_VARIANCE * inliers)
-    if len(plane.poses) < 2 or plane.relief > chance + _LARGEST_RELIEF * _OFF_PLANE * inliers:
+    chance = inliers + _VARIATION_SIGMAS * np.sqrt(_CHI2_VARIANCE * inliers)
+    if len(plane.poses) < 2 or plane.depth_variation > chance + _LARGEST_VARIATION * _OFF_PLANE * inliers:
         return False
     return any(not _is_less_probable(problem, pose, best) for pose in plane.poses)
 
@@ -59,10 +60,10 @@ def explained_by_plane(problem: PoseProblem, plane: PlaneFit, best: Floats, inli
 def more_probable_first(problem: PoseProblem, plane: PlaneFit, noise_rad: float) -> list[Floats]:
     """The motions (q_wxyz, t) of a plane by the likelihood of the matches on it, the more probable one first.
 
-    Both motions have the same residuals of the homography. A relief adds to those along the epipolar lines of the true
-    motion. With A and C the sums of squares along and across the lines, the likelihood under the most probable relief
-    is ``-N/2 (log A + log C)``, or that of equal variances where A < C, so that an exact plane says nothing. A match
-    behind a camera is an outlier.
+    Both motions have the same residuals of the homography. A depth variation adds to those along the epipolar lines of
+    the true motion. With A and C the sums of squares along and across the lines, the likelihood under the most probable
+    depth variation is ``-N/2 (log A + log C)``, or that of equal variances where A < C, so that an exact plane says
+    nothing. A match behind a camera is an outlier.
 
     A patch of a plane fills a part of the view in proportion to the cosine of its slant, in both views. The measure of
     homographies does not depend on which of its motions makes one: the cosines are the prior.
@@ -75,11 +76,11 @@ def more_probable_first(problem: PoseProblem, plane: PlaneFit, noise_rad: float)
         line = model[4:] - (n @ model[4:])[:, None] * n
         along = float(np.sum(np.sum(d * line, axis=1) ** 2 / np.maximum(np.sum(line**2, axis=1), 1e-12)))
         along = max(along, 0.5 * both)
-        relief = -0.5 * len(d) * (np.log(along + least) + np.log(max(both - along, 0.0) + least))
+        depth_variation = -0.5 * len(d) * (np.log(along + least) + np.log(max(both - along, 0.0) + least))
         cosines = np.abs([m.mean(axis=0) @ normal, n.mean(axis=0) @ kernels.rotation_of_model(model) @ normal])
         slant = float(np.log(np.maximum(cosines, _LEAST_COSINE)).sum())
         behind = int(np.isinf(problem.residuals(model)[on]).sum())
-        scores.append(relief + slant - OUTLIER_NATS * behind)
+        scores.append(depth_variation + slant - OUTLIER_NATS * behind)
     return [plane.poses[k] for k in np.argsort(scores)[::-1]]
 
 

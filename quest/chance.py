@@ -10,7 +10,7 @@ of G gates is at most [M04]_ ::
 
 A rotation is fitted to two matches, its p grows with the square of the gate, and a sample has one rotation.
 
-A body that moves, or one patch of a repeated texture, turns as a rotation does, and it is no chance. So a rotation has
+A moving object, or one patch of a repeated texture, turns as a rotation does, and it is no chance. So a rotation has
 to explain more matches than chance would outside each patch of the view, too. One match outside may be fitted: the
 patch leaves the turn about itself open. Where no rotation counts, a motion has to explain more than chance would of the
 matches that the best rotation leaves, too.

@@ -52,7 +52,8 @@ _ERROR_RATE = 1e-4
 #: camera agree to some hundredths of a pixel, a few do not, and so long a tail is not Gaussian.
 _LEAST_NOISE = 0.05
 #: A motion always fits the five to seven matches that it was computed from. With fewer than ten matches, too few others
-#: remain to confirm it: of 360 drawn cameras that only rotate, 2 showed a translation by eight matches, none by ten.
+#: remain to confirm it: of 360 simulated cameras that only rotate, 2 showed a translation by eight matches, none by
+#: ten.
 _MIN_MATCHES = 10
 #: Share of the matches that a rotation explains at least.
 _LEAST_SHARE = 0.25
@@ -351,7 +352,7 @@ def _pose_with_alternatives(
         if inliers.sum() < _MIN_MATCHES:
             return NoPose("no_consistent_motion", evidence)
     else:
-        candidates = _rivals(problem, others, motion, plane)
+        candidates = _competing(problem, others, motion, plane)
     alternatives = equivalent_motions(problem, candidates, best, gate_rad)
     first = as_hypothesis(best, inliers)
     depths, parallax_rad = kernels.depths_and_parallax(problem.m, problem.n, first.R, first.t, inliers)
@@ -381,7 +382,7 @@ def _pose_with_alternatives(
     )
 
 
-def _rivals(problem: PoseProblem, others: list[Floats], motion: _Motion, plane: PlaneFit) -> list[Floats]:
+def _competing(problem: PoseProblem, others: list[Floats], motion: _Motion, plane: PlaneFit) -> list[Floats]:
     """Other motions of a scene that is no plane, each refined to its optimum on all matches."""
     far = spread_out(others, motion.model)
     # Of few matches, the choice between the modes has refined all others on all matches.

@@ -86,7 +86,7 @@ def _without_collector(compile_: Callable[..., object]) -> Callable[..., object]
 
     @wraps(compile_)
     def _compile(*arguments: object) -> object:
-        _tell_once()
+        _announce_once()
         collecting = gc.isenabled()
         gc.disable()
         try:
@@ -99,7 +99,7 @@ def _without_collector(compile_: Callable[..., object]) -> Callable[..., object]
 
 
 @cache
-def _tell_once() -> None:
+def _announce_once() -> None:
     """Tell a person who waits that loops are compiled; on stderr, unless the program handles the logger ``quest``."""
     logging.getLogger("quest").warning("compiling for this machine, once: up to two minutes")
 

@@ -10,7 +10,7 @@ processor, and the versions of the compiler and of Python. So nothing is ever ou
   deleted.
 * Machine code that an installation contains is used by all users, also by those who must not write there.
 
-The file begins with a hash of the rest. A damaged file counts as missing, and it is written anew.
+The file begins with a hash of the rest. A damaged file counts as missing, and it is written again.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def folders_of(sources: Path) -> tuple[Path, ...]:
 
 
 def _user_folder() -> Path:
-    """The folder of the user for files that a program can make anew."""
+    """The folder of the user for files that a program can make again."""
     if sys.platform == "win32":
         return Path(os.environ.get("LOCALAPPDATA") or "~/AppData/Local")
     if sys.platform == "darwin":

@@ -19,7 +19,7 @@ _EFFECT_LIMITS: dict[str, tuple[float, float]] = {
 }  # fmt: skip
 _POINT_LIMITS = _EFFECT_LIMITS | {
     "views": (2, 10_000), "points": (1, 100_000), "noise_px": (0, 100), "outliers": (0, 1), "baseline": (0, 10),
-    "moving": (0, 1), "bodies": (1, 100), "body_turn_deg_s": (0, 1000), "field_px": (0, 100), "drift_px": (0, 100),
+    "moving": (0, 1), "objects": (1, 100), "object_deg_s": (0, 1000), "correlated_px": (0, 100), "drift_px": (0, 100),
 }  # fmt: skip
 _RENDERED_LIMITS = _EFFECT_LIMITS | {
     "frames": (1, 100_000), "width": (64, 4096), "height": (64, 4096), "noise": (0, 100), "motion_blur": (0, 1),
@@ -93,15 +93,15 @@ class PointOptions(EffectOptions):
     outliers : float
         Share of the tracks that are outliers: in each view at a random place in the image.
     moving : float
-        Share of the tracks on bodies that move on their own.
-    bodies : int
-        Number of these bodies.
-    body_turn_deg_s : float
-        Angular speed of each body about its own centre, about drawn axes.
+        Share of the tracks on moving objects.
+    objects : int
+        Number of these objects.
+    object_deg_s : float
+        Angular speed of each object about its own centre, about random axes.
     baseline : float
         Distance of the camera from first to last view over the median depth. Where the camera does not translate, and
-        in ``handheld`` and ``handheld-wall``, it is only the scale of the motion of bodies.
-    field_px : float
+        in ``handheld`` and ``handheld-wall``, it is only the scale of the motion of objects.
+    correlated_px : float
         Root mean square over the image of one coordinate of the correlated tracking error: a smooth field that the
         tracks of a view have in common. The field of each view is independent of the others. Outliers do not have it.
     drift_px : float
@@ -119,12 +119,12 @@ class PointOptions(EffectOptions):
     noise_px: float = 0.7
     outliers: float = 0.1
     baseline: float = 0.15
-    field_px: float = 0.0
+    correlated_px: float = 0.0
     drift_px: float = 0.0
     fps: float = 10.0
     moving: float = 0.0
-    bodies: int = 2
-    body_turn_deg_s: float = 0.0
+    objects: int = 2
+    object_deg_s: float = 0.0
 
     def __post_init__(self) -> None:
         self._check(_POINT_LIMITS)

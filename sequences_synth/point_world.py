@@ -1,4 +1,4 @@
-"""The world of a sequence of tracks: points on the surfaces of a scene, bodies that move, and a camera on its path.
+"""The world of a sequence of tracks: points on the surfaces of a scene, moving objects, and a camera on its path.
 
 The path is a continuous function of the time, since a rolling shutter sees each pixel at the time of its own row, and
 the row is that in which the pixel lies. The projection of a point is therefore a fixed point: of the row, to the time,
@@ -81,11 +81,11 @@ class PointPath:
 
 
 @dataclass(frozen=True, eq=False)
-class Bodies:
-    """Rigid bodies that translate steadily and turn steadily about their own centres."""
+class MovingObjects:
+    """Rigid moving objects that translate steadily and turn steadily about their own centres."""
 
-    #: (M,) Number of the body to which a track belongs, -1 where it belongs to none.
-    body_of_track: Ints
+    #: (M,) Number of the object to which a track belongs, -1 where it belongs to none.
+    object_of_track: Ints
     #: (B, 3) Translation from the first to the last tick of the path, metres.
     shift: Floats
     #: (B, 3) Rotation vector of the same time.
@@ -94,20 +94,20 @@ class Bodies:
     centre: Floats
 
     def displaced(self, points: Floats, progress: Floats | float) -> Floats:
-        """Move the points that lie on bodies.
+        """Move the points that lie on moving objects.
 
         Shapes: ``points`` (M, 3), ``progress`` (M,), returns (M, 3).
         """
         X = points.copy()
-        moving = np.flatnonzero(self.body_of_track >= 0)
-        body = self.body_of_track[moving]
+        moving = np.flatnonzero(self.object_of_track >= 0)
+        label = self.object_of_track[moving]
         s = np.asarray(progress)
         share = s[moving, None] if s.ndim else s
         if self.turn_rad.any():
-            around = X[moving] - self.centre[body]
-            turned = rotations_from_vectors(share * self.turn_rad[body]) @ around[..., None]
-            X[moving] = self.centre[body] + turned[..., 0]
-        X[moving] += share * self.shift[body]
+            around = X[moving] - self.centre[label]
+            turned = rotations_from_vectors(share * self.turn_rad[label]) @ around[..., None]
+            X[moving] = self.centre[label] + turned[..., 0]
+        X[moving] += share * self.shift[label]
         return X
 
 
@@ -130,7 +130,7 @@ class Shot:
     camera: SynthCamera
     shutter: Shutter
     path: PointPath
-    bodies: Bodies
+    objects: MovingObjects
     #: (M, 3) In the world frame at the first frame, metres.
     points: Floats
     #: Time from one tick to the next.
@@ -144,7 +144,7 @@ class Shot:
         * Returns ``pixels``: Meaningless for points that are not visible.
         """
         pose = self.path.at_frame(tick)
-        X = (self.bodies.displaced(self.points, tick / self.path.last_tick) - pose[:3, 3]) @ pose[:3, :3]
+        X = (self.objects.displaced(self.points, tick / self.path.last_tick) - pose[:3, 3]) @ pose[:3, :3]
         pixels, ahead = self._project(X)
         if self.shutter.readout_s > 0:
             pixels, ahead = self._roll(tick, pixels, ahead)
@@ -158,7 +158,7 @@ class Shot:
             # A row outside of the image has no time of its own. The bound keeps the iteration finite there.
             ticks = tick + self.shutter.delay_s(np.clip(exposed, -size, 2 * size)) / self.interval_s
             before, poses = exposed, self.path.at(ticks)
-            X = self.bodies.displaced(self.points, ticks / self.path.last_tick) - poses[:, :3, 3]
+            X = self.objects.displaced(self.points, ticks / self.path.last_tick) - poses[:, :3, 3]
             exposed, ahead = self._project(np.asarray(np.einsum("ni,nij->nj", X, poses[:, :3, :3])))
             change = np.abs(exposed - before).max(axis=1)
             if not (change[ahead & inside(self.camera, exposed)] > _CONVERGED_PX).any():
@@ -187,7 +187,7 @@ def inside(camera: SynthCamera, pixels: Floats) -> Bools:
 _TRACKS_BY_VISIBLE = 1.15
 # The points of a hand-held scene are spread evenly over what this many views see. The other views lie between them.
 _SPREAD_VIEWS = 60
-#: What a track is: a point of the scene at rest, a point on a moving body, or an outlier.
+#: What a track is: a point of the scene at rest, a point on a moving object, or an outlier.
 STATIC, MOVING, OUTLIER = 0, 1, 2
 
 
@@ -197,9 +197,9 @@ def film(
     views: int,
     options: PointOptions,
     rng: np.random.Generator,
-    body_rng: np.random.Generator,
+    object_rng: np.random.Generator,
 ) -> tuple[Shot, Ints]:
-    """Draw the world, the path and the bodies of a scene.
+    """Draw the world, the path and the moving objects of a scene.
 
     Shapes: returns ``kinds`` (M,).
     """
@@ -213,15 +213,15 @@ def film(
     draw = _spread_points if layout.in_depths else _points
     points = draw(layout, poses, camera, options, rng)
     kinds, clusters = _kinds(points, options, rng)
-    # Each body moves about as fast as the camera, in its own direction. Where the camera does not translate, the
+    # Each object moves about as fast as the camera, in its own direction. Where the camera does not translate, the
     # speed is that of the default baseline.
     reach = options.baseline * depth
     if reach == 0:
         reach = PointOptions.baseline * float(np.median(np.linalg.norm(points, axis=1)))
-    bodies = _bodies(points, clusters, reach, last_tick * interval_s, options, rng, body_rng)
+    objects = _moving_objects(points, clusters, reach, last_tick * interval_s, options, rng, object_rng)
     size = camera.width, camera.height
     shutter = Shutter(options.readout_ms / 1000, options.readout_direction, *size)
-    return Shot(camera, shutter, path, bodies, points, interval_s), kinds
+    return Shot(camera, shutter, path, objects, points, interval_s), kinds
 
 
 def _median_depth(layout: Layout, camera: SynthCamera, rng: np.random.Generator) -> float:
@@ -287,41 +287,41 @@ def _kinds(points: Floats, options: PointOptions, rng: np.random.Generator) -> t
     count = len(points)
     kinds, clusters = np.full(count, STATIC, np.int64), np.full(count, -1, np.int64)
     direction = points / np.linalg.norm(points, axis=1, keepdims=True)
-    for body in range(options.bodies):
-        size = round(options.moving * count * (body + 1) / options.bodies) - int(np.sum(kinds == MOVING))
+    for label in range(options.objects):
+        size = round(options.moving * count * (label + 1) / options.objects) - int(np.sum(kinds == MOVING))
         centre = direction[rng.integers(count)]
         nearest = np.argsort(-direction @ centre + 10.0 * (kinds == MOVING), kind="stable")
         kinds[nearest[:size]] = MOVING
-        clusters[nearest[:size]] = body
+        clusters[nearest[:size]] = label
     rest = rng.permutation(np.flatnonzero(kinds == STATIC))
     kinds[rest[: round(options.outliers * count)]] = OUTLIER
     return kinds, clusters
 
 
-def _bodies(
+def _moving_objects(
     points: Floats,
     clusters: Ints,
     reach: float,
     duration_s: float,
     options: PointOptions,
     rng: np.random.Generator,
-    body_rng: np.random.Generator,
-) -> Bodies:
+    object_rng: np.random.Generator,
+) -> MovingObjects:
     """The moving objects. Their translation is 0.5 to 1.5 times ``reach``."""
-    count = options.bodies
-    body_of_track = clusters
-    if count == 2 and options.body_turn_deg_s == 0:
-        # Two bodies that do not turn keep the division by the order of the tracks, with which these worlds were first
-        # measured: each of the two motions has tracks of both clusters.
+    count = options.objects
+    object_of_track = clusters
+    if count == 2 and options.object_deg_s == 0:
+        # Two moving objects that do not turn keep the division by the order of the tracks, with which these worlds were
+        # first measured: each of the two motions has tracks of both clusters.
         moving = np.flatnonzero(clusters >= 0)
-        body_of_track = clusters.copy()
-        body_of_track[moving] = np.arange(len(moving)) < len(moving) // 2
+        object_of_track = clusters.copy()
+        object_of_track[moving] = np.arange(len(moving)) < len(moving) // 2
     shift = rng.normal(size=(count, 3))
     shift *= reach * rng.uniform(0.5, 1.5, (count, 1)) / np.linalg.norm(shift, axis=1, keepdims=True)
-    axes = body_rng.normal(size=(count, 3))
+    axes = object_rng.normal(size=(count, 3))
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
     centres = np.zeros((count, 3))
-    for body in range(count):
-        own = body_of_track == body
-        centres[body] = points[own].mean(axis=0) if own.any() else 0.0
-    return Bodies(body_of_track, shift, np.radians(options.body_turn_deg_s * duration_s) * axes, centres)
+    for label in range(count):
+        own = object_of_track == label
+        centres[label] = points[own].mean(axis=0) if own.any() else 0.0
+    return MovingObjects(object_of_track, shift, np.radians(options.object_deg_s * duration_s) * axes, centres)

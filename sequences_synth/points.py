@@ -1,7 +1,7 @@
 """Tracks without images: points of a known scene seen by a moving camera, thousands of sequences per minute.
 
 The scenes have the names of the rendered ones, and depth, planes and motion of the same kind, drawn from a seed. Tracks
-have Gaussian noise. Some tracks are outliers, and on request some lie on bodies that move on their own. On request the
+have Gaussian noise. Some tracks are outliers, and on request some lie on moving objects. On request the
 tracks of a view also have a smooth error in common (:class:`TrackingError`), and the camera has a
 rolling shutter (:mod:`sequences_synth.camera`) or a wrong calibration. Poses are ``world_from_cam`` of the middle row.
 The world frame is the pose at which the camera would start without the tremor of the hand; in the scenes ``handheld``
@@ -55,7 +55,7 @@ class TrackingError:
 
     @staticmethod
     def draw(
-        rng: np.random.Generator, views: int, width: int, height: int, field_px: float, drift_px: float
+        rng: np.random.Generator, views: int, width: int, height: int, correlated_px: float, drift_px: float
     ) -> TrackingError:
         """Draw the sum of a field that is independent in each view and of a field that drifts from view to view.
 
@@ -67,7 +67,7 @@ class TrackingError:
             At least 2.
         width, height : int
             Image size in pixels.
-        field_px : float
+        correlated_px : float
             Root mean square of one coordinate over the image, for the independent field of each view.
         drift_px : float
             The same for the drift in the last view. The drift is zero in the first view, and its coefficients perform a
@@ -78,7 +78,7 @@ class TrackingError:
         TrackingError
         """
         field = rng.normal(size=(views, 2, _TERMS))
-        field *= field_px / _rms(field)
+        field *= correlated_px / _rms(field)
         walk = np.zeros((views, 2, _TERMS))
         walk[1:] = np.cumsum(rng.normal(size=(views - 1, 2, _TERMS)), axis=0)
         walk *= drift_px / _rms(walk[-1])
@@ -153,7 +153,7 @@ class PointSequence:
     visible: Bools
     #: The correlated error that ``pixels`` contain, except those of outliers.
     tracking_error: TrackingError
-    #: The true camera, path, shutter and bodies.
+    #: The true camera, path, shutter and moving objects.
     shot: Shot
 
     def __len__(self) -> int:
@@ -204,9 +204,9 @@ def make_points(name: str, seed: int = 0, options: PointOptions | None = None) -
     centre = (_WIDTH - 1) / 2, (_HEIGHT - 1) / 2
     pinhole = SynthCamera(_WIDTH, _HEIGHT, _FOCAL_PX, _FOCAL_PX, *centre)
     error_rng = stream(seed, b"tracking error ", name)
-    error = TrackingError.draw(error_rng, options.views, _WIDTH, _HEIGHT, options.field_px, options.drift_px)
-    rng, body_rng, camera_rng = (stream(seed, purpose, name) for purpose in (b"", b"bodies ", b"principal point "))
-    shot, kinds = film(name, pinhole.bent(options.k1), options.views, options, rng, body_rng)
+    error = TrackingError.draw(error_rng, options.views, _WIDTH, _HEIGHT, options.correlated_px, options.drift_px)
+    rng, object_rng, camera_rng = (stream(seed, purpose, name) for purpose in (b"", b"bodies ", b"principal point "))
+    shot, kinds = film(name, pinhole.bent(options.k1), options.views, options, rng, object_rng)
     pixels, visible = _measure(shot, kinds, error, options, rng)
     return PointSequence(
         name=name,

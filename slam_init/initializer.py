@@ -8,22 +8,22 @@ stage          what it does
 ``frame``      all that follows
 ``track``      :mod:`slam_init.intake` checks the image and follows the tracks; one history holds their rays
 ``pairs``      :mod:`slam_init.frontend.keyframes` previews the pairs of the frame with earlier ones, the candidates
-``judge``      :mod:`slam_init.decision.screening` refuses the frame if no pair shows enough tracks or motion; else
-               :mod:`slam_init.decision.window_rule` judges the window: the pair and further views
-``two_view``   inside ``judge``: :mod:`quest` proposes motions from the best pair
-``map``        inside ``judge``: all views are fitted for each motion. :mod:`slam_init.decision.judged_window` states
-               the risk that the best one is wrong, the reason, and the lens to go on with;
+``evaluate``   :mod:`slam_init.decision.screening` refuses the frame if no pair shows enough tracks or motion; else
+               :mod:`slam_init.decision.window_rule` evaluates the window: the pair and further views
+``two_view``   inside ``evaluate``: :mod:`quest` proposes motions from the best pair
+``map``        inside ``evaluate``: all views are fitted for each motion. :mod:`slam_init.decision.evaluated_window`
+               states the risk that the best one is wrong, the reason, and the lens to go on with;
                :mod:`slam_init.decision.window_map` builds the map of an accepted motion, or of the two motions that
                the views do not decide between; :mod:`slam_init.decision.depths` asks whether a tracker can go on from
                its landmarks
-``refine``     in place of ``pairs`` and ``judge`` once a map is accepted: :mod:`slam_init.mapping.refinement` locates
-               the frame in the map, which grows
+``refine``     in place of ``pairs`` and ``evaluate`` once a map is accepted: :mod:`slam_init.mapping.refinement`
+               locates the frame in the map, which grows
 =============  ======================================================================================================
 
 A map is **accepted** if its risk is small enough and its depths are known. It is **handed over** when it does not
 change any more: at once, or after it has grown by further frames (``Config.refine_frames``). A refusal has a reason and
 its evidence. If the views cannot decide between two motions, those of a plane or those of the scene and a
-large body, both maps are kept.
+large object, both maps are kept.
 """
 
 from __future__ import annotations
@@ -41,8 +41,8 @@ from quest.geometry.quaternion import rotation_from_vector
 from slam_init.calibration.choosing import GivenCamera
 from slam_init.config import Config
 from slam_init.decision.attempt_log import AttemptLog
-from slam_init.decision.maps_so_far import MapsSoFar, Outcome
-from slam_init.decision.pose_so_far import PoseSoFar
+from slam_init.decision.current_pose import CurrentPose
+from slam_init.decision.map_candidates import MapCandidates, Outcome
 from slam_init.decision.screening import screen
 from slam_init.errors import ConfigError, check_type
 from slam_init.frontend.keyframes import KeyframeManager, PairPreview
@@ -124,8 +124,8 @@ class Initializer:
         self.keyframes = KeyframeManager(self.config)
         self._window = _window_rule(self.config, self.intake, third_view=third_view, propose=propose)
         self._attempts = AttemptLog()
-        self._maps = MapsSoFar(self.recorder, self.config)
-        self._pose = PoseSoFar()
+        self._maps = MapCandidates(self.recorder, self.config)
+        self._pose = CurrentPose()
 
     def process(
         self,
@@ -175,7 +175,7 @@ class Initializer:
             later than the last one.
             The initializer has not changed then, so that the frame can be given again, or left out.
         """
-        if self._maps.handed_over:
+        if self._maps.is_final:
             return self.status
         with self.intake.alone():
             turn = Turn.checked(rotation, rotation_sigma_rad)
@@ -233,7 +233,7 @@ class Initializer:
             (as in other axes than x right, y down, z forward), the matrix is no rotation, or the frame is not later
             than the last one. The initializer has not changed then, so that the frame can be given again.
         """
-        if self._maps.handed_over:
+        if self._maps.is_final:
             return self.status
         with self.intake.alone():
             turn = Turn.checked(rotation, rotation_sigma_rad)
@@ -258,24 +258,24 @@ class Initializer:
         current = self.intake.shutter.correct_newest(self.history, current.frame)
         with self.stopwatch("pairs"):
             pairs = self.keyframes.preview(self.history, current)
-        with self.stopwatch("judge"):
-            outcome = self._screen_and_judge(pairs, current)
+        with self.stopwatch("evaluate"):
+            outcome = self._screen_and_evaluate(pairs, current)
         if outcome is not None:
             outcome = replace(outcome, attempt=self._attempts.add(outcome.attempt))
             self._keep(outcome, current.frame)
         self.keyframes.update(current, pairs)
         self.history.forget(keep=self.keyframes.candidates)
-        # The judgement may have changed the lens or the readout, and with them the rays of this frame.
+        # The evaluation may have changed the lens or the readout, and with them the rays of this frame.
         self.status = self._status_after(outcome, self.history[current.frame])
         return self.status
 
-    def _screen_and_judge(self, pairs: list[PairPreview], current: Observations) -> Outcome | None:
+    def _screen_and_evaluate(self, pairs: list[PairPreview], current: Observations) -> Outcome | None:
         """Judge a frame; None without an attempt: no pair is worth trying, and no earlier motion goes on."""
         refused = screen(self.camera, self.config, current, pairs, self.intake.masked)
         if refused is not None:
             return Outcome(refused)
         chosen = self.keyframes.best_pair_to_try(pairs)
-        outcome = self._window.judge(chosen, pairs, current, self.stopwatch)
+        outcome = self._window.evaluate(chosen, pairs, current, self.stopwatch)
         if chosen is not None and outcome is not None and outcome.accepted is None:
             self.keyframes.failed(chosen)
         return outcome
@@ -288,17 +288,17 @@ class Initializer:
         if self.intake.shutter.readout_s:
             self.recorder.row_times(self.history[frame], corrected_pixels(self.camera, self.history[frame]))
         if outcome.accepted is not None:
-            self.intake.judge_gravity(outcome.accepted.map)
+            self.intake.check_gravity(outcome.accepted.map)
         self._maps.keep(outcome)
 
     def _status_after(self, outcome: Outcome | None, current: Observations) -> Status:
-        """The status after a frame that was judged or left out, with the pose of its camera."""
+        """The status after a frame that was evaluated or left out, with the pose of its camera."""
         attempt, motion = (None, None) if outcome is None else (outcome.attempt, outcome.motion)
         pose = self._pose.update(self.history, current, motion, self.map)
         wrong_focal = self._attempts.wrong_focal
         if self.map is not None:
             status = replace(Status.initialized(attempt), wrong_focal=wrong_focal)
-            return replace(status, pose=pose, refining=not self._maps.handed_over)
+            return replace(status, pose=pose, refining=not self._maps.is_final)
         if pose is not None:
             self.recorder.waiting(pose)
         self._attempts.forget_progress(keep=self.keyframes.candidates)
@@ -312,7 +312,7 @@ class Initializer:
         pose = None
         if located is not None:
             pose = self._pose.located(map_, located.keyframe, math.degrees(located.rotation_sigma_rad))
-        refining, lost_at = not self._maps.handed_over, self._maps.lost_at
+        refining, lost_at = not self._maps.is_final, self._maps.lost_at
         self.status = replace(self.status, attempt=None, pose=pose, refining=refining, lost_at=lost_at)
         return self.status
 
@@ -343,12 +343,12 @@ class Initializer:
 
     @property
     def motion(self) -> FittedPoses | None:
-        """The poses of the last judged window by its best motion, with their camera; None where it has no motion."""
+        """The poses of the last evaluated window by its best motion, with their camera; None where it has no motion."""
         return self._window.motion
 
     @property
     def provisional(self) -> ProvisionalMap | None:
-        """The map of the best motion of the last judged window, with its risk; the accepted map once there is one.
+        """The map of the best motion of the last evaluated window, with its risk; the accepted map once there is one.
 
         It is built when it is asked for, which takes as long as a bundle adjustment. None where no motion is known, or
         where its frames are forgotten.
@@ -370,13 +370,13 @@ class Initializer:
         -------
         Result
         """
-        self._maps.hand_over()
+        self._maps.finalize()
         self._attempts.add_free_focal(self._window.end())
         self.status = replace(self.status, refining=False, wrong_focal=self._attempts.wrong_focal)
         return self.result
 
     def reset(self, since: int | None = None) -> None:
-        """Start anew: after a map that was lost, or after a cut.
+        """Restart: after a map that was lost, or after a cut.
 
         The camera, the tracker with its tracks, the clock and an estimated readout stay. Keyframes, attempts and
         motions are forgotten, and the next map has a world frame of its own. A map that was accepted becomes a segment
@@ -388,7 +388,7 @@ class Initializer:
         check_type(0 if since is None else since, (int, np.integer), "since", "the index of a frame")
         self._maps.restart()
         self.keyframes, self._window = KeyframeManager(self.config), self._window.renewed()
-        self._attempts, self._pose, self.status = AttemptLog(), PoseSoFar(), Status()
+        self._attempts, self._pose, self.status = AttemptLog(), CurrentPose(), Status()
         for frame in self.intake.restart(since):
             current = self.intake.shutter.correct_newest(self.history, frame)
             self._maps.count(frame)
@@ -405,7 +405,7 @@ def _window_rule(config: Config, intake: Intake, *, third_view: bool, propose: P
 
 @cache
 def load_all() -> None:
-    """Load what judgements need, and compile it on a machine's first run, so that no frame waits for it.
+    """Load what evaluations need, and compile it on a machine's first run, so that no frame waits for it.
 
     A small scene of its own is initialized: 800 points two to four units before a camera that moves
     sideways.

@@ -176,7 +176,7 @@ class Intake:
         if turn is not None:
             self.history.turned(current.frame, *turn)
 
-    def judge_gravity(self, map_: InitialMap) -> None:
+    def check_gravity(self, map_: InitialMap) -> None:
         """Note whether the gravity of the frames fits the rotations of a map."""
         given = any(keyframe.frame in self.history.gravities for keyframe in map_.keyframes)
         self._gravity_contradicts = given and map_.gravity is None
@@ -188,7 +188,7 @@ class Intake:
         return [observed.frame for observed in self.history]
 
     def change_lens(self, lens: LensInUse) -> None:
-        """Go on with another estimate of the lens: the history gets the rays of all its frames anew."""
+        """Go on with another estimate of the lens: the history gets the rays of all its frames again."""
         self.shutter.change_lens(self.history, lens)
 
     @property

@@ -1,4 +1,4 @@
-"""One run, from a source to the files of its results: initialize, follow the map, start anew where it is lost."""
+"""One run, from a source to the files of its results: initialize, follow the map, restart where it is lost."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from slam_init.config import Config, config_toml
 from slam_init.datasets.gyroscope import Gyroscope, StepRotations, gyroscope_of
 from slam_init.datasets.inertial import InertialSensor, inertial_of
 from slam_init.datasets.live import without_password
-from slam_init.datasets.track_source import KnowsTracks
+from slam_init.datasets.track_source import TrackProvider
 from slam_init.errors import ConfigError, OutputError, SlamInitError, SourceError, check_type
 from slam_init.evaluation.metrics import compare_with_groundtruth, scale_error
 from slam_init.exports import check_formats, stage
@@ -107,7 +107,7 @@ def run(
     scale : ScaleRequest, optional
         What is known of the size of the scene (:mod:`slam_init.scale.requests`): the maps are then in metres.
     restart : bool
-        Whether to start anew where a map is lost (:mod:`slam_init.mapping.follower`). The result lists all maps.
+        Whether to restart where a map is lost (:mod:`slam_init.mapping.follower`). The result lists all maps.
     imu : bool or InertialSensor
         Whether to use the gyroscope of the source, if it has one (:mod:`slam_init.datasets.gyroscope`); or the sensor
         of a file (:func:`slam_init.datasets.inertial.read_inertial_file`), whose record is that of the scale too.
@@ -275,7 +275,7 @@ class Finished:
     summary: Summary
     located: tuple[Keyframe, ...]
     descriptors: tuple[Descriptors, ...]
-    #: That of the last judged window, see :attr:`slam_init.initializer.Initializer.motion`.
+    #: That of the last evaluated window, see :attr:`slam_init.initializer.Initializer.motion`.
     motion: FittedPoses | None = None
 
 
@@ -339,7 +339,7 @@ class _Run:
         self.reduction = reduction_of(job.source, job.camera)
         self.initializer = make_initializer(job.config.method, self.reduction.camera, job.config, recorder)
         self.tracker: FrameTracker = self.initializer.tracker
-        if isinstance(job.source, KnowsTracks):
+        if isinstance(job.source, TrackProvider):
             self.tracker = _GivenTracks(job.source, job.camera, self.hashed)
         # Other methods take no rotations.
         self.turns = StepRotations(job.gyroscope if isinstance(self.initializer, Initializer) else None)
@@ -431,7 +431,7 @@ class _Run:
         return self.initializer.process(frame, rotation=rotation, rotation_sigma_rad=sigma_rad)
 
     def _reset(self, since: int) -> None:
-        """Start anew with the tracks from a frame on, which the initializer did not get where they are given."""
+        """Restart with the tracks from a frame on, which the initializer did not get where they are given."""
         for observed in list(self.tracker.history):
             if observed.frame >= since:
                 self.initializer.history.put(observed)
@@ -533,7 +533,7 @@ def _whole(parts: Sequence[_Part], restart: bool) -> Result:
 class _GivenTracks:
     """Gives the tracks of a source in the place of a tracker, and adds them to the hash of the input."""
 
-    def __init__(self, source: KnowsTracks, camera: Camera, hashed: InputHash) -> None:
+    def __init__(self, source: TrackProvider, camera: Camera, hashed: InputHash) -> None:
         self.history = History(camera, _GIVEN_FRAMES)
         self.revised: tuple[Observations, ...] = ()
         self._source = source
@@ -550,7 +550,7 @@ class _GivenTracks:
 
 def reduction_of(source: Source, camera: Camera) -> Reduction:
     """Choose how the frames are reduced; the tracks of a source that has its own are in original pixels."""
-    return Reduction(camera, 1, camera) if isinstance(source, KnowsTracks) else Reduction.for_camera(camera)
+    return Reduction(camera, 1, camera) if isinstance(source, TrackProvider) else Reduction.for_camera(camera)
 
 
 def _metadata_notes(source: Source, camera: Camera) -> tuple[str, ...]:

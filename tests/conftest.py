@@ -27,9 +27,8 @@ if TYPE_CHECKING:
 
     from sequences_synth.texture import Texture
 
-# The same examples in each run: a change is judged by what it changes. `--hypothesis-profile=default` draws new ones.
-# No test checks a time, and a first call may compile.
-# `.ci/run` draws 100, as many as hypothesis does by itself.
+# The same examples in each run: a change is evaluated by what it changes. `--hypothesis-profile=default` draws new
+# ones. No test checks a time, and a first call may compile. `.ci/run` draws 100, as many as hypothesis does by itself.
 settings.register_profile("same", derandomize=True, deadline=None, max_examples=15)
 settings.register_profile("more", settings.get_profile("same"), max_examples=100)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "same"))

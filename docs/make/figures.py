@@ -82,7 +82,7 @@ def _eigenproblem() -> Any:
     axes.scatter(angles, sampson, s=26, color=GREY, label=f"the {len(candidates)} candidates of 5 matches")
     axes.scatter(angles[best], sampson[best], s=60, color=GREEN, label="chosen by the other 55 matches")
     axes.set(xscale="symlog", yscale="log", xlabel="rotation error (deg)", ylabel="median residual of 60 matches (px)")
-    axes.set_title("the eigenvectors, judged by further matches", fontsize=8.5)
+    axes.set_title("the eigenvectors, evaluated by further matches", fontsize=8.5)
     axes.legend(fontsize=7.5, frameon=False, loc="upper left")
     axes.set_ylim(top=3000)
     return figure
@@ -201,8 +201,7 @@ def _risk() -> Any:
     from slam_init import Initializer, open_source
 
     figure, axes = plt.subplots(1, 2, figsize=(9, 3.2), sharey=True)
-    terms = {"direction": BLUE, "rival": ORANGE, "rotation": GREEN, "moving": GREY}
-    names = {"rival": "other motion"}
+    terms = {"direction": BLUE, "competing": ORANGE, "rotation": GREEN, "moving": GREY}
     for place, name in enumerate(("synth:rotate-then-move?slow_start=60", "synth:nadir-turn?slow_start=60")):
         source = open_source(name)
         assert source.camera is not None
@@ -221,7 +220,7 @@ def _risk() -> Any:
         frames, values = frames[first:], np.maximum(np.array(rows[first:]), 1e-6)
         axes[place].plot(frames, values[:, 0], "o-", color="black", lw=1.6, ms=3.5, label="risk")
         for column, (term, color) in enumerate(terms.items(), start=1):
-            axes[place].plot(frames, values[:, column], color=color, lw=1.1, label=names.get(term, term))
+            axes[place].plot(frames, values[:, column], color=color, lw=1.1, label=term)
         axes[place].axhline(0.005, color=RED, ls="--", lw=1, label="bound 0.005")
         axes[place].set(yscale="log", xlabel="frame", ylim=(7e-7, 1.6))
         axes[place].locator_params(axis="x", integer=True)

@@ -1,7 +1,7 @@
 """Makes the loop of the front page, ``docs/images/loop.webp``: ``python docs/make/loop.py``.
 
 A rendered camera turns and then begins to move. Left: the frames with the tracks. Right: the best map so
-far in grey, from above, then the accepted map with the frames that are located in it. Below: the risk of each judged
+far in grey, from above, then the accepted map with the frames that are located in it. Below: the risk of each evaluated
 window, up to the one that falls below the bound. Takes about a minute.
 """
 
@@ -156,7 +156,7 @@ class _Canvas:
         self._map.plot(path[-1:, 0], path[-1:, 2], "^", color=GREEN, ms=7)
 
     def add_risk(self, frame: int, risk: float) -> None:
-        """Add a judged window."""
+        """Add an evaluated window."""
         self._risks[0].append(frame)
         self._risks[1].append(risk)
         self._line.set_data(*self._risks)

@@ -40,7 +40,7 @@ MORE = {
         "_LEAST_SHARE": "assumption",
         "_LINE_SIGMAS": "measured",
         "LARGEST_OF_MOTION": "level",
-        "_RELIEF_SIGMAS": "level",
+        "_VARIATION_SIGMAS": "level",
         "_DROPPED_SIGMAS": "level",
         "SAME_FIT_NATS": "level",
         "KERNEL_SIGMAS": "measured",

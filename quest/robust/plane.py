@@ -28,8 +28,8 @@ class PlaneFit(NamedTuple):
     on: int
     off: int
     #: Sum over all matches of their squared residuals along the epipolar lines, in units of the noise, each at most
-    #: 9. Without relief it has a chi-square distribution, with as many degrees of freedom as matches.
-    relief: float
+    #: 9. Without depth variation it has a chi-square distribution, with as many degrees of freedom as matches.
+    depth_variation: float
     #: (7,) The motions (q_wxyz, t) of the homography, |t| = 1, the one nearest to the given motion first. Empty where
     #: there is no plane.
     poses: list[Floats]
@@ -49,10 +49,10 @@ def fit_plane(model: Floats, m: Floats, n: Floats, noise_rad: float) -> PlaneFit
     if len(m) < _LEAST_ON_PLANE or not kernels.best_plane(m, n, R, t, _GATE_SIGMAS * noise_rad, _samples(), k):
         return PlaneFit(0, len(m), np.inf, [], [], np.eye(3))
     H, on_plane = R + t[:, None] * k, np.empty(len(m), bool)
-    on, relief = kernels.fit_plane(m, n, t, noise_rad, _GATE_SIGMAS, _LEAST_ON_PLANE, H, on_plane)
-    motions = _motions_of_plane(H, m[on_plane], model) if np.isfinite(relief) else []
+    on, depth_variation = kernels.fit_plane(m, n, t, noise_rad, _GATE_SIGMAS, _LEAST_ON_PLANE, H, on_plane)
+    motions = _motions_of_plane(H, m[on_plane], model) if np.isfinite(depth_variation) else []
     poses, normals = [pose for pose, _ in motions], [normal for _, normal in motions]
-    return PlaneFit(on, len(m) - on, relief, poses, normals, H if np.linalg.det(H) > 0 else -H)
+    return PlaneFit(on, len(m) - on, depth_variation, poses, normals, H if np.linalg.det(H) > 0 else -H)
 
 
 @cache

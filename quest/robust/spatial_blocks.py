@@ -1,6 +1,6 @@
 """The scatter of a sum over matches whose errors are correlated between neighbours.
 
-Neighbouring matches share errors: drift of a tracker, distortion of the lens, blur, a moving body. The sum over N
+Neighbouring matches share errors: drift of a tracker, distortion of the lens, blur, a moving object. The sum over N
 independent matches has the standard deviation sqrt(sum of squares). With correlated errors the standard deviation is
 larger. It is then that of the sums over regions of the view.
 """
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-#: Number of regions of the view, across and down: a region is as small as a body or a patch of texture.
+#: Number of regions of the view, across and down: a region is as small as a moving object or a patch of texture.
 _REGIONS = (8, 6)
 
 

@@ -38,7 +38,7 @@ from slam_init.bundle.virtual_cameras import needs_virtual_cameras
 from slam_init.config import MapConfig
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
-from slam_init.types.initial_map import UnitError
+from slam_init.types.initial_map import ScaleUncertainty
 from slam_init.types.lens import LensPrior
 
 #: If the estimated noise is this many times the expected one, the tracks are not those of one rigid scene.
@@ -50,8 +50,8 @@ _ITERATIONS, _FEW_ITERATIONS = 15, 6
 _WEIGHED, _WEIGHING_ROUNDS = 0.1, 4
 #: Four coordinates in two views leave one residual that tests a landmark. Where the poses follow the landmark so far
 #: that half of its residual is gone, it decides about them and nothing tests it. An outlier near its epipolar line has
-#: such a place: a large parallax. Of 80 drawn maps with two views and outliers, 11 had a landmark with a leverage above
-#: 0.5 that was an outlier (directions off by 2 to 7 degrees), and 2 one that was right.
+#: such a place: a large parallax. Of 80 simulated maps with two views and outliers, 11 had a landmark with a leverage
+#: above 0.5 that was an outlier (directions off by 2 to 7 degrees), and 2 one that was right.
 _LARGEST_LEVERAGE = 0.5
 
 
@@ -150,7 +150,7 @@ def _solution(stated: _Stated, start: BundleProblem, expected: Camera, lens: Len
         pose_covariances=found.poses,
         point_covariances=found.points,
         depth_sigmas=depth_sigmas,
-        unit_error=_unit_error(depth_sigmas, found.stretched),
+        scale_uncertainty=_scale_uncertainty(depth_sigmas, found.stretched),
         seen_covariances=found.by_noise,
         seen_depth_sigmas=_depth_sigmas(final, found.by_noise),
         unknown_depths=stated.fit.unknown_depths,
@@ -230,7 +230,7 @@ def _depth_sigmas(problem: BundleProblem, in_newest: Floats) -> Floats:
     return np.asarray(np.sqrt(np.einsum("li,lij,lj->l", seen, in_newest, seen)) / squares)
 
 
-def _unit_error(depth_sigmas: Floats, stretched: Floats) -> UnitError:
+def _scale_uncertainty(depth_sigmas: Floats, stretched: Floats) -> ScaleUncertainty:
     """The error of the weighted mean of the distances.
 
     Shapes: ``depth_sigmas`` (L,), ``stretched`` (L, C).
@@ -241,7 +241,7 @@ def _unit_error(depth_sigmas: Floats, stretched: Floats) -> UnitError:
     weights /= weights.sum()
     shared = weights @ stretched
     own = np.maximum(depth_sigmas**2 - np.sum(stretched**2, axis=1), 0.0)
-    return UnitError(float(np.sqrt(np.sum(shared[:-LENS] ** 2) + weights**2 @ own)), shared[-LENS:])
+    return ScaleUncertainty(float(np.sqrt(np.sum(shared[:-LENS] ** 2) + weights**2 @ own)), shared[-LENS:])
 
 
 def _focal_sigma(expected: Camera, stated: _Stated) -> float:

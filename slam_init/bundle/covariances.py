@@ -1,9 +1,9 @@
 """The covariances of a map: what the noise of the tracks leaves open, and what the errors add that tracks share.
 
 A covariance is written as its causes: independent errors of unit variance, and how far poses and points follow each of
-them. The causes are the noise of the poses, the coefficients of the error fields of the views, the lens, and for each
-point its rays. With the names of :func:`slam_init.bundle.kernel.eliminate_points`, the poses x and the shared errors s
-have the equations ``P x + B s``, so that the poses follow by ``-P^-1 B``, and a point follows by
+them. The causes are the noise of the poses, the coefficients of the fields of correlated errors of the views, the lens,
+and for each point its rays. With the names of :func:`slam_init.bundle.kernel.eliminate_points`, the poses x and the
+shared errors s have the equations ``P x + B s``, so that the poses follow by ``-P^-1 B``, and a point follows by
 ``-C^-T (Y x + C^-1 V s)``.
 """
 
@@ -36,7 +36,7 @@ class SharedErrors(NamedTuple):
     """What the observations have in common besides poses and points.
 
     The map holds the lens as it is stated, and has no fields: their errors are those of the prior then. A fit of them
-    would follow errors of all kinds; it made directions worse by a half in drawn worlds with an exact lens.
+    would follow errors of all kinds; it made directions worse by a half in simulated worlds with an exact lens.
     """
 
     #: (M, 2, 4) Derivatives of the residuals by the lens.
@@ -46,9 +46,9 @@ class SharedErrors(NamedTuple):
     #: (4,) Whether the camera of the map has the value that the tracks tell.
     lens_fitted: Bools
     #: (M, 6) Polynomials over the image at the pixels. The twelve coefficients of the field of a view, six for each
-    #: coordinate, have the standard deviation ``field_px``.
+    #: coordinate, have the standard deviation ``correlated_px``.
     places: Floats
-    field_px: float
+    correlated_px: float
     #: Variance of the noise of the graph over that of the covariances. The tracks tell so much less about the lens.
     excess: float = 1.0
 
@@ -120,7 +120,7 @@ def covariances(problem: BundleProblem, noise_px: float, shared: SharedErrors) -
         poses = causes_of_poses(found, shared, covariance)
         by_causes = np.concatenate([poses.noise, poses.fields, poses.lens], axis=1)
         followed = (found.equations.coupling @ by_causes).reshape(len(problem.points), 3, -1)
-    direct = shared.field_px * found.of_points[:, :, LENS:], found.of_points[:, :, :LENS] @ poses.of_lens
+    direct = shared.correlated_px * found.of_points[:, :, LENS:], found.of_points[:, :, :LENS] @ poses.of_lens
     followed[:, :, poses.noise.shape[1] :] += np.concatenate(direct, axis=2)
     by_view = by_causes.reshape(len(problem.frames), 6, -1)
     return MapCovariances(
@@ -181,7 +181,7 @@ def causes_of_poses(found: SharedEquations, errors: SharedErrors, covariance: Fl
     information += found.coupling[:, :LENS].T @ follows[:, :LENS]
     information *= np.outer(errors.lens_fitted, errors.lens_fitted) / errors.excess
     of_lens = root_of_lens(information, errors.lens_sigmas)
-    return PoseCauses(_root(covariance), errors.field_px * follows[:, LENS:], follows[:, :LENS] @ of_lens, of_lens)
+    return PoseCauses(_root(covariance), errors.correlated_px * follows[:, LENS:], follows[:, :LENS] @ of_lens, of_lens)
 
 
 def shared_equations(

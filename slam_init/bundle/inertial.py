@@ -196,7 +196,7 @@ def _linear_start(
     The norm of gravity is known, which is not linear: it is stated along the last estimate of its direction.
     """
     count, arm = len(motion.times_s), record.cam_from_imu
-    attitudes = [pose.R @ arm.R for pose in motion.first_from_cam]
+    rotations = [pose.R @ arm.R for pose in motion.first_from_cam]
     variances = motion.covariance.diagonal().reshape(-1, 6)[:, 3:].mean(axis=1)
     scale, gravity = 1.0, np.zeros(3)
     for _ in range(_STARTS):
@@ -211,10 +211,10 @@ def _linear_start(
             speed[:, 4 + 3 * k : 7 + 3 * k], speed[:, 7 + 3 * k : 10 + 3 * k] = -np.eye(3), np.eye(3)
             seen = scale * math.sqrt(variances[k] + variances[max(k - 1, 0)])
             noise = np.sqrt(np.diag(measured.preintMeasCov()))
-            known = attitudes[k] @ measured.deltaPij() + (a.R - b.R) @ arm.t
+            known = rotations[k] @ measured.deltaPij() + (a.R - b.R) @ arm.t
             for row, value, sigma in (
                 (place, known, math.hypot(seen, noise[3])),
-                (speed, attitudes[k] @ measured.deltaVij(), noise[6]),
+                (speed, rotations[k] @ measured.deltaVij(), noise[6]),
             ):
                 rows.append(row / sigma)
                 right.append(value / sigma)
@@ -251,8 +251,8 @@ def _refined(
     B, S, D = (gtsam.symbol(name, 0) for name in "bsd")
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     for k, (pose, velocity) in enumerate(zip(motion.first_from_cam, velocities, strict=True)):
-        attitude, place = pose.R @ arm.R, scale * pose.t + pose.R @ arm.t
-        at = gtsam.Pose3(gtsam.Rot3(upright_from_first @ attitude), upright_from_first @ place)
+        rotation, place = pose.R @ arm.R, scale * pose.t + pose.R @ arm.t
+        at = gtsam.Pose3(gtsam.Rot3(upright_from_first @ rotation), upright_from_first @ place)
         values.insert(gtsam.symbol("x", k), at)
         values.insert(gtsam.symbol("v", k), upright_from_first @ velocity)
     values.insert(B, gtsam.imuBias.ConstantBias(bias[:3], bias[3:]))

@@ -1,4 +1,4 @@
-"""The compiled loops of bundle adjustment: the equations of poses, points, lens and error fields.
+"""The compiled loops of bundle adjustment: the equations of poses, points, lens and fields of correlated errors.
 
 The observations are in the order of their landmarks. Each one has a pinhole camera that looks along its measured ray
 (:mod:`slam_init.bundle.virtual_cameras`), as one matrix ``L`` (3, 3): rotation and calibration, over the noise. So all

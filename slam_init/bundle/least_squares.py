@@ -34,8 +34,8 @@ NONE = 1e-9
 #: Tuning constant of the robust kernel with 95 % efficiency on Gaussian residuals (Holland and Welsch 1977).
 CAUCHY = 2.3849
 #: Steps of points whose poses are held. The fifth moves a typical point by a hundred-thousandth of its distance, and
-#: one in twenty by more than 2 in ten thousand (300 drawn points in views with .5 px of noise and 10 % outliers, from
-#: distances off by 5 %).
+#: one in twenty by more than 2 in ten thousand (300 simulated points in views with .5 px of noise and 10 % outliers,
+#: from distances off by 5 %).
 _POINT_STEPS = 5
 #: Damping of these steps: points without parallax stay where they are. The rays of a point in the median depth tell a
 #: million and more about the directions across them.

@@ -21,7 +21,7 @@ from slam_init.config import MapConfig
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
-from slam_init.types.error_fields import orthonormal_polynomials
+from slam_init.types.correlated_errors import orthonormal_polynomials
 
 #: Landmarks that state a deviation: on Tsukuba half as many again change it by less than a tenth, and each frame pays.
 #: Class: budget.

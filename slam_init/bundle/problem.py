@@ -14,7 +14,7 @@ import numpy as np
 
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.camera import Camera
-from slam_init.types.initial_map import UnitError
+from slam_init.types.initial_map import ScaleUncertainty
 from slam_init.types.pose import Pose
 
 
@@ -173,7 +173,7 @@ class BundleSolution:
     point_covariances: Floats
     #: (L,) Relative standard deviations of the distances from the newest camera.
     depth_sigmas: Floats
-    unit_error: UnitError
+    scale_uncertainty: ScaleUncertainty
     #: seen_covariances, seen_depth_sigmas: Of the landmarks in the frame of the newest camera, (L, 3, 3) and (L,), by
     #: the noise of single tracks alone. The next view has the same lens, and nearly the same shared errors.
     seen_covariances: Floats

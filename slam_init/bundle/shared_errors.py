@@ -37,7 +37,7 @@ from slam_init.bundle.problem import BundleProblem
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Bools, Floats, evenly_spaced
 from slam_init.types.camera import Camera
-from slam_init.types.error_fields import ErrorFields, orthonormal_polynomials
+from slam_init.types.correlated_errors import CorrelatedErrors, orthonormal_polynomials
 from slam_init.types.lens import LensPrior
 
 #: A factor needs some hundred landmarks, not all. The covariance of the fields is scaled to the number of all.
@@ -79,7 +79,7 @@ def error_model(
         mean_square = equations.mean_square_of_fields(by_tracks, lens.sigmas)
         gain = equations.gain_of_fields(len(chosen) / max(int(chosen.sum()), 1))
     excess = 1 + mean_square * gain / by_tracks
-    return ErrorModel(math.sqrt(by_tracks), shared._replace(field_px=math.sqrt(mean_square), excess=excess))
+    return ErrorModel(math.sqrt(by_tracks), shared._replace(correlated_px=math.sqrt(mean_square), excess=excess))
 
 
 def chosen_landmarks(problem: BundleProblem, count: int) -> Bools:
@@ -126,7 +126,7 @@ class _Equations:
         root = root_of_lens(left[:LENS, :LENS], lens_sigmas)
         of_lens = root @ (root.T @ left[:LENS])
         left, pull = (left - left[:, :LENS] @ of_lens)[LENS:, LENS:], (pull - of_lens.T @ pull[:LENS])[LENS:]
-        return ErrorFields.of(left, pull).mean_square
+        return CorrelatedErrors.of(left, pull).mean_square
 
     def gain_of_fields(self, share: float) -> float:
         """Mean factor on the variances of the poses by fields of a square pixel.

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from slam_init.cli.parser import DONE, DOUBTFUL, WRONG, Commands, add_command
 from slam_init.errors import CalibrationError, SlamInitError, SourceError
-from slam_init.system.process_io import tell
+from slam_init.system.process_io import emit
 from slam_init.system.regular_file import user_path
 
 _OTHER_IMAGES = (
@@ -31,7 +31,7 @@ def add_audit(commands: Commands) -> None:
     audit.add_argument(
         "--images",
         metavar="SOURCE",
-        help="the images of the map, or its matches (COLMAP's database, .h5, .npz): their tracks judge it in place of "
+        help="the images of the map, or its matches (COLMAP's database, .h5, .npz): their tracks are used in place of "
         "those that the map has kept. A trajectory needs them",
     )
     audit.add_argument(
@@ -86,7 +86,7 @@ def _audit(arguments: argparse.Namespace) -> int:
     elif not found and source is not None and moves_otherwise(map_, poses, views, found.pair):
         found = replace(found, reason=None, advice=_OTHER_IMAGES)
     found = replace(found, notes=notes)
-    tell(json_text(found) if arguments.json else f"{found}\n")
+    emit(json_text(found) if arguments.json else f"{found}\n")
     if found:
         return DONE
     return WRONG if found.verdict is AuditVerdict.WRONG else DOUBTFUL

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from slam_init.cli.parser import DONE, NOT_INITIALIZED, OUT_HELP, Commands, add_command, number
 from slam_init.cli.source_options import add_source, chosen_camera, opened_source
-from slam_init.system.process_io import tell
+from slam_init.system.process_io import emit
 
 if TYPE_CHECKING:
     from slam_init.methods.self_calibration import SelfCalibration
@@ -58,7 +58,7 @@ def _calibrate(arguments: argparse.Namespace) -> int:
             texts["camera.yaml"] = camera_yaml(found.camera)
         folder.write({name: text.encode() for name, text in texts.items()})
         folder.publish()
-    tell(_text(found, str(out)))
+    emit(_text(found, str(out)))
     return DONE if found.camera is not None else NOT_INITIALIZED
 
 

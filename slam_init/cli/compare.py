@@ -25,7 +25,7 @@ from slam_init.cli.source_options import (
     sequence_name,
     with_topics,
 )
-from slam_init.system.process_io import tell
+from slam_init.system.process_io import emit
 
 _DEFAULT_COMPARISON = "slam-init-compare"
 #: A suite fixes these options, which have these defaults.
@@ -40,7 +40,7 @@ def add_compare(commands: Commands) -> None:
     description = (
         "Run methods on the same tracks from many starts; write tables, statistics and a report. The wait of a trial "
         "is the number of frames after its start until the first correct map; a trial without one counts as its limit. "
-        "slam_init/compare/judging.py tells how each sequence is judged."
+        "slam_init/compare/criteria.py tells how each sequence is evaluated."
     )
     compare = add_command(commands, "compare", _compare, "compare methods on the same trials", description)
     compare.add_argument(
@@ -52,7 +52,7 @@ def add_compare(commands: Commands) -> None:
     )
     compare.add_argument(
         "--suite",
-        choices=("drawn", "rendered"),
+        choices=("simulated", "rendered"),
         help="in place of sources: frozen worlds, starts and seeds, so that figures can be cited "
         "(docs/measurements/simulated.md)",
     )
@@ -140,7 +140,7 @@ def _compare(arguments: argparse.Namespace) -> int:
         frozen=frozen,
     )
     told = "".join(f"{note}\n" for note in notes)
-    tell(f"{main_table(summary)}\n\n{told}report: {out / 'report.html'}\n")
+    emit(f"{main_table(summary)}\n\n{told}report: {out / 'report.html'}\n")
     return DONE
 
 

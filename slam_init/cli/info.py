@@ -6,7 +6,7 @@ import argparse
 
 from slam_init.cli.parser import DONE, Commands, add_command
 from slam_init.cli.source_options import add_source, chosen_camera, opened_source
-from slam_init.system.process_io import tell
+from slam_init.system.process_io import emit
 from slam_init.system.regular_file import user_path
 
 
@@ -36,5 +36,5 @@ def _info(arguments: argparse.Namespace) -> int:
         source = opened_source(arguments, 0)
         facts = describe(source, chosen_camera(arguments, source, 0))
         text = describe_text(facts)
-    tell(json_text(facts, digits=17) if arguments.json else text)
+    emit(json_text(facts, digits=17) if arguments.json else text)
     return DONE

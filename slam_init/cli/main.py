@@ -19,7 +19,7 @@ from slam_init.cli.audit import add_audit
 from slam_init.cli.calibrate import add_calibrate
 from slam_init.cli.compare import add_compare
 from slam_init.cli.info import add_info
-from slam_init.cli.parser import BAD_INPUT, INTERRUPTED, Parser, Tells
+from slam_init.cli.parser import BAD_INPUT, INTERRUPTED, Parser, Print
 from slam_init.cli.run import add_run
 from slam_init.cli.synth import add_synth
 from slam_init.cli.view import add_view
@@ -89,7 +89,7 @@ def make_parser() -> Parser:
         "130 interrupted (128 + signal).",
         allow_abbrev=False,
     )
-    parser.add_argument("--version", action=Tells, nargs=0, const=_version_text, help="print the version and exit")
+    parser.add_argument("--version", action=Print, nargs=0, const=_version_text, help="print the version and exit")
     commands = parser.add_subparsers(metavar="COMMAND")
     for add in (add_run, add_view, add_info, add_synth, add_compare, add_calibrate, add_audit):
         add(commands)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
 from slam_init.errors import SlamInitError
-from slam_init.system.process_io import tell
+from slam_init.system.process_io import emit
 
 if TYPE_CHECKING:
     from _typeshed import SupportsWrite
@@ -53,7 +53,7 @@ class Parser(argparse.ArgumentParser):
 
     def print_help(self, file: SupportsWrite[str] | None = None) -> None:
         """Print the help; a closed pipe is no error."""
-        tell(self.format_help())
+        emit(self.format_help())
 
     def error(self, message: str) -> NoReturn:
         """Raise what is wrong with the arguments."""
@@ -80,13 +80,13 @@ def add_command(
     return parser
 
 
-class Tells(argparse.Action):
+class Print(argparse.Action):
     """An option that takes the place of a command: it prints the text that the function ``const`` returns."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         """Print the text and exit."""
         assert callable(self.const)
-        tell(self.const())
+        emit(self.const())
         parser.exit()
 
 
@@ -99,7 +99,7 @@ def add_list_methods(parser: argparse._ActionsContainer) -> None:
         return methods_text()
 
     text = "list the methods, one a line, and exit"
-    parser.add_argument("--list-methods", action=Tells, nargs=0, const=methods, help=text)
+    parser.add_argument("--list-methods", action=Print, nargs=0, const=methods, help=text)
 
 
 #: What people call an option elsewhere: the options that are meant, of which a command has one at most.

@@ -18,7 +18,7 @@ from slam_init.cli.parser import (
     refuse_changed,
 )
 from slam_init.cli.source_options import BY_IMU, SENSORS, add_source, chosen_camera, opened_source, with_gravity
-from slam_init.system.process_io import tell
+from slam_init.system.process_io import emit
 from slam_init.system.regular_file import user_path
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def add_run(commands: Commands) -> None:
     after.add_argument(
         "--restart",
         action="store_true",
-        help="follow the frames after the map and start anew where it is lost: one map a segment",
+        help="follow the frames after the map and restart where it is lost: one map a segment",
     )
     after.add_argument(
         "--scale",
@@ -182,9 +182,9 @@ def _run(arguments: argparse.Namespace) -> int:
         source = with_gravity(arguments, opened_source(arguments, config.seed))
         result, summary = _run_on(source, arguments, config, out)
     if arguments.json:
-        tell(json_text(summary))
+        emit(json_text(summary))
     elif not arguments.quiet:
-        tell(report_text(result, summary, out, replaced))
+        emit(report_text(result, summary, out, replaced))
     return DONE if summary.reason is None else NOT_INITIALIZED
 
 
@@ -259,9 +259,9 @@ def _run_on(
     if isinstance(arguments.scale, TrueTrajectory) and source.groundtruth is None:
         raise UsageError(f"--scale groundtruth: {source.name} has no true trajectory: leave --scale out")
 
-    from slam_init.datasets.track_source import KnowsTracks
+    from slam_init.datasets.track_source import TrackProvider
 
-    if isinstance(source, KnowsTracks) and arguments.matcher is not None:
+    if isinstance(source, TrackProvider) and arguments.matcher is not None:
         raise UsageError(f"--matcher matches images, and {source.name} has tracks of its own: leave it out")
 
     from slam_init.runner import run

@@ -121,10 +121,10 @@ def with_gravity(arguments: argparse.Namespace, source: TimedSource) -> TimedSou
     if arguments.gravity is None:
         return source
     from slam_init.datasets.inertial import inertial_of
-    from slam_init.datasets.track_source import KnowsTracks
+    from slam_init.datasets.track_source import TrackProvider
     from slam_init.datasets.views import GravitySource, at_rest, read_gravity
 
-    if isinstance(source, KnowsTracks):
+    if isinstance(source, TrackProvider):
         raise UsageError(f"{arguments.source} has tracks of its own: --gravity is for sources of images")
     if arguments.gravity != BY_IMU:
         known = read_gravity(arguments.gravity)
@@ -155,7 +155,7 @@ def calibrated_view_of(arguments: argparse.Namespace, every: int) -> SourceView:
 def opened_source(arguments: argparse.Namespace, seed: int) -> TimedSource:
     """Open the source, with the chosen topics or pictures, limited to the frames and pixels that are asked for."""
     from slam_init.datasets import open_source
-    from slam_init.datasets.track_source import KnowsTracks, TrackSource, with_pictures
+    from slam_init.datasets.track_source import TrackProvider, TrackSource, with_pictures
 
     name, view = with_topics(arguments, arguments.source), view_of(arguments, arguments.every)
     source = open_source(name, seed)
@@ -170,7 +170,7 @@ def opened_source(arguments: argparse.Namespace, seed: int) -> TimedSource:
         if not isinstance(pictures, ImageFileSource):
             raise UsageError(f"--images is {arguments.images!r}: give a folder of images")
         source = with_pictures(source, pictures)
-    if view.query and isinstance(source, KnowsTracks):
+    if view.query and isinstance(source, TrackProvider):
         raise UsageError(f"{name} has tracks of its own: --every, --fps and --mask are for sources of images")
     return view.apply(source)
 

@@ -6,7 +6,7 @@ import argparse
 
 from slam_init.cli.parser import DONE, Commands, add_command, number
 from slam_init.errors import ConfigError
-from slam_init.system.process_io import tell
+from slam_init.system.process_io import emit
 
 
 def add_synth(commands: Commands) -> None:
@@ -51,5 +51,5 @@ def _synth(arguments: argparse.Namespace) -> int:
             with writing(out):
                 write_tum(sequence, folder.staging, progress=advance)
             folder.publish()
-    tell(f"wrote {len(sequence)} frames of {arguments.scene} to {out}\n")
+    emit(f"wrote {len(sequence)} frames of {arguments.scene} to {out}\n")
     return DONE

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from slam_init.cli.parser import DONE, Commands, UsageError, add_command, number
 from slam_init.errors import OutputError, SourceError, ViewerError
-from slam_init.system.process_io import tell
+from slam_init.system.process_io import emit
 from slam_init.system.regular_file import check_inside, open_regular, user_path
 
 _DEFAULT_DIR = "slam-init-out"
@@ -67,7 +67,7 @@ def _view(arguments: argparse.Namespace) -> int:
             recording, user_path(arguments.screenshot), arguments.at or [-1], arguments.size or _DEFAULT_SIZE
         )
     elif arguments.web:
-        tell("open the address that the viewer prints in a browser on this machine; Ctrl+C ends\n")
+        emit("open the address that the viewer prints in a browser on this machine; Ctrl+C ends\n")
         serve(recording, arguments.port or WEB_PORT)
     elif has_display():
         show(recording)
@@ -121,7 +121,7 @@ def _write_screenshots(recording: Path, target: Path, frames: list[int], size: s
     for (frame, png), file in zip(screenshots(recording, frames, size).items(), files.values(), strict=True):
         with writing(file, "give another name"):
             file.write_bytes(png)
-        tell(f"wrote {file} (frame {frame})\n")
+        emit(f"wrote {file} (frame {frame})\n")
 
 
 def _check_target(file: Path) -> None:

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from slam_init.compare.judging import NOT_JUDGED, Truth, criteria_of
+from slam_init.compare.criteria import NOT_EVALUATED, Truth, criteria_of
 from slam_init.compare.rows import COLUMNS, TrialRow
 from slam_init.compare.sources import focal_error_of
 from slam_init.compare.statistics import Interval, cluster_mean, holm, mcnemar_exact, restricted_mean, wilson
@@ -60,7 +60,7 @@ DIRECTION_SIGMAS, ROTATION_SIGMAS = 2.45, 2.80
 #: An audit calls a map wrong above this risk (:class:`slam_init.types.audit.Audit`).
 _AUDITED_WRONG = 0.9
 #: Columns that hold no numbers.
-_TEXTS = ("source", "method", "outcome", "reason", "group", "keyframes", "injected_cause", "judged_by")
+_TEXTS = ("source", "method", "outcome", "reason", "group", "keyframes", "injected_cause", "evaluated_by")
 _FLAGS = ("strict", "reason_right", "kept_truth")
 #: Columns whose medians over the correct maps are reported.
 _MEDIANS_OF_CORRECT = (
@@ -69,8 +69,9 @@ _MEDIANS_OF_CORRECT = (
 )  # fmt: skip
 #: Version 2 added the figures of ambiguous planes and of suspected focal lengths. Version 3 renamed the parts
 #: ``image_still`` and ``points_still`` to ``image_static`` and ``points_static``. Version 4 added ``min_left``,
-#: ``judging``, ``wait``, ``waits`` and ``reliability``. Version 5 added the figures of the audit.
-_SCHEMA = 5
+#: ``criteria``, ``wait``, ``waits`` and ``reliability``. Version 5 added the figures of the audit, and version 6
+#: renamed ``judging``.
+_SCHEMA = 6
 
 
 #: The figures of a set of trials, by their name in ``summary.json``. A *rate* is a share with Wilson's interval.
@@ -83,9 +84,9 @@ FIGURES: dict[str, Callable[[DataFrame], Any]] = {
     "none": lambda t: _count(t["outcome"] == "none"),
     "error": lambda t: _count(t["outcome"] == "error"),
     "accepted": lambda t: _count(t["outcome"].isin(["correct", "false", "accepted"])),
-    # Shares of the judged trials with a correct map, and with a false one, and of the right ones of the maps.
-    "correct_rate": lambda t: _rate(t["outcome"][t["judged"]] == "correct"),
-    "false_rate": lambda t: _rate(t["outcome"][t["judged"]] == "false"),
+    # Shares of the evaluated trials with a correct map, and with a false one, and of the right ones of the maps.
+    "correct_rate": lambda t: _rate(t["outcome"][t["evaluated"]] == "correct"),
+    "false_rate": lambda t: _rate(t["outcome"][t["evaluated"]] == "false"),
     "precision": lambda t: _rate(t["outcome"][t["outcome"].isin(["correct", "false"])] == "correct"),
     # Restricted means of the frames until the first map, and until a correct map. A trial without one counts as its
     # limit.
@@ -128,9 +129,9 @@ def figures_of(table: DataFrame) -> Figures:
 def table_of(rows: Iterable[TrialRow]) -> DataFrame:
     """Make a table of the trials: the columns of the rows, and what follows from the group and the source of each.
 
-    ``part`` is a key of :data:`PARTS`. ``judged`` trials have a ground truth. In ``solvable`` trials a map can be
-    correct: they are judged, and the camera translates. ``sound`` trials have a sound ground truth. ``wait`` is NaN for
-    a trial without one.
+    ``part`` is a key of :data:`PARTS`. ``evaluated`` trials have a ground truth. In ``solvable`` trials a map can be
+    correct: they have a ground truth, and the camera translates. ``sound`` trials have a sound ground truth. ``wait``
+    is NaN for a trial without one.
     """
     from pandas import DataFrame
 
@@ -141,9 +142,9 @@ def table_of(rows: Iterable[TrialRow]) -> DataFrame:
     moving = {group: "static" if one.no_translation else "moving" for group, one in criteria.items()}
     table["part"] = table["group"].map({group: f"{levels[group]}_{moving[group]}" for group in criteria})
     sound = table["group"].map({group: one.truth is Truth.SOUND for group, one in criteria.items()}).astype(bool)
-    judged = (table["judged_by"] != NOT_JUDGED.rule) & (table["outcome"] != "accepted")
+    evaluated = (table["evaluated_by"] != NOT_EVALUATED.rule) & (table["outcome"] != "accepted")
     translates = table["part"].str.endswith("moving")
-    table["judged"], table["solvable"], table["sound"] = judged, judged & translates, judged & sound
+    table["evaluated"], table["solvable"], table["sound"] = evaluated, evaluated & translates, evaluated & sound
     table["wrong_focal"] = [focal_error_of(source) != 0 for source in table["source"]]
     waited = _of_correct(table, "frames_to_accept").fillna(np.inf).clip(upper=table["frames_limit"]) - 1
     table["wait"] = waited.where(table["solvable"])
@@ -241,7 +242,7 @@ def summary_of(table: DataFrame, plan: Plan) -> Figures:
         "trials": len(table),
         "methods": plan.methods,
         "sources": [source.label for source in plan.sources],
-        "judging": {source.group: source.criteria for source in sorted(plan.sources, key=lambda one: one.group)},
+        "criteria": {source.group: source.criteria for source in sorted(plan.sources, key=lambda one: one.group)},
         "parts": {name: _figures(part, plan.methods) for name, part in parts.items()},
         "groups": {str(group): _figures(of_group, plan.methods) for group, of_group in table.groupby("group")},
         "pairs": {name: pair_tests(part, plan.methods) for name, part in parts.items()},

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.compare.judging import Criteria, Truth
+from slam_init.compare.criteria import Criteria, Truth
 from slam_init.compare.replay import Step
 from slam_init.evaluation.metrics import compare_with_groundtruth
 from slam_init.mapping.resection import resect
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from slam_init.datasets.synth import PointSource
 
 #: Bounds of rotation and direction in degrees. Tracking recovers from errors within the bounds of
-#: :mod:`slam_init.compare.judging`; errors within these bounds need no recovery.
+#: :mod:`slam_init.compare.criteria`; errors within these bounds need no recovery.
 _STRICT_DEG = (1.0, 5.0)
 #: Survival is measured on this number of frames after the acceptance. Every third frame is used, because neighbouring
 #: frames give nearly the same value.
@@ -75,8 +75,8 @@ def is_correct(errors: PoseErrors, criteria: Criteria) -> bool:
     * ``criteria``: 5 degrees in rotation and 15 degrees in direction for a sound ground truth.
     * Returns: Always False if the camera does not translate, or if the ground truth does not hold the values.
     """
-    judged = criteria.direction_deg is None or _below(errors.direction_deg, criteria.direction_deg)
-    return judged and _below(errors.rotation_deg, criteria.rotation_deg) and not criteria.no_translation
+    evaluated = criteria.direction_deg is None or _below(errors.direction_deg, criteria.direction_deg)
+    return evaluated and _below(errors.rotation_deg, criteria.rotation_deg) and not criteria.no_translation
 
 
 def is_strict(errors: PoseErrors, criteria: Criteria) -> bool:

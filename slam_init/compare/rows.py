@@ -49,7 +49,7 @@ class TrialRow:
     frames_to_accept: int | None = None
     #: Rotation error of the map in degrees.
     rotation_error_deg: float | None = None
-    #: Error of the direction of the baseline in degrees; None if the direction is not judged.
+    #: Error of the direction of the baseline in degrees; None if the direction is not evaluated.
     direction_error_deg: float | None = None
     #: Scene of the source. Trials of one scene are counted together.
     group: str
@@ -105,9 +105,9 @@ class TrialRow:
     trial_ms: float | None = None
     #: Peak resident memory of the process of the trial in MB.
     peak_memory_mb: float | None = None
-    #: The criteria of the outcome in words (:attr:`slam_init.compare.judging.Criteria.rule`); None in a row of a
+    #: The criteria of the outcome in words (:attr:`slam_init.compare.criteria.Criteria.rule`); None in a row of a
     #: version without this column.
-    judged_by: str | None = None
+    evaluated_by: str | None = None
     #: Stated probability that the accepted map is wrong. None for a method that states no risk, and in a row of a
     #: version without this column.
     risk: float | None = None
@@ -138,7 +138,7 @@ COLUMNS: tuple[str, ...] = tuple(field.name for field in dataclasses.fields(Tria
 #: Reads a line of ``trials.jsonl``, which may come from another version: unknown columns are ignored.
 _ROW = TypeAdapter(TrialRow)
 #: Version 2 added ``kept_truth``, ``suspected_focal_factor`` and the options of the methods.
-_SCHEMA = 2
+_SCHEMA = 3
 
 
 class Journal:

@@ -65,11 +65,11 @@ def compare(
         folder.claim(TRIALS)
         settings = replace(plan.settings, tracks=str((folder.staging / _TRACKS).resolve()))
         criteria = {source.label: source.criteria.rule for source in plan.sources}
-        # A trial whose row was judged by other criteria is run again.
+        # A trial whose row was evaluated by other criteria is run again.
         with Journal(
             folder.path / TRIALS,
             _shared_settings(plan),
-            lambda row: row.judged_by == criteria.get(row.source, row.judged_by),
+            lambda row: row.evaluated_by == criteria.get(row.source, row.evaluated_by),
         ) as journal:
             missing = [trial for trial in plan.trials() if trial.key not in journal.rows]
             unfinished = {trial.source.label for trial in missing if not backend}

@@ -11,7 +11,7 @@ from urllib.parse import parse_qsl, urlencode
 
 import numpy as np
 
-from slam_init.compare.judging import NOT_JUDGED, Criteria, criteria_of, group_of_scene
+from slam_init.compare.criteria import NOT_EVALUATED, Criteria, criteria_of, group_of_scene
 from slam_init.datasets.views import DerivedSource, SourceView
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.system.regular_file import user_path
@@ -48,11 +48,11 @@ class ComparedSource:
     def criteria(self) -> Criteria:
         """Return the criteria by which the maps of the source are classified.
 
-        * Returns: Those of its group; :data:`slam_init.compare.judging.NOT_JUDGED` if there is no ground truth. A
-          camera that is known not to translate is judged without one.
+        * Returns: Those of its group; :data:`slam_init.compare.criteria.NOT_EVALUATED` if there is no ground truth. A
+          camera that is known not to translate is evaluated without one.
         """
         criteria = criteria_of(self.group)
-        return criteria if self.has_truth or criteria.no_translation else NOT_JUDGED
+        return criteria if self.has_truth or criteria.no_translation else NOT_EVALUATED
 
 
 def open_compared(text: str) -> TimedSource | PointSource:

@@ -1,9 +1,9 @@
 """Frozen suites: worlds, starts and seeds that never change, so that a figure can be cited by the name of its suite.
 
-World number i has scene i modulo the number of scenes. The options of a drawn world are chosen by a hash of its number
-(SHA-256), which is the same on all platforms and for all versions of libraries. The checksum of a suite is that of the
-tracks of all its worlds (:func:`slam_init.compare.replay.tracks_digest`). Tracks of points depend on this project and
-on numpy only; tracks of images depend on OpenCV's optical flow as well.
+World number i has scene i modulo the number of scenes. A hash of the number (SHA-256) chooses the options of a world of
+the suite ``simulated``. The hash is the same on all platforms and for all versions of libraries. The checksum of a
+suite is that of the tracks of all its worlds (:func:`slam_init.compare.replay.tracks_digest`). Tracks of points depend
+on this project and on numpy only. Tracks of images depend on OpenCV's optical flow as well.
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ class Suite:
         )
 
 
-_DRAWN_SCENES = (
+_SIMULATED_SCENES = (
     "room", "wall", "corridor", "nadir", "desk", "rotation", "rotate-then-move", "tilted-15", "nadir-turn", "static",
     "tilted-30", "tilted-45",
 )  # fmt: skip
 #: Noise of a coordinate in pixels, share of outliers, baseline over the median depth, relative error of the stated
 #: focal length.
-_DRAWN_OPTIONS = {
+_SIMULATED_OPTIONS = {
     "noise_px": (0.3, 0.7, 1.0),
     "outliers": (0.05, 0.15, 0.3),
     "baseline": (0.03, 0.05, 0.1, 0.15, 0.3),
@@ -57,9 +57,9 @@ _RENDERED_SCENES = (
 )  # fmt: skip
 
 
-def _drawn(world: int) -> str:
-    options = {name: values[_draw(world, name) % len(values)] for name, values in _DRAWN_OPTIONS.items()}
-    return f"points:{_DRAWN_SCENES[world % len(_DRAWN_SCENES)]}?{urlencode({**options, 'seed': world})}"
+def _simulated(world: int) -> str:
+    options = {name: values[_draw(world, name) % len(values)] for name, values in _SIMULATED_OPTIONS.items()}
+    return f"points:{_SIMULATED_SCENES[world % len(_SIMULATED_SCENES)]}?{urlencode({**options, 'seed': world})}"
 
 
 def _rendered(world: int) -> str:
@@ -73,9 +73,9 @@ def _draw(world: int, name: str) -> int:
     return int.from_bytes(digest[:8], "big")
 
 
-#: By their names. A drawn world has 12 frames and one trial, so that all trials are independent. A rendered world has
-#: two seconds of video and three trials: nearer starts see mostly the same frames.
+#: By their names. A world of ``simulated`` has the tracks of 12 frames and one trial: all trials are independent. A
+#: world of ``rendered`` has two seconds of video and three trials: nearer starts see mostly the same frames.
 SUITES = {
-    "drawn": Suite("drawn", tuple(map(_drawn, range(1000))), 10_000, 3, "0f74ff72bb849728"),
+    "simulated": Suite("simulated", tuple(map(_simulated, range(1000))), 10_000, 3, "0f74ff72bb849728"),
     "rendered": Suite("rendered", tuple(map(_rendered, range(24))), 20, 10, "8d7fa4b7e1b85c7e"),
 }

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slam_init.compare.judging import Criteria, Truth
+from slam_init.compare.criteria import Criteria, Truth
 from slam_init.compare.measures import PoseErrors, depth_errors, is_correct, is_strict, pose_errors, survival
 from slam_init.compare.replay import Step, replay
 from slam_init.compare.rows import Key, Outcome, TrialRow
@@ -257,7 +257,7 @@ def _row(trial: Trial, settings: Settings, outcome: Outcome, **columns: Any) -> 
         "start": trial.start,
         "group": source.group,
     }
-    known |= {"injected_cause": criteria.expected_reason, "judged_by": criteria.rule}
+    known |= {"injected_cause": criteria.expected_reason, "evaluated_by": criteria.rule}
     known |= {name: _rounded(value) if isinstance(value, float) else value for name, value in columns.items()}
     return TrialRow(outcome=outcome, frames_limit=settings.frames_limit(source, trial.start), **known)
 
@@ -266,7 +266,7 @@ def _error_columns(map_: InitialMap, truth: Trajectory | None, criteria: Criteri
     """The errors of the poses, before and after bundle adjustment."""
     columns = {}
     for suffix, early in (("", False), ("_before", True)):
-        errors = _judged(pose_errors(map_, truth, before=early), criteria)
+        errors = _evaluated(pose_errors(map_, truth, before=early), criteria)
         columns[f"rotation_error{suffix}_deg"] = errors.rotation_deg
         columns[f"direction_error{suffix}_deg"] = errors.direction_deg
         columns[f"ate{suffix}"] = errors.ate
@@ -280,14 +280,14 @@ def _stated_columns(
     accepted = next((one for one in reversed(result.attempts) if one.verdict == Verdict.ACCEPTED), None)
     if accepted is None or (window := accepted.window) is None:
         return {}
-    pair = _judged(pose_errors(map_, truth, frames=accepted.frames[:2]), criteria)
+    pair = _evaluated(pose_errors(map_, truth, frames=accepted.frames[:2]), criteria)
     stated = {"rotation_sigma_deg": window.rotation_sigma_deg, "direction_sigma_deg": window.direction_sigma_deg}
     errors = {"pair_rotation_error_deg": pair.rotation_deg, "pair_direction_error_deg": pair.direction_deg}
     return {"risk": window.risk, **stated, **errors}
 
 
-def _judged(errors: PoseErrors, criteria: Criteria) -> PoseErrors:
-    """Leave out the direction where it is not judged."""
+def _evaluated(errors: PoseErrors, criteria: Criteria) -> PoseErrors:
+    """Leave out the direction where it is not evaluated."""
     return errors if criteria.direction_deg is not None else replace(errors, direction_deg=None)
 
 

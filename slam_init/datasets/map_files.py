@@ -40,7 +40,7 @@ from slam_init.datasets.text import (
     trajectory,
     truth_on_clock,
 )
-from slam_init.datasets.track_source import KnowsTracks, TrackSource
+from slam_init.datasets.track_source import TrackProvider, TrackSource
 from slam_init.errors import SourceError
 from slam_init.frontend.tracks import Tracker
 from slam_init.output.handover import FORMAT, VERSION
@@ -145,7 +145,7 @@ def tracked_by(
     tracker = Tracker(camera, config.tracking, history_limit=_MOST_FRAMES)
     views = []
     for frame in source.frames(min(poses), _MOST_FRAMES):
-        if isinstance(source, KnowsTracks):
+        if isinstance(source, TrackProvider):
             views.append(source.observed(frame, camera))
         else:
             size, expected = frame.image.shape[1::-1], (camera.width, camera.height)

@@ -1,7 +1,7 @@
 """Chains the matches of image pairs to tracks.
 
 A track is a connected set of keypoints. Two keypoints of one image cannot see one point, so a set with two of them
-holds a wrong match. Such sets are chained anew, one match after the other: matches of near images first, because the
+holds a wrong match. Such sets are chained again, one match after the other: matches of near images first, because the
 appearance of a point changes with the distance. A match that would join two keypoints of one image is dropped, and
 counted. Other wrong matches remain in the tracks, for the robust estimation to find.
 """
@@ -119,7 +119,7 @@ def _labels(edges: Ints, images: Ints) -> tuple[Ints, int]:
     twice = (np.diff(labels[order]) == 0) & (np.diff(images[order]) == 0)
     in_conflict = np.isin(labels, labels[order[1:][twice]])
     sets, dropped = _chained(np.flatnonzero(in_conflict), edges[in_conflict[edges[:, 0]]], images)
-    # The numbers of nodes name the sets that were chained anew; they follow the numbers of the others.
+    # The numbers of nodes name the sets that were chained again; they follow the numbers of the others.
     labels[in_conflict] = count + sets
     _, numbered = np.unique(labels, return_inverse=True)
     return np.asarray(numbered, np.int64), dropped

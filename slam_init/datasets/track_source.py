@@ -40,7 +40,7 @@ _BACKGROUND, _DOT = 30, 220
 
 
 @runtime_checkable
-class KnowsTracks(Protocol):
+class TrackProvider(Protocol):
     """A source that knows the tracks of its frames, so that no tracker is needed."""
 
     def observed(self, frame: Frame, camera: Camera) -> Observations:

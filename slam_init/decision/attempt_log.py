@@ -13,7 +13,7 @@ from slam_init.config import MapConfig
 from slam_init.types.evidence import FreeFocal
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.refusal import Stage, Verdict
-from slam_init.types.result import Attempt, told_reason
+from slam_init.types.result import Attempt, stated_reason
 
 _LOG = logging.getLogger("slam_init")
 _LOG.addHandler(logging.NullHandler())
@@ -95,7 +95,7 @@ class AttemptLog:
         if not self._verdicts:
             return Verdict.TOO_FEW_FRAMES
         counts = Counter(self._verdicts[len(self._verdicts) // 2 :])
-        return told_reason(_VERDICTS[min(counts, key=lambda verdict: (-counts[verdict], verdict))], self.wrong_focal)
+        return stated_reason(_VERDICTS[min(counts, key=lambda verdict: (-counts[verdict], verdict))], self.wrong_focal)
 
     def advice(self, reason: Verdict) -> str:
         """Return what to do about a reason: check a wrong calibration, else the advice of the last attempt with it."""

@@ -15,7 +15,7 @@ import numpy as np
 
 from quest.estimate import RelativePose
 from slam_init.config import Config
-from slam_init.decision.judged_window import JudgedWindow
+from slam_init.decision.evaluated_window import EvaluatedWindow
 from slam_init.decision.lens import priors_of
 from slam_init.decision.map_posterior import MapPosterior, differences_deg, is_near, posterior_of
 from slam_init.decision.two_views import MatchedPair, match_pair, pose_at_fitting_threshold
@@ -50,7 +50,7 @@ _ONE_PLACE = 1e-9
 #: Class: budget.
 _MOST_FRAMES = 24
 #: Views after the pair see the same scene while they share this part of its tracks. Tracks drift: with views far
-#: beyond the baseline of the pair the drift looks like moving bodies. Of 32 right maps at 17 starts of four films 10
+#: beyond the baseline of the pair the drift looks like moving objects. Of 32 right maps at 17 starts of four films 10
 #: were sound with a share of .3, 14 with .5, 16 with .7, and 14 without such views.
 #: Class: measured.
 _SAME_SCENE = 0.7
@@ -153,7 +153,8 @@ def _audited(known: Mapping[int, Pose], history: History, config: Config) -> Aud
     if terms.total <= config.acceptance.max_risk:
         risk = with_zooming_rotation(hypotheses, risk)
         terms = posterior_of(hypotheses, risk, known)
-    return _stated(known, JudgedWindow(pair, hypotheses, risk, lens, threshold_rad), terms, config.acceptance.max_risk)
+    window = EvaluatedWindow(pair, hypotheses, risk, lens, threshold_rad)
+    return _stated(known, window, terms, config.acceptance.max_risk)
 
 
 def _motion_of(world_from_cam: Mapping[int, Pose]) -> Motion:
@@ -173,7 +174,7 @@ def _chosen(known: Mapping[int, Pose], history: History, config: Config) -> tupl
     centres = np.array([known[frame].t for frame in frames])
     baselines = np.linalg.norm(centres[:, None] - centres[None], axis=2)
     if baselines.max() <= _ONE_PLACE * np.abs(centres).max(initial=0.0):
-        raise SlamInitError("all cameras of the map are at one place: it has no baseline to judge")
+        raise SlamInitError("all cameras of the map are at one place: it has no baseline to evaluate")
     wide = baselines >= SHORTEST_BASELINE * baselines.max()
     previews: list[PairPreview] = []
     for k, frame in enumerate(frames):
@@ -194,20 +195,20 @@ def _chosen(known: Mapping[int, Pose], history: History, config: Config) -> tupl
     return pair, [without(view, static) for view in further]
 
 
-def _stated(known: Mapping[int, Pose], window: JudgedWindow, terms: MapPosterior, max_risk: float) -> Audit:
+def _stated(known: Mapping[int, Pose], window: EvaluatedWindow, terms: MapPosterior, max_risk: float) -> Audit:
     """The verdict on the map, and what would tell."""
     risk, best = window.risk, window.best
     rotation_deg, direction_deg = differences_deg(known, best)[best.frames[1]]
     verdict = AuditVerdict.WRONG if terms.total > WRONG else AuditVerdict.DOUBTFUL
     verdict = AuditVerdict.SOUND if terms.total <= max_risk else verdict
     is_best = is_near(known, best)
-    reason, advice = _what_tells(window, terms, verdict, max_risk, _AT_A_DISTANCE if is_best else _ANOTHER_MOTION)
+    reason, advice = _what_decides(window, terms, verdict, max_risk, _AT_A_DISTANCE if is_best else _ANOTHER_MOTION)
     return Audit(
         verdict=verdict,
         risk=min(1.0, terms.total + UNMODELLED_RISK),
         model_risk=terms.total,
         risk_direction=terms.direction,
-        risk_rival=terms.rival,
+        risk_competing=terms.competing,
         risk_rotation=terms.rotation,
         risk_moving=terms.moving,
         risk_floor=terms.floor,
@@ -225,21 +226,21 @@ def _stated(known: Mapping[int, Pose], window: JudgedWindow, terms: MapPosterior
     )
 
 
-def _what_tells(
-    window: JudgedWindow, terms: MapPosterior, verdict: AuditVerdict, max_risk: float, of_map: str
+def _what_decides(
+    window: EvaluatedWindow, terms: MapPosterior, verdict: AuditVerdict, max_risk: float, of_map: str
 ) -> tuple[Verdict | None, str]:
     """The reason of the largest term and what would tell; ``of_map`` where this is the distance of the map."""
     if verdict is AuditVerdict.SOUND:
         return None, ""
     if terms.only_rotates:
         return Verdict.PURE_ROTATION, Verdict.PURE_ROTATION.advice
-    rival = Verdict.AMBIGUOUS_PLANE if window.hypotheses.planar else Verdict.LOW_PARALLAX
+    competing = Verdict.AMBIGUOUS_PLANE if window.hypotheses.planar else Verdict.LOW_PARALLAX
     # A rigid scene with these tracks may be known well enough.
-    if_rigid = Verdict.LOW_PARALLAX if window.risk.directions.if_rigid > max_risk else Verdict.MOVING_BODIES
+    if_rigid = Verdict.LOW_PARALLAX if window.risk.directions.if_rigid > max_risk else Verdict.MOVING_OBJECTS
     share, reason = max(
         (terms.rotation, Verdict.PURE_ROTATION),
-        (terms.moving, Verdict.MOVING_BODIES),
-        (terms.rival, rival),
+        (terms.moving, Verdict.MOVING_OBJECTS),
+        (terms.competing, competing),
         (terms.direction, if_rigid),
     )
     return (reason, reason.advice) if share > terms.map else (None, of_map)

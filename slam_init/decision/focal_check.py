@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 
 from quest.noise import GATE_SIGMAS
-from slam_init.decision.judged_window import JudgedWindow
+from slam_init.decision.evaluated_window import EvaluatedWindow
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.evidence import FreeFocal
 from slam_init.types.lens import CALIBRATED_SIGMA
@@ -40,7 +40,7 @@ _PROPOSED_AT = (0.5, 0.7, 1.4, 2.0)
 #: Class: geometry.
 _LEAST_VIEWS = 3
 #: The estimate contradicts the stated focal length from so many of its deviations on. These hold the errors that the
-#: tracks of a view share as if all of them pulled the focal length to one side. Of 399 drawn worlds with a right
+#: tracks of a view share as if all of them pulled the focal length to one side. Of 399 simulated worlds with a right
 #: calibration, two were beyond 1.9, three beyond 1.8 and one beyond 2; of 118 with a wrong one that their tracks tell,
 #: 96, 98 and 93 were.
 #: Class: measured.
@@ -48,7 +48,7 @@ _CONTRADICTS_SIGMAS = 1.9
 
 
 #: A window that would have a map is not fitted again where the estimate by its tracks alone is within this share of
-#: what contradicts the stated focal length. Of 22 drawn windows that contradicted it none was (the nearest one at
+#: what contradicts the stated focal length. Of 22 simulated windows that contradicted it none was (the nearest one at
 #: 0.20), of 139 others 49 %, of 30 on video 63 %; on other seeds none of 8, and 47 of 107.
 #: Class: measured.
 _AGREES = 0.2
@@ -70,9 +70,9 @@ class FocalCheck:
     def __init__(self) -> None:
         self._refused = 0
         self._contradicted = False
-        self._unchecked: JudgedWindow | None = None
+        self._unchecked: EvaluatedWindow | None = None
 
-    def __call__(self, window: JudgedWindow, *, accepted: bool) -> FreeFocal | None:
+    def __call__(self, window: EvaluatedWindow, *, accepted: bool) -> FreeFocal | None:
         """The free fit of a window; None where no check is due.
 
         * ``accepted``: Whether nothing else refuses a map of the window.
@@ -94,7 +94,7 @@ class FocalCheck:
         return None if window is None else free_focal(window)
 
 
-def free_focal(window: JudgedWindow) -> FreeFocal | None:
+def free_focal(window: EvaluatedWindow) -> FreeFocal | None:
     """The focal length by the tracks of a window alone; None where the free fit has no solution."""
     hypotheses, stated = window.hypotheses, window.lens.stated
     priors = replace(hypotheses.priors, focal_sigma=_FREE_SIGMA)
@@ -120,12 +120,12 @@ def free_focal(window: JudgedWindow) -> FreeFocal | None:
     )
 
 
-def _contradicts_from(window: JudgedWindow, sigma: float) -> float:
+def _contradicts_from(window: EvaluatedWindow, sigma: float) -> float:
     """How far an estimate of this standard deviation is from the stated focal length to contradict it."""
     return max(GATE_SIGMAS * (window.lens.stated.focal_sigma or CALIBRATED_SIGMA), _CONTRADICTS_SIGMAS * sigma)
 
 
-def _agrees(window: JudgedWindow) -> bool:
+def _agrees(window: EvaluatedWindow) -> bool:
     """Whether the tracks agree with the stated focal length near the best motion."""
     by_tracks = window.risk.focal
     sigma = by_tracks.sigma * math.sqrt(1 + gain_of_shared_errors(window.hypotheses.tracks))

@@ -4,7 +4,7 @@ A map from anywhere is right or wrong, whichever motion the window likes best. W
 
     P(wrong) = P(rotation) + (1 - P(rotation)) sum_k P(k) P(map is wrong | k) + P(moving) + floor
 
-* **P(k)** by the votes of the tracks (:func:`.rival.rival_odds`).
+* **P(k)** by the votes of the tracks (:func:`.competing.competing_odds`).
 * **P(map is wrong | k)**: the truth is Gaussian about the fit of the motion. Its direction has the shape of the
   covariance and the largest deviation that the risk of this motion states. The map is a distance away from the fit, so
   it is wrong where the truth lies outside of the disc of 15 degrees about the map, or of the ball of 5 degrees.
@@ -25,17 +25,17 @@ import numpy as np
 
 from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose
+from slam_init.window.competing import competing_odds
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses
 from slam_init.window.levels import EVEN_ODDS, FLOOR, SHORTEST_BASELINE, WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
 from slam_init.window.motion import FittedMotion, difference_deg
 from slam_init.window.risk import WindowRisk, risk_of, with_zooming_rotation
-from slam_init.window.rival import rival_odds
 from slam_init.window.tails import three_directions
 from slam_init.window.tracker_errors import with_lasting_errors
 from slam_init.window.uncertainty import direction_uncertainty, expand
 
 #: Probability that the camera of a map only rotates, before any track is seen. Of .5, .2 and .1 the last one stated
-#: best how many maps were false: 66 of 287 maps of rivals, where 63 were (docs/measurements/accuracy.md).
+#: best how many maps were false: 66 of 287 maps of competing motions, where 63 were (docs/measurements/accuracy.md).
 #: Class: measured.
 _ROTATES = 0.1
 #: A smaller tail of the test for a rotation adds nothing: its posterior is below 1e-4.
@@ -55,8 +55,8 @@ class MapPosterior:
 
     #: The best motion is right, and a map at its fit would be wrong.
     direction: float
-    #: A rival is right, and the map is not near it.
-    rival: float
+    #: A competing motion is right, and the map is not near it.
+    competing: float
     #: The camera only rotates.
     rotation: float
     #: The tracks that the best motion does not explain are the scene at rest.
@@ -71,7 +71,7 @@ class MapPosterior:
     @property
     def total(self) -> float:
         """Sum of the terms, at most 1."""
-        return min(1.0, self.direction + self.rival + self.rotation + self.moving + self.floor + self.map)
+        return min(1.0, self.direction + self.competing + self.rotation + self.moving + self.floor + self.map)
 
 
 def posterior_of(hypotheses: WindowHypotheses, risk: WindowRisk, world_from_cam: Mapping[int, Pose]) -> MapPosterior:
@@ -80,17 +80,17 @@ def posterior_of(hypotheses: WindowHypotheses, risk: WindowRisk, world_from_cam:
     * ``risk``: Of the best hypothesis.
     * ``world_from_cam``: The poses of the map by frame; the pair is among them.
     """
-    best, *rivals = hypotheses.motions
+    best, *competing = hypotheses.motions
     tail = _tail_of_rotation(hypotheses, risk)
     factor = -math.e * tail * math.log(tail) if 0 < tail < 1 / math.e else float(tail > 0)
     rotation = _ROTATES * factor / (_ROTATES * factor + 1 - _ROTATES)
-    odds = np.array([1.0, *rival_odds(hypotheses, expand(best))])
+    odds = np.array([1.0, *competing_odds(hypotheses, expand(best))])
     shares = (1 - rotation) * odds / odds.sum()
     at_fit, at_map = _wrong(hypotheses, risk, world_from_cam)
-    others = [_wrong_by_rival(hypotheses, k, world_from_cam) for k in range(1, 1 + len(rivals))]
+    others = [_wrong_if_competing(hypotheses, k, world_from_cam) for k in range(1, 1 + len(competing))]
     return MapPosterior(
         direction=float(shares[0] * at_fit),
-        rival=float(shares[1:] @ np.array(others)),
+        competing=float(shares[1:] @ np.array(others)),
         rotation=rotation,
         moving=risk.moving,
         floor=FLOOR,
@@ -115,14 +115,14 @@ def is_near(world_from_cam: Mapping[int, Pose], fitted: FittedMotion) -> bool:
     return rotation_deg <= WRONG_ROTATION_DEG and direction_deg <= WRONG_DIRECTION_DEG
 
 
-def _wrong_by_rival(hypotheses: WindowHypotheses, k: int, world_from_cam: Mapping[int, Pose]) -> float:
-    """Probability that the map is wrong if a rival is right."""
-    rival = hypotheses.motions[k]
-    rotation_deg, direction_deg = differences_deg(world_from_cam, rival)[rival.frames[1]]
+def _wrong_if_competing(hypotheses: WindowHypotheses, k: int, world_from_cam: Mapping[int, Pose]) -> float:
+    """Probability that the map is wrong if a competing motion is right."""
+    competing = hypotheses.motions[k]
+    rotation_deg, direction_deg = differences_deg(world_from_cam, competing)[competing.frames[1]]
     if rotation_deg > 2 * WRONG_ROTATION_DEG or direction_deg > 2 * WRONG_DIRECTION_DEG:
         return 1.0
-    others = (one for one in hypotheses.motions if one is not rival)
-    first = replace(hypotheses, motions=(rival, *others))
+    others = (one for one in hypotheses.motions if one is not competing)
+    first = replace(hypotheses, motions=(competing, *others))
     return _wrong(first, risk_of(first), world_from_cam)[1]
 
 
@@ -188,7 +188,7 @@ def _tail_of_rotation(hypotheses: WindowHypotheses, risk: WindowRisk) -> float:
 def _tail_with_lasting_errors(hypotheses: WindowHypotheses) -> float:
     """The tail with the errors that a tracker keeps in the noise, and all motions fitted again with it.
 
-    The risk has such a test where its direction is known. A map from anywhere is judged where it is not.
+    The risk has such a test where its direction is known. A map from anywhere is evaluated where it is not.
     """
     wide = with_lasting_errors(hypotheses.tracks, hypotheses.rotation_only.state.R)
     again = fit_hypotheses(wide, [one.motion for one in hypotheses.motions], hypotheses.priors)

@@ -16,7 +16,7 @@ from quest.geometry.quaternion import rotation_angle
 from slam_init.config import Config
 from slam_init.datasets.posed_images import AXES, with_axes
 from slam_init.decision.audit import audit
-from slam_init.decision.judged_window import off_plane
+from slam_init.decision.evaluated_window import off_plane
 from slam_init.errors import SlamInitError
 from slam_init.types.arrays import evenly_spaced
 from slam_init.types.audit import Audit
@@ -37,7 +37,7 @@ _OUTLIER_PX = 4.0
 #: The rotations tell two readings apart by so many standard deviations. Where the camera hardly turns, a wrong
 #: direction is right in one of the many readings by chance.
 #: Class: level.
-_TOLD_SIGMAS = 3.0
+_SIGNIFICANT_SIGMAS = 3.0
 
 
 @dataclass(frozen=True)
@@ -98,12 +98,12 @@ def fitting_reading(
     others = reading.of(poses)
     try:
         found = audit(others, tracks, camera, config)
-    except SlamInitError:  # poses that cannot be judged do not fit
+    except SlamInitError:  # poses that cannot be evaluated do not fit
         return None
     first, *frames = (frame for frame in found.frames if frame in poses)
     turned = [(one[first].inverse() @ one[frame]).R for frame in frames for one in (poses, others)]
     angles = [rotation_angle(a @ b.T) for a, b in zip(turned[::2], turned[1::2], strict=True)]
-    told = np.degrees(max(angles)) > _TOLD_SIGMAS * found.rotation_sigma_deg
+    told = np.degrees(max(angles)) > _SIGNIFICANT_SIGMAS * found.rotation_sigma_deg
     return FittingReading(reading, found) if found and told else None
 
 

@@ -22,7 +22,7 @@ from slam_init.window.levels import EVEN_ODDS
 _LEFT_OF_A_WALL = 0.2
 #: A rotation is established where what it leaves allows such a translation this share of the displacement at the most.
 #: Two panoramas have .02 to .17 with a right lens and with an estimated one. Films that move have .39 and more where
-#: a rotation explains their tracks still: a desk .8, a board .45, a drawn room .4 (Tsukuba).
+#: a rotation explains their tracks still: a desk .8, a board .45, a simulated room .4 (Tsukuba).
 #: Class: measured.
 _ESTABLISHED = 0.25
 _NOT_YET = "not enough translation yet: keep translating, best sideways"

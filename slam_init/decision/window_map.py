@@ -1,4 +1,4 @@
-"""The map of a judged window: bundle-adjusted on all tracks of the pair, and refused where it cannot be used."""
+"""The map of an evaluated window: bundle-adjusted on all tracks of the pair, and refused where it cannot be used."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from quest.noise import GATE_SIGMAS
 from slam_init.bundle.adjustment import restated
 from slam_init.bundle.problem import BundleFailure, BundleSolution, PosePrior
 from slam_init.config import Config
-from slam_init.decision.judged_window import JudgedWindow
+from slam_init.decision.evaluated_window import EvaluatedWindow
 from slam_init.decision.map_posterior import differences_deg
 from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.mapping.candidate import map_of_poses
@@ -34,13 +34,13 @@ _HELD = 0.1
 
 
 class WindowMaps:
-    """Builds the maps of a judged window.
+    """Builds the maps of an evaluated window.
 
     * ``history``: Holds the frames of the window.
     * ``shutter``: Has corrected their rays.
     """
 
-    def __init__(self, window: JudgedWindow, config: Config, history: History, shutter: RollingShutter) -> None:
+    def __init__(self, window: EvaluatedWindow, config: Config, history: History, shutter: RollingShutter) -> None:
         self._window, self._config = window, config
         self._history, self._readout_s = history, shutter.readout_s
 
@@ -55,13 +55,13 @@ class WindowMaps:
     def undecided(self, reason: Verdict) -> tuple[InitialMap, ...]:
         """The maps of the two motions that the tracks do not decide between, the best first; none where one has no map.
 
-        These are both motions of a plane, or those of the scene and of a body that holds many tracks.
+        These are both motions of a plane, or those of the scene and of a moving object that holds many tracks.
         """
         hypotheses = self._window.hypotheses
         motions: list[FittedMotion] = []
         if reason == Verdict.AMBIGUOUS_PLANE:
             motions = list(hypotheses.motions[:2])
-        elif reason == Verdict.MOVING_BODIES and self._window.risk.other.probability:
+        elif reason == Verdict.MOVING_OBJECTS and self._window.risk.other.probability:
             other = self._window.risk.other.fitted
             motions = [hypotheses.motions[0], other] if other is not None and other.rows[1] == 1 else []
         both = [self._adjusted(motion)[0] for motion in motions]

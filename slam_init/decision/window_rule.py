@@ -1,9 +1,9 @@
 """The decision on a frame: by the risk that the map of the best hypothesis is wrong, and by the depths of this map.
 
 quest proposes motions from the pairs that the keyframe manager chooses. From then on the motions live: each further
-frame joins their joint fit, and the risk is stated anew. What follows from a window is a function of it
-(:mod:`slam_init.decision.judged_window`). A map is built for an accepted motion, for the two motions of an undecided
-plane or of the scene and a large body, or on request (:mod:`slam_init.decision.window_map`).
+frame joins their joint fit, and the risk is stated again. What follows from a window is a function of it
+(:mod:`slam_init.decision.evaluated_window`). A map is built for an accepted motion, for the two motions of an undecided
+plane or of the scene and a large object, or on request (:mod:`slam_init.decision.window_map`).
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from quest.estimate import NoPose, RelativePose
 from slam_init.bundle.problem import BundleSolution
 from slam_init.config import Config
 from slam_init.decision.depths import depth_gates
+from slam_init.decision.evaluated_window import EvaluatedWindow
 from slam_init.decision.focal_check import FocalCheck
 from slam_init.decision.frame_skipper import FrameSkipper
-from slam_init.decision.judged_window import JudgedWindow
 from slam_init.decision.lens import priors_of
-from slam_init.decision.maps_so_far import Outcome
+from slam_init.decision.map_candidates import Outcome
 from slam_init.decision.rotation_only import with_established_reason
 from slam_init.decision.screening import LEAST_PARALLAX_SHARE
 from slam_init.decision.two_views import (
@@ -46,13 +46,13 @@ from slam_init.types.pose import Pose
 from slam_init.types.refusal import Gate, GateName, Stage, Verdict, at_least
 from slam_init.types.result import Attempt, ProvisionalMap
 from slam_init.types.stopwatch import Stopwatch
-from slam_init.window.hypotheses import StayingTracks, WindowHypotheses
+from slam_init.window.hypotheses import OverlayTracks, WindowHypotheses
 from slam_init.window.levels import FLOOR
 from slam_init.window.live import LiveHypotheses
 from slam_init.window.motion import OtherMotion
 from slam_init.window.risk import WindowRisk, risk_of, with_zooming_rotation
 from slam_init.window.tracks import MAX_VIEWS
-from slam_init.window.uncertainty import told_readout_s
+from slam_init.window.uncertainty import significant_readout_s
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ class _Views:
 
     pair: MatchedPair
     further: tuple[Observations, ...]
-    staying: StayingTracks | None = None
+    overlay: OverlayTracks | None = None
 
     @property
     def all(self) -> tuple[Observations, ...]:
@@ -98,17 +98,17 @@ class WindowRule:
         self._threshold_rad = config.two_view.threshold_px / history.camera.focal_px
         self._reference: int | None = None
         self._rotates = False
-        self._last: JudgedWindow | None = None
+        self._last: EvaluatedWindow | None = None
         # The motion of other tracks in the last window that was searched for one.
         self._other = OtherMotion()
 
     def renewed(self) -> WindowRule:
-        """A rule with the same options that has judged nothing."""
+        """A rule with the same options that has evaluated nothing."""
         return WindowRule(
             self._config, self._history, self._shutter, third_view=self._third_view, propose=self._estimate
         )
 
-    def judge(
+    def evaluate(
         self,
         chosen: PairPreview | None,
         pairs: Sequence[PairPreview],
@@ -160,12 +160,12 @@ class WindowRule:
         last = self._last
         return None if last is None else (last.best.motion.cam_from_world, last.lens_of_best.camera)
 
-    # -- parts of the judgement -------------------------------------------------------------------
+    # -- parts of the evaluation -------------------------------------------------------------------
 
     def _propose_and_fit(
         self, chosen: PairPreview | None, views: _Views, attempt: Attempt, stopwatch: Stopwatch
     ) -> Outcome:
-        """Propose motions where a pair was chosen, and judge all that are known."""
+        """Propose motions where a pair was chosen, and evaluate all that are known."""
         if chosen is not None:
             self._reference = chosen.reference
             with stopwatch("two_view"):
@@ -193,8 +193,8 @@ class WindowRule:
             return Outcome(attempt.refused_at(Verdict.NO_CONSISTENT_MOTION, Stage.MAP))
         hypotheses, risk = found
         pair = self._with_readout(views.pair, risk)
-        window = JudgedWindow(pair, hypotheses, risk, self._history.lens, self._threshold_rad)
-        # A camera that merely rotates is judged again once a pair shows parallax.
+        window = EvaluatedWindow(pair, hypotheses, risk, self._history.lens, self._threshold_rad)
+        # A camera that merely rotates is evaluated again once a pair shows parallax.
         self._last, self._rotates = window, window.only_rotates
         outcome = self._accept_or_refuse(window, window.with_evidence(attempt))
         free = self._focal_check(window, accepted=outcome.accepted is not None)
@@ -208,12 +208,12 @@ class WindowRule:
     def _estimated(self, views: _Views) -> tuple[WindowHypotheses, WindowRisk] | None:
         """The hypotheses of a window and the risk of the best one; None without hypotheses."""
         lens, history = self._history.lens, self._history
-        attitudes = [history.attitude(view.frame) for view in views.all]
+        measured = [history.relative_rotation(view.frame) for view in views.all]
         gravities = [history.gravities.get(view.frame) for view in views.all]
-        hypotheses = self._live.fitted(lens.camera, priors_of(lens, self._config), views.all, attitudes, gravities)
+        hypotheses = self._live.fitted(lens.camera, priors_of(lens, self._config), views.all, measured, gravities)
         if hypotheses is None:
             return None
-        hypotheses = replace(hypotheses, staying=views.staying)
+        hypotheses = replace(hypotheses, overlay=views.overlay)
         # What was undecided stays a question in the next windows, whose pairs may not tell it again.
         if self._other.probability > FLOOR:
             hypotheses = replace(hypotheses, other_before=self._other)
@@ -225,11 +225,11 @@ class WindowRule:
                 return None
             hypotheses, risk = alone, _complete_risk(alone, max_risk)
             self._live.keep(hypotheses)
-        if risk.knows_bodies:
+        if risk.seeks_objects:
             self._other = risk.other
         return hypotheses, risk
 
-    def _accept_or_refuse(self, window: JudgedWindow, attempt: Attempt) -> Outcome:
+    def _accept_or_refuse(self, window: EvaluatedWindow, attempt: Attempt) -> Outcome:
         """Refuse a window by its gates, or build its map."""
         gates = window.gates(self._config.acceptance.max_risk)
         attempt, maps = attempt.with_gates(gates), self._maps(window)
@@ -265,7 +265,7 @@ class WindowRule:
         enough = at_least(GateName.LANDMARKS, landmarks, limits.min_landmarks, Verdict.TOO_FEW_LANDMARKS)
         return [*depth_gates(bundle, limits), enough]
 
-    def _maps(self, window: JudgedWindow) -> WindowMaps:
+    def _maps(self, window: EvaluatedWindow) -> WindowMaps:
         return WindowMaps(window, self._config, self._history, self._shutter)
 
     def _views(self, preview: PairPreview, current: Observations) -> _Views:
@@ -273,14 +273,14 @@ class WindowRule:
         pair = match_pair(self._history, preview, current)
         most, known = MAX_VIEWS - 2, self._live.frames
         further = further_views(self._history, pair.reference, current, self._config.map, most, known)
-        static, staying = static_tracks(pair.reference, current, further), None
+        static, overlay = static_tracks(pair.reference, current, further), None
         if len(static):
             reference, now = without(pair.reference, static), without(current, static)
             stays = np.isin(pair.track_ids, static)
-            staying = StayingTracks(pair.track_ids[stays], pair.rays1[stays], float(stays.mean()))
+            overlay = OverlayTracks(pair.track_ids[stays], pair.rays1[stays], float(stays.mean()))
             pair = replace(pair.at(np.flatnonzero(~stays)), reference=reference, current=now)
         used = further if self._third_view else []
-        return _Views(pair, tuple(without(view, static) for view in used), staying)
+        return _Views(pair, tuple(without(view, static) for view in used), overlay)
 
     def _attempt(self, pair: MatchedPair) -> Attempt:
         none = np.zeros(len(pair.rays1), bool)
@@ -313,7 +313,7 @@ class WindowRule:
     def _with_readout(self, pair: MatchedPair, risk: WindowRisk) -> MatchedPair:
         """Correct the rays of the history for the readout that the window found; return the pair with these rays."""
         is_known = risk.lens.readout_sigma_s == 0
-        if is_known or not self._shutter.adopt(self._history, told_readout_s(risk.lens)):
+        if is_known or not self._shutter.adopt(self._history, significant_readout_s(risk.lens)):
             return pair
         return self._views(pair.preview, self._history[pair.current.frame]).pair
 

@@ -22,7 +22,7 @@ _OTHER_AXES = {
     (1.0, 1.0, -1.0): "with z backward: multiply z by -1",
 }
 #: A pixel this many sizes of the image away from it is no measurement of this camera: a lens of 170 degrees has rays at
-#: eleven sizes. The polynomials of the error fields of all tracks would follow it.
+#: eleven sizes. The polynomials of the fields of correlated errors of all tracks would follow it.
 _FARTHEST_SIZES = 20.0
 
 

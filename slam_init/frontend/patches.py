@@ -15,7 +15,7 @@ mean lies on another surface, and keeps its own map.
 
 An alignment is accepted where it ends near its start and leaves little. Else the track goes on by flow, and drifts.
 Where alignments fail for some frames (the view has changed, or the track lies on a border of two surfaces), the patch
-is cut anew.
+is cut again.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _NEAR_PX = 1.0
 _LITTLE, _AS_FLOW = 0.35, 1.5
 #: Root of the mean square of Gaussian numbers over their mean absolute value.
 _ROOT_OVER_MEAN = 1.25
-#: A patch is cut anew when this number of alignments in a row have failed.
+#: A patch is cut again when this number of alignments in a row have failed.
 _FAILURES = 3
 #: What rounding leaves between two images, grey levels: the root of two twelfths.
 _ROUNDING = 0.4

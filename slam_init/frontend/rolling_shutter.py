@@ -143,7 +143,7 @@ class RollingShutter:
         return True
 
     def change_lens(self, history: History, lens: LensInUse) -> None:
-        """Go on with another lens: the history gets the rays of all its frames anew."""
+        """Go on with another lens: the history gets the rays of all its frames again."""
         if lens is history.lens:
             return
         # The turning was seen through the earlier lens: a longer one sees the same motion of the pixels as less.

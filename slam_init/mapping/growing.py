@@ -139,7 +139,7 @@ class GrowingMap:
         _, i, j = np.intersect1d(self._problem.track_ids, seen.track_ids, return_indices=True)
         gate_rad = _SURVIVAL_PX / self.camera.focal_px
         resected = resect(self._problem.points[i], seen.bearings[j], gate_rad, self._guess)
-        self._judge(seen.frame, len(i), 0 if resected is None else int(resected[1].sum()))
+        self._evaluate(seen.frame, len(i), 0 if resected is None else int(resected[1].sum()))
         if resected is None:
             return None
         self._guess, agreeing = resected
@@ -192,7 +192,7 @@ class GrowingMap:
             return
         self._views[revised.frame] = revised.through(self.camera)
 
-    def _judge(self, frame: int, tracked: int, agreeing: int) -> None:
+    def _evaluate(self, frame: int, tracked: int, agreeing: int) -> None:
         """Find out whether the map is lost."""
         least = self._config.min_resected
         self._misses = [] if agreeing >= least else [*self._misses, frame]

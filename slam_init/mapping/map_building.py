@@ -85,7 +85,7 @@ def initial_map(bundle: BundleSolution, views: Sequence[Observations], scene: st
         pose_covariances=bundle.pose_covariances,
         point_covariances=bundle.point_covariances,
         depth_sigmas=bundle.depth_sigmas,
-        unit_error=bundle.unit_error,
+        scale_uncertainty=bundle.scale_uncertainty,
         open_tracks=newest.at(np.flatnonzero(~np.isin(newest.track_ids, problem.track_ids))),
         gauge=GAUGE,
         graph=bundle.graph,

@@ -27,7 +27,7 @@ class Refinement:
         self.map, self.frames = map_, 0
         self._config = config
         self._growing: GrowingMap | None = None
-        self._judged = 0
+        self._evaluated = 0
         most, target = config.refine_frames, config.acceptance.max_depth_sigma
         self.done = most == 0 or (most is None and map_.depth_sigma <= target)
 
@@ -56,7 +56,7 @@ class Refinement:
         """Whether the number of frames or the deviation of the depths is reached; keyframes alone change the latter."""
         if self._config.refine_frames is not None:
             return self.frames >= self._config.refine_frames
-        if growing.keyframes_added == self._judged:
+        if growing.keyframes_added == self._evaluated:
             return False
-        self._judged = growing.keyframes_added
+        self._evaluated = growing.keyframes_added
         return growing.grown().depth_sigma <= self._config.acceptance.max_depth_sigma

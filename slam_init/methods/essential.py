@@ -141,7 +141,7 @@ class PlaneOnly(RuledMethod):
     #: Smallest number of points in front of both cameras with small reprojection errors (initMinInliers).
     min_inliers: int = 40
     #: If a second motion puts at least this share of the points in front, the epipolar error decides (vikit).
-    rival_share: float = 0.9
+    second_share: float = 0.9
     #: OpenCV's default for a homography, which SVO takes.
     confidence: float = 0.995
 
@@ -174,7 +174,7 @@ class PlaneOnly(RuledMethod):
         in_front = CheckRule(max_error_px=float("inf"), distant_cos=1.0, midpoint=True)
         good = pair.check(R, t, inliers, in_front).good.sum(axis=1)
         first, second = np.argsort(-good, kind="stable")[:2]
-        if good[second] < self.rival_share * good[first]:
+        if good[second] < self.second_share * good[first]:
             return int(first)
         gate_rad = self.threshold_px / pair.camera.focal_px
         errors = np.abs(sampson_error(R[[first, second]], t[[first, second]], pair.rays1, pair.rays2))

@@ -45,7 +45,7 @@ from slam_init.output.folder import writing
 from slam_init.recording.recorder import Recorder
 from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.frame import Frame, Observations
-from slam_init.types.initial_map import InitialMap, Keyframe, UnitError
+from slam_init.types.initial_map import InitialMap, Keyframe, ScaleUncertainty
 from slam_init.types.pose import Trajectory
 from slam_init.types.refusal import REASONS, Verdict
 from slam_init.types.result import Result
@@ -130,8 +130,8 @@ class ExternalInitializer:
         raise SlamInitError(f"{self._command.label} is an external program, which needs images: give no points: source")
 
     def reset(self, since: int | None = None) -> None:
-        """Refuse to start anew: the program gets all frames at once."""
-        raise SlamInitError("an external program gets all frames at once: it cannot start anew after a loss")
+        """Refuse to restart: the program gets all frames at once."""
+        raise SlamInitError("an external program gets all frames at once: it cannot restart after a loss")
 
     def finish(self) -> Result:
         """Run the program, and read its trajectory."""
@@ -251,7 +251,7 @@ def _map_of(keyframes: Sequence[Keyframe], camera: Camera) -> InitialMap:
         pose_covariances=np.full((len(keyframes), 6, 6), np.nan),
         point_covariances=np.zeros((0, 3, 3)),
         depth_sigmas=np.zeros(0),
-        unit_error=UnitError(),
+        scale_uncertainty=ScaleUncertainty(),
         open_tracks=_without_tracks(newest.frame, newest.timestamp_s, newest.name),
         gauge="that of the external program",
         graph=None,

@@ -104,7 +104,7 @@ class MotionCheck:
         k = int(np.argmax(good))
         return k, int(good[k]), float(self.parallax_deg[k])
 
-    def rival(self) -> float:
+    def second_share(self) -> float:
         """Compute the number of good matches of the second best motion over that of the best one."""
         good = self.good.sum(axis=1)
         k = int(np.argmax(good))

@@ -11,7 +11,7 @@ from slam_init.bundle.adjustment import adjust
 from slam_init.bundle.problem import BundleProblem, BundleSolution
 from slam_init.config import Config
 from slam_init.decision.attempt_log import AttemptLog
-from slam_init.decision.maps_so_far import MapsSoFar, Outcome
+from slam_init.decision.map_candidates import MapCandidates, Outcome
 from slam_init.errors import SlamInitError
 from slam_init.frontend.frame_clock import FrameClock
 from slam_init.frontend.matched_tracks import make_tracker
@@ -66,7 +66,7 @@ class PairInitializer:
         self._reference: int | None = None
         self._attempts = AttemptLog()
         # A map of two views is handed over at once.
-        self._maps = MapsSoFar(self.recorder, replace(self.config, refine_frames=0))
+        self._maps = MapCandidates(self.recorder, replace(self.config, refine_frames=0))
 
     @property
     def map(self) -> InitialMap | None:
@@ -135,7 +135,7 @@ class PairInitializer:
         return result
 
     def reset(self, since: int | None = None) -> None:
-        """Start anew; see :meth:`slam_init.initializer.Initializer.reset`.
+        """Restart; see :meth:`slam_init.initializer.Initializer.reset`.
 
         * ``since``: Absolute index of the first frame whose tracks the next map may use; by default the newest one.
         """

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from slam_init.types.camera import Camera
 
 #: What takes frames until it has a map. The three have the interface of :class:`slam_init.initializer.Initializer`.
-FrontEnd: TypeAlias = "Initializer | PairInitializer | ExternalInitializer"
+AnyMethod: TypeAlias = "Initializer | PairInitializer | ExternalInitializer"
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ _DESCRIBED = (
     ),
     MethodInfo("magsac", "essential-5pt by another name", f"{_ESSENTIAL}:EssentialFivePoint", alias_of="essential-5pt"),
     MethodInfo(
-        "poselib-window", "PoseLib's relative pose in place of QuEst, judged by the window of quest", needs="poselib"
+        "poselib-window", "PoseLib's relative pose in place of QuEst, evaluated by the window of quest", needs="poselib"
     ),
     MethodInfo(
         "opensfm",
@@ -155,7 +155,7 @@ def make_two_view(name: str) -> Any:
     return method
 
 
-def make_initializer(name: str, camera: Camera, config: Config, recorder: Recorder | None = None) -> FrontEnd:
+def make_initializer(name: str, camera: Camera, config: Config, recorder: Recorder | None = None) -> AnyMethod:
     """Make an initializer that uses a method.
 
     * ``name``: A name of :data:`METHODS`, ``package.module:attribute``, or ``command:PROGRAM ...``.

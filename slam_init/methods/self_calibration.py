@@ -17,7 +17,7 @@ import numpy as np
 
 from slam_init.bundle.lens_fit import Matches, fit_lens
 from slam_init.config import Config
-from slam_init.datasets.track_source import KnowsTracks
+from slam_init.datasets.track_source import TrackProvider
 from slam_init.frontend.matched_tracks import make_tracker
 from slam_init.initializer import FittedPoses, Initializer
 from slam_init.mapping.resection import resect
@@ -34,9 +34,9 @@ from slam_init.window.locating import MIN_RESECTED
 #: A stretch without a map ends after so many frames: two seconds of video.
 LONGEST_STRETCH = 60
 #: An estimate of a stretch with a larger relative standard deviation is that of the prior, nearly: it is left out.
-_TOLD_SIGMA = 0.15
+_SIGNIFICANT_SIGMA = 0.15
 #: A distortion within two of its standard deviations is left out: most images have none.
-_TOLD_K1_SIGMAS = 2.0
+_SIGNIFICANT_K1_SIGMAS = 2.0
 #: The model has one focal length and a principal point in the middle. Real ones are off by a hundredth of the width,
 #: which moves the focal length by a part of this.
 _MODEL_SIGMA = 0.005
@@ -125,7 +125,7 @@ def combine(camera: Camera, estimates: Sequence[StretchEstimate]) -> SelfCalibra
         return SelfCalibration(None, tuple(estimates), len(estimates), k1_sigma, focal_sigma)
     focal_px = math.exp(log_focal)
     found = replace(camera, fx=focal_px, fy=focal_px, source="estimated", focal_sigma=focal_sigma)
-    if abs(k1) > _TOLD_K1_SIGMAS * k1_sigma:
+    if abs(k1) > _SIGNIFICANT_K1_SIGMAS * k1_sigma:
         found = found.bent(k1 - (camera.distortion[0] if camera.distortion else 0.0))
         # Both coefficients of a stretch belong together, and so do their weights.
         k2, _ = _mean([e.k2 for e in estimates], [e.k1_sigma for e in estimates])
@@ -155,7 +155,7 @@ def _stretch(
     initializer = Initializer(camera, config)
     last = first
     for last in chain((first,), frames):
-        if isinstance(source, KnowsTracks):
+        if isinstance(source, TrackProvider):
             status = initializer.process_tracks(source.observed(last, camera))
         else:
             status = initializer.process(last)
@@ -169,7 +169,7 @@ def _stretch(
             return found, result
     windows = [attempt.window for attempt in result.attempts if attempt.window is not None]
     best = min(windows, key=lambda window: window.focal_sigma, default=None)
-    if best is None or best.focal_sigma > _TOLD_SIGMA:
+    if best is None or best.focal_sigma > _SIGNIFICANT_SIGMA:
         return None, result
     focal_px = camera.focal_px * best.focal_factor
     k1 = best.distortion_k1 + (camera.distortion[0] if camera.distortion else 0.0)
@@ -181,7 +181,7 @@ def by_all_frames(
 ) -> StretchEstimate | None:
     """The lens by one bundle adjustment of all frames of a stretch; None where it does not tell the focal length.
 
-    The tracks are matches of descriptors. Each image is measured anew, so that their errors do not add up: on a road
+    The tracks are matches of descriptors. Each image is measured again, so that their errors do not add up: on a road
     they tell the focal length four times as well as tracks of the flow.
 
     * ``motion``: The poses of some of the frames, and the camera that was fitted with them, as a start.
@@ -192,13 +192,13 @@ def by_all_frames(
     poses, begun = motion
     tracker = make_tracker(begun, replace(config.tracking, matcher=_MATCHER))
     for frame in source.frames(start, count):
-        if isinstance(source, KnowsTracks):
+        if isinstance(source, TrackProvider):
             tracker.history.put(source.observed(frame, begun))
         else:
             tracker.track(frame)
     matches = _located_matches(list(tracker.history), poses, begun)
     found = None if matches is None else fit_lens(matches, begun, camera)
-    if found is None or found.inliers < _LEAST_INLIERS or found.focal_sigma > _TOLD_SIGMA:
+    if found is None or found.inliers < _LEAST_INLIERS or found.focal_sigma > _SIGNIFICANT_SIGMA:
         return None
     last = start + count - 1
     return StretchEstimate(start, last, found.focal_px, found.focal_sigma, found.k1, found.k1_sigma, found.k2)

@@ -53,10 +53,10 @@ class OrbSlam(RuledMethod):
     min_good_share: float = 0.9
     #: Required number of matches that count for the motion (ReconstructF, ReconstructH).
     min_triangulated: int = 50
-    #: rival_share_fundamental, rival_share_homography: No second motion may have more than this share of the matches
+    #: second_fundamental, second_homography: No second motion may have more than this share of the matches
     #: of the best motion (ReconstructF; ReconstructH).
-    rival_share_fundamental: float = 0.7
-    rival_share_homography: float = 0.75
+    second_fundamental: float = 0.7
+    second_homography: float = 0.75
     #: The 51st largest parallax has to be larger (Reconstruct, CheckRT).
     min_parallax_deg: float = 1.0
     #: A homography has no motion if the ratio of two of its singular values is nearer to one (ReconstructH).
@@ -84,17 +84,17 @@ class OrbSlam(RuledMethod):
             return pair.refused(Verdict.PURE_ROTATION, evidence)
         check = pair.check(R, t, inliers, self.check)
         best, good, parallax = check.best()
-        rival, rival_share = check.rival(), self.rival_share_homography if planar else self.rival_share_fundamental
+        second, most = check.second_share(), self.second_homography if planar else self.second_fundamental
         needed, low = self._needed(int(inliers.sum()), planar), self.min_parallax_deg
-        # As in the sources: a rival exactly at the bound refuses a homography, and not a fundamental matrix.
-        ambiguous = rival >= rival_share if planar else rival > rival_share
+        # As in the sources: a competing motion exactly at the bound refuses a homography, and not a fundamental matrix.
+        ambiguous = second >= most if planar else second > most
         # The sources give no reasons; these follow the list of this project. The number of good points
         # comes first, since a few points have no reliable parallax.
         limits = (
             Limit("good", good, needed, good < self.min_triangulated, Verdict.NO_CONSISTENT_MOTION),
             Limit("parallax_deg", parallax, low, parallax < low, Verdict.LOW_PARALLAX),
             Limit("good", good, needed, good < needed, Verdict.NO_CONSISTENT_MOTION),
-            Limit("rival_share", rival, rival_share, ambiguous, Verdict.AMBIGUOUS_PLANE),
+            Limit("second_share", second, most, ambiguous, Verdict.AMBIGUOUS_PLANE),
         )
         return pair.decided(check, best, planar, evidence | {"inliers": int(inliers.sum())}, limits)
 
@@ -145,7 +145,7 @@ class Stella(RuledMethod):
     min_valid: int = 50
     min_triangulated: int = 50
     #: No second motion may have more than this share of the points of the best motion [5]_.
-    rival_share: float = 0.8
+    second_share: float = 0.8
     #: The 51st largest parallax has to be larger [5]_ [6]_.
     min_parallax_deg: float = 1.0
     #: A homography has no motion if the ratio of two of its singular values is nearer to one [4]_.
@@ -172,14 +172,14 @@ class Stella(RuledMethod):
             return pair.refused(Verdict.PURE_ROTATION, evidence)
         check = pair.check(R, t, inliers_H if planar else inliers_F, self.check)
         best, valid, parallax = check.best()
-        rival, found = check.rival(), int(check.landmarks[best].sum())
-        few, low, most, least = self.min_valid, self.min_parallax_deg, self.rival_share, self.min_triangulated
+        second, found = check.second_share(), int(check.landmarks[best].sum())
+        few, low, most, least = self.min_valid, self.min_parallax_deg, self.second_share, self.min_triangulated
         # The sources give no reasons. Too few points have no reliable parallax, so they are tested first. The other
         # reasons follow the list of this project.
         limits = (
             Limit("good", valid, few, valid < few, Verdict.NO_CONSISTENT_MOTION),
             Limit("parallax_deg", parallax, low, parallax < low, Verdict.LOW_PARALLAX),
-            Limit("rival_share", rival, most, rival > most, Verdict.AMBIGUOUS_PLANE),
+            Limit("second_share", second, most, second > most, Verdict.AMBIGUOUS_PLANE),
             Limit("triangulated", found, least, found < least, Verdict.TOO_FEW_LANDMARKS),
         )
         return pair.decided(check, best, planar, evidence, limits)

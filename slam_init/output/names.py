@@ -21,7 +21,7 @@ SCENE_FILES = (
     "transforms.json",
     "points.ply",
 )
-#: The files of a map. A run that starts anew after a loss writes them to a folder for each map.
+#: The files of a map. A run that restarts after a loss writes them to a folder for each map.
 MAP_FILES = (
     "trajectory.txt",
     "map.ply",
@@ -44,5 +44,5 @@ CALIBRATION_FILES = ("camera.yaml", "calibration.json")
 
 
 def segment_folder(number: int) -> str:
-    """Name the folder of a map of a run that starts anew after a loss."""
+    """Name the folder of a map of a run that restarts after a loss."""
     return f"segment-{number:03d}"

@@ -232,7 +232,7 @@ def map_figures(map_: InitialMap | None, scale: Scale | None) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class SegmentRecord:
-    """A map of a run that starts anew after a loss."""
+    """A map of a run that restarts after a loss."""
 
     #: Folder of its files.
     folder: str

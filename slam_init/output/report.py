@@ -50,7 +50,7 @@ def _run_facts(summary: Summary) -> list[tuple[str, str]]:
 
 
 def _segment_fact(segment: SegmentRecord) -> tuple[str, str]:
-    """Return the line about a map of a run that starts anew after a loss."""
+    """Return the line about a map of a run that restarts after a loss."""
     frames = f"frames {segment.keyframes[0].frame} to {segment.keyframes[-1].frame}"
     end = "followed to the end" if segment.lost_at is None else f"lost at frame {segment.lost_at}"
     scale = "" if segment.scale is None else f", 1 unit = {segment.scale:.4g} m"

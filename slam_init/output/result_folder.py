@@ -58,7 +58,7 @@ def earlier_result(folder: Path) -> str | None:
 def read_result(path: str | os.PathLike[str]) -> dict[str, Any]:
     """Read a folder of results.
 
-    * Returns: The facts in the order of ``slam-init info --json``. The risk is that of the last judged window.
+    * Returns: The facts in the order of ``slam-init info --json``. The risk is that of the last evaluated window.
     """
     folder = Path(path)
     summary = _read_summary(folder)

@@ -16,7 +16,7 @@ A folder holds exactly one run. A run with one map::
     recording.rrd               the recording
     interrupted.rrd             the recording of a later run that was interrupted, up to its end
 
-A run that starts anew after a loss writes the files of each map to a folder of its own: ``segment-001/trajectory.txt``
+A run that restarts after a loss writes the files of each map to a folder of its own: ``segment-001/trajectory.txt``
 and so on. The summary, the configuration and the recording are those of the run.
 
 :mod:`slam_init.output.folder` tells how the results replace those of an earlier run: all of them, or none. The summary

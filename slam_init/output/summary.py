@@ -33,7 +33,7 @@ from slam_init.types.result import GroundTruthErrors, Result
 from slam_init.types.stopwatch import StageTimes
 
 #: Version of the layout. It is raised when a key of ``summary.json`` changes its name, its place or its meaning.
-SCHEMA = 3
+SCHEMA = 4
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ class Summary:
     ground_truth: GroundTruthErrors | None
     #: The frames after the initialization, if the run continued.
     continued: ContinuationRecord | None
-    #: All maps of a run that starts anew after a loss, in time order; the keys above describe the first. Else empty.
+    #: All maps of a run that restarts after a loss, in time order; the keys above describe the first. Else empty.
     segments: tuple[SegmentRecord, ...]
     #: Notes for the user, e.g. that the calibration was guessed.
     notes: tuple[str, ...]

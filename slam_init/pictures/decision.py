@@ -21,9 +21,9 @@ _LEAST_RISK = 1e-4
 #: The terms of the risk, their names and their dashes.
 _TERMS = (
     ("risk_direction", "direction", "-"),
-    ("risk_rival", "another motion", "--"),
+    ("risk_competing", "another motion", "--"),
     ("risk_rotation", "only rotation", ":"),
-    ("risk_moving", "moving bodies", "-."),
+    ("risk_moving", "moving objects", "-."),
 )
 #: Most attempts of a failure whose risk is drawn with its terms.
 _MOST_WITH_TERMS = 40
@@ -36,7 +36,7 @@ VERDICT_COLORS: dict[Verdict, str] = {
     Verdict.TOO_FEW_FEATURES: "#a98467",
     Verdict.TOO_FEW_MATCHES: "#7f5539",
     Verdict.NO_CONSISTENT_MOTION: "#8e44ad",
-    Verdict.MOVING_BODIES: "#b478e6",
+    Verdict.MOVING_OBJECTS: "#b478e6",
     Verdict.AMBIGUOUS_PLANE: "#f28c28",
     Verdict.UNKNOWN_FOCAL_LENGTH: "#b8a200",
     Verdict.WRONG_FOCAL_LENGTH: "#6b5900",
@@ -73,7 +73,7 @@ def draw_decision(axes: Axes, attempts: Sequence[Attempt]) -> None:
 
 
 def _risks(attempts: Sequence[Attempt], name: str) -> Floats:
-    """A figure of the window of each attempt, NaN where none was judged."""
+    """A figure of the window of each attempt, NaN where none was evaluated."""
     return np.array([np.nan if one.window is None else float(getattr(one.window, name)) for one in attempts])
 
 

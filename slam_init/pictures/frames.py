@@ -24,7 +24,7 @@ _PARTS = (
     ("tracks", "tracks, no motion estimated", TRACK),
     ("outliers", "outliers", OUTLIER),
     ("inliers", "inliers", INLIER),
-    ("moving", "moving bodies", MOVING),
+    ("moving", "moving objects", MOVING),
 )
 #: Longest track that is drawn from one shown frame to the next, as a share of the width of the image.
 _LONGEST_TAIL = 0.15

@@ -43,7 +43,7 @@ _MOST_FRAMES, _FRAME_HEIGHT = 3, 150
 _DECISION_HEIGHT = 420
 #: Room for the title of a map and for the axis of the one above it.
 _TITLE = 72
-#: Most maps of a run that started anew.
+#: Most maps of a run that restarted.
 _MOST_SEGMENTS = 4
 #: Most lines of notes in the head.
 _MOST_NOTES = 12
@@ -111,7 +111,7 @@ def _draw_head(figure: Figure, result: Result, summary: Summary) -> float:
 
 
 def _facts(result: Result) -> list[str]:
-    """The figures of a run: of the map, or of the attempts, and of the last judged window."""
+    """The figures of a run: of the map, or of the attempts, and of the last evaluated window."""
     map_, window = result.map, _last_window(result.attempts)
     facts = []
     if len(result.segments) > 1:
@@ -143,7 +143,7 @@ def _facts(result: Result) -> list[str]:
 
 
 def _last_window(attempts: Sequence[Attempt]) -> Attempt | None:
-    """The last attempt whose window was judged."""
+    """The last attempt whose window was evaluated."""
     return next((one for one in reversed(attempts) if one.window is not None), None)
 
 
@@ -187,7 +187,7 @@ def _draw_maps(figure: Figure, place: _Place, maps: Sequence[tuple[InitialMap, s
 
 
 def _of_segment(number: int, segment: Segment) -> tuple[InitialMap, str, str]:
-    """A map of a run that started anew."""
+    """A map of a run that restarted."""
     frames, view = segment.map.keyframes, widest_view(segment.map)
     end = "followed to the end" if segment.lost_at is None else f"lost at frame {segment.lost_at}"
     facts = f"{len(segment.map.points)} landmarks, {len(segment.located)} further frames located, {end}"
@@ -209,13 +209,13 @@ def _draw_conjugate_maps(figure: Figure, place: _Place, result: Result) -> None:
 
 def _deciding(result: Result) -> str:
     """The evidence that has to decide between two maps: their vote, and the risk by another motion."""
-    if result.reason == Verdict.MOVING_BODIES:
+    if result.reason == Verdict.MOVING_OBJECTS:
         return "The tracks of A are at rest and those of B move, or the other way round."
     facts = [] if result.margin is None else [f"The tracks {result.margin.in_words('A', 'B')}."]
     last = _last_window(result.attempts)
     if last is not None and last.window is not None:
         bound = next((f" (bound {gate.threshold:g})" for gate in last.gates if gate.name is GateName.RISK), "")
-        facts.append(f"The risk that it is B is {last.window.risk_rival:.2g}{bound}.")
+        facts.append(f"The risk that it is B is {last.window.risk_competing:.2g}{bound}.")
     return " ".join(facts)
 
 

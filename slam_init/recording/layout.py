@@ -73,7 +73,7 @@ def _power(figure: Callable[[Attempt], float | None]) -> Callable[[Attempt], flo
 #: drawn this many times as long, since most are some pixels.
 ARROWS, ARROW_FACTOR = "world/camera/image/readout", 4
 #: The two maps of an undecided plane, and the evidence that has to decide between them.
-TWINS = "twins"
+CANDIDATES = "candidates"
 #: The verdict and the advice of the run.
 ADVICE = "advice"
 #: The smallest risk that is plotted. The plot is of powers of ten, because the bound would lie on the axis otherwise.
@@ -90,7 +90,7 @@ SERIES = (
     Series("stats/readout/estimate", "rolling shutter", ESTIMATE_COLOR, _evidence("window", "readout_ms")),
     Series("stats/risk_log10/bound", "bound", RED, _power(_gate(GateName.RISK, "threshold"))),
     Series("stats/risk_log10/direction", "direction", _TERM_COLORS[0], _power(_evidence("window", "risk_direction"))),
-    Series("stats/risk_log10/rival", "other motion", _TERM_COLORS[1], _power(_evidence("window", "risk_rival"))),
+    Series("stats/risk_log10/competing", "competing", _TERM_COLORS[1], _power(_evidence("window", "risk_competing"))),
     Series("stats/risk_log10/rotation", "rotation", _TERM_COLORS[2], _power(_evidence("window", "risk_rotation"))),
     Series("stats/risk_log10/moving", "moving", _TERM_COLORS[3], _power(_evidence("window", "risk_moving"))),
     Series("stats/risk_log10/total", "risk", PURPLE, _power(_evidence("window", "risk"))),
@@ -111,7 +111,7 @@ class End(StrEnum):
     """
 
     MAP = "map"
-    TWINS = "twins"
+    CANDIDATES = "candidates"
     NO_MAP = "no map"
 
 
@@ -160,12 +160,12 @@ def _conjugate_maps() -> Any:
     # From above, the planes of both maps are lines of different directions.
     above = rrb.EyeControls3D(position=(0.0, -1.7, 0.0), look_target=(0.0, 0.0, 0.7), eye_up=(0, 0, 1))
     views = [
-        rrb.Spatial3DView(origin=f"{TWINS}/{name}", name=title, line_grid=False, eye_controls=above)
+        rrb.Spatial3DView(origin=f"{CANDIDATES}/{name}", name=title, line_grid=False, eye_controls=above)
         for name, title in (("a", "map A: fits better"), ("b", "map B: the other"))
     ]
     return rrb.Vertical(
         rrb.Horizontal(*views),
-        rrb.TextDocumentView(origin=f"{TWINS}/evidence", name="what has to decide between A and B"),
+        rrb.TextDocumentView(origin=f"{CANDIDATES}/evidence", name="what has to decide between A and B"),
         row_shares=[2, 1],
         name="both maps",
     )
@@ -201,7 +201,7 @@ def _plots() -> Any:
     whole = ["/stats/risk_log10/total", "/stats/risk_log10/bound"]
     parts = ["$origin/**", *(f"- {entity}" for entity in whole)]
     powers = rrb.ScalarAxis(range=(math.log10(LEAST_RISK) - 0.2, 0.2))
-    # A judgement in one piece takes a second; on its scale the budget would lie on the axis.
+    # An evaluation in one piece takes a second; on its scale the budget would lie on the axis.
     times = rrb.ScalarAxis(range=(0.0, 5 * BUDGET_MS))
     more = rrb.Grid(
         plot("parallax px", "parallax"),

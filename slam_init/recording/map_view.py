@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from slam_init.evaluation.metrics import Similarity, align_truth, positions_between
-from slam_init.recording.layout import ERROR, ERROR_BARS, ESTIMATE_COLOR, TRUTH_COLOR, TWINS, Color
+from slam_init.recording.layout import CANDIDATES, ERROR, ERROR_BARS, ESTIMATE_COLOR, TRUTH_COLOR, Color
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.initial_map import InitialMap, Keyframe
@@ -18,12 +18,12 @@ from slam_init.types.scale import Scale
 
 #: Number of dashes of the ground truth. It is dashed so that the estimate can be seen where both agree.
 _DASHES = 30
-#: The better one of two undecided maps, and its rival.
+#: The better one of two undecided maps, and the other one.
 CONJUGATE_NAMES = ("a", "b")
 #: Size of the frustum of the camera in units of the map, whose median depth is 1. On a short path the frusta of the
 #: keyframes would hide the path. Their size is then a tenth of the path, so that five of them do not overlap.
 FRUSTUM, _SMALLEST_FRUSTUM, _FRUSTUM_OF_PATH = 0.08, 0.005, 0.1
-#: Colours of the better one of two undecided maps, and of its rival.
+#: Colours of the better one of two undecided maps, and of the other one.
 _COLORS: tuple[Color, ...] = ((190, 120, 255), (130, 110, 150))
 
 
@@ -46,21 +46,21 @@ def log_undecided(rec: Any, maps: Sequence[InitialMap]) -> None:
 
     thick = rr.Radius.ui_points(1.5)
     for k, (name, color) in enumerate(zip(CONJUGATE_NAMES, _COLORS, strict=True)):
-        hypothesis, twin = f"world/trajectory/hypothesis{k + 1}", f"{TWINS}/{name}"
+        hypothesis, candidate = f"world/trajectory/hypothesis{k + 1}", f"{CANDIDATES}/{name}"
         if k >= len(maps):
             rec.log(hypothesis, rr.Clear(recursive=False))
-            rec.log(twin, rr.Clear(recursive=True))
+            rec.log(candidate, rr.Clear(recursive=True))
             continue
         map_, label = maps[k], f"map {name.upper()}"
         path = [np.array([keyframe.world_from_cam.t for keyframe in map_.keyframes])]
         rec.log(hypothesis, rr.LineStrips3D(path, colors=[color], radii=thick, labels=[label], show_labels=True))
-        rec.log(twin, rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
-        _log_points(rec, f"{twin}/points", map_, map_.points)
+        rec.log(candidate, rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
+        _log_points(rec, f"{candidate}/points", map_, map_.points)
         for keyframe in map_.keyframes:
-            entity = f"{twin}/keyframes/{keyframe.frame}"
+            entity = f"{candidate}/keyframes/{keyframe.frame}"
             rec.log(entity, _transform(keyframe.world_from_cam))
             log_pinhole(rec, entity, map_.camera, ESTIMATE_COLOR, FRUSTUM)
-        rec.log(f"{twin}/path", rr.LineStrips3D(path, colors=[_COLORS[0]], radii=thick))
+        rec.log(f"{candidate}/path", rr.LineStrips3D(path, colors=[_COLORS[0]], radii=thick))
 
 
 def _log_points(rec: Any, entity: str, map_: InitialMap, points: Floats) -> None:

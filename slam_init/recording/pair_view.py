@@ -21,7 +21,7 @@ _WIDE = 1.8
 
 
 def moving_matches(attempt: Attempt) -> Bools:
-    """Which matches of a pair lie on bodies with a motion of their own, and are no inliers of the camera: (N,)."""
+    """Which matches (N,) of a pair lie on moving objects, and are no inliers of the camera."""
     return attempt.moving & ~attempt.inliers if attempt.moving.size else np.zeros_like(attempt.inliers)
 
 
@@ -29,8 +29,8 @@ def match_parts(attempt: Attempt) -> dict[str, Bools]:
     """The matches of a pair by what they are, (N,) each: without an estimated motion they are tracks only."""
     moving = moving_matches(attempt)
     others = ~attempt.inliers & ~moving
-    judged = np.full(len(others), attempt.judged)
-    return {"inliers": attempt.inliers, "outliers": others & judged, "moving": moving, "tracks": others & ~judged}
+    evaluated = np.full(len(others), attempt.evaluated)
+    return {"inliers": attempt.inliers, "outliers": others & evaluated, "moving": moving, "tracks": others & ~evaluated}
 
 
 def log_pair(rec: Any, attempt: Attempt, recent: Mapping[int, ShownFrame], camera: Camera) -> None:

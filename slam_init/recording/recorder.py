@@ -60,7 +60,7 @@ class Recorder:
         """Report the scale of the last map."""
 
     def restarted(self) -> None:
-        """Report that the map was lost, and that the initialization starts anew."""
+        """Report that the map was lost, and that the initialization restarts."""
 
     def close(self) -> None:
         """End the reports. It may be called twice."""

@@ -10,10 +10,10 @@ entity                      content
 ``world/points``            the landmarks
 ``world/trajectory``        ``est`` and ``gt``, the ground truth aligned to the map by a similarity;
                             ``hypothesis1``, ``hypothesis2`` while two maps are kept
-``twins/a``, ``twins/b``    both undecided maps while they are kept, the better one first
-``twins/evidence``          what has to decide between them
+``candidates/a``, ``/b``    both undecided maps while they are kept, the better one first
+``candidates/evidence``     what has to decide between them
 ``pairs``                   the last pair tried: images, matches (green inliers, red outliers,
-                            purple on a body that moves, yellow where no motion was estimated),
+                            purple on a moving object, yellow where no motion was estimated),
                             verdict and evidence
 ``stats``                   number of tracks; figures of the attempts; the risk, its terms and its
                             bound as powers of ten; time of a frame; error of bundle adjustment
@@ -209,9 +209,9 @@ class RerunRecorder(Recorder):
         if self._hypotheses or maps:
             map_view.log_undecided(self._rec, maps)
             evidence = text.conjugate_maps_markdown(self._attempt) if maps else "decided"
-            self._log_text(f"{layout.TWINS}/evidence", evidence)
+            self._log_text(f"{layout.CANDIDATES}/evidence", evidence)
         self._hypotheses = len(maps)
-        self._end = End.TWINS if len(maps) == len(map_view.CONJUGATE_NAMES) else End.MAP
+        self._end = End.CANDIDATES if len(maps) == len(map_view.CONJUGATE_NAMES) else End.MAP
 
     def continued(self, keyframe: Keyframe) -> None:
         """Move the camera, and extend both trajectories."""
@@ -228,7 +228,7 @@ class RerunRecorder(Recorder):
 
     def restarted(self) -> None:
         """Clear the lost map. The next one has another world frame."""
-        self._log_line("the map was lost: starting anew", good=False)
+        self._log_line("the map was lost: restarting", good=False)
         for entity in ("world/keyframes", "world/points", "world/trajectory", map_view.SCALE_BAR):
             self._rec.log(entity, self._rr.Clear(recursive=True))
         self._map_view.clear()
@@ -267,7 +267,7 @@ class RerunRecorder(Recorder):
         self._rec.log(entity, rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN), static=static)
 
     def _log_moving(self, pixels: Floats) -> None:
-        """Draw the tracks of the frame that lie on moving bodies."""
+        """Draw the tracks of the frame that lie on moving objects."""
         self._moving = len(pixels) > 0
         self._log_pixels("world/camera/image/moving", pixels, PURPLE, 3, draw_order=60.0)
 

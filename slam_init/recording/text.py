@@ -36,9 +36,9 @@ def attempt_markdown(attempt: Attempt) -> str:
         window = attempt.window
         terms = (
             ("the direction is uncertain", window.risk_direction),
-            ("another motion", window.risk_rival),
+            ("another motion", window.risk_competing),
             ("a camera that only rotates", window.risk_rotation),
-            ("moving bodies", window.risk_moving),
+            ("moving objects", window.risk_moving),
         )
         name, term = max(terms, key=lambda pair: pair[1])
         lines.append(f"largest part of the risk: {name}, {term:.2g}")
@@ -67,14 +67,14 @@ def evidence_markdown(attempt: Attempt) -> str:
 
 def conjugate_maps_markdown(attempt: Attempt | None) -> str:
     """Write what has to decide between two maps."""
-    if attempt is not None and attempt.verdict == Verdict.MOVING_BODIES:
+    if attempt is not None and attempt.verdict == Verdict.MOVING_OBJECTS:
         return "The tracks of A are at rest and those of B move, or the other way round: one of the maps is right."
     lines = ["Two motions explain these views of a plane: one of the maps is right.", ""]
     bound = None if attempt is None else next((g for g in attempt.gates if g.name is GateName.RISK), None)
     if attempt is not None and attempt.window is not None and bound is not None:
         lines += [
-            f"The risk that it is B is **{attempt.window.risk_rival:.2g}**. All terms together are {bound.value:.2g}; "
-            f"at **{bound.threshold:.2g}** the map is handed over."
+            f"The risk that it is B is **{attempt.window.risk_competing:.2g}**. The sum of all terms is "
+            f"{bound.value:.2g}; the map is accepted at **{bound.threshold:.2g}**."
         ]
     return "\n".join(lines)
 

@@ -131,7 +131,7 @@ def _tolerances(k: Floats, seen: InverseDepths, waves_rad: float) -> tuple[Float
     return predicted, np.sqrt(seen.sigmas**2 + (_ROUGHNESS * predicted) ** 2 + waves**2)
 
 
-def _judged(k: Floats, seen: InverseDepths, nadir: bool, waves_rad: float = _FIRST_WAVES_RAD) -> _Plane | None:
+def _evaluated(k: Floats, seen: InverseDepths, nadir: bool, waves_rad: float = _FIRST_WAVES_RAD) -> _Plane | None:
     """A plane with its inliers; None where landmarks lie beneath it."""
     predicted, tolerance = _tolerances(k, seen, waves_rad)
     off = (predicted - seen.values) / tolerance
@@ -158,11 +158,11 @@ def _best_plane(seen: InverseDepths, nadir: bool) -> _Plane | None:
     A = seen.rays[triples]
     solvable = np.abs(np.linalg.det(A)) > 1e-9
     planes = np.linalg.solve(A[solvable], seen.values[triples[solvable]][:, :, None])[:, :, 0]
-    judged = (_judged(k, seen, nadir) for k in planes[_faces(planes, nadir)][:_CANDIDATES])
-    best = min((plane for plane in judged if plane is not None), key=lambda plane: plane.log_false_alarms, default=None)
+    evaluated = (_evaluated(k, seen, nadir) for k in planes[_faces(planes, nadir)][:_CANDIDATES])
+    best = min((one for one in evaluated if one is not None), key=lambda plane: plane.log_false_alarms, default=None)
     if best is None:
         return None
-    refined = (_judged(_fitted(best, seen, waves_rad), seen, nadir, waves_rad) for waves_rad in _WAVES_RAD)
+    refined = (_evaluated(_fitted(best, seen, waves_rad), seen, nadir, waves_rad) for waves_rad in _WAVES_RAD)
     better = [plane for plane in refined if plane is not None]
     return min(better, key=lambda plane: plane.log_false_alarms, default=best)
 

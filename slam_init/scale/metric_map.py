@@ -48,7 +48,7 @@ def in_metres(map_: InitialMap, scale: Scale) -> InitialMap:
         pose_covariances=_covariances(map_, factor, scale.sigma),
         point_covariances=factor**2 * (map_.point_covariances + _of_scale(scale.sigma, map_.points)),
         depth_sigmas=np.sqrt(np.maximum(map_.depth_sigmas**2 + scale.sigma**2 - _HELD_SIGMA**2, 0.0)),
-        unit_error=map_.unit_error.with_scale(scale.sigma**2 - _HELD_SIGMA**2),
+        scale_uncertainty=map_.scale_uncertainty.with_scale(scale.sigma**2 - _HELD_SIGMA**2),
         gauge=f"first pose fixed; distance from the first camera to the farthest one known to {scale.sigma:.2g} of it",
         scale=scale,
         gravity=scale.gravity or map_.gravity,

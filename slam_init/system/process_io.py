@@ -30,7 +30,7 @@ def fill_closed_streams() -> None:
         sys.stderr = os.fdopen(2, "w", closefd=False)
 
 
-def tell(text: str) -> None:
+def emit(text: str) -> None:
     """Write to the standard output. If the reader of a pipe has closed it, the text is dropped without an error.
 
     * ``text``: With line ends. Characters that the encoding of the stream lacks are escaped.
@@ -126,11 +126,11 @@ def first_interrupt_calls(at_first: Callable[[], object]) -> Iterator[None]:
     """
     with ExitStack() as handlers:
 
-        def _tell(_: int, __: FrameType | None) -> None:
+        def _emit(_: int, __: FrameType | None) -> None:
             handlers.close()
             at_first()
 
-        handlers.enter_context(_handled_by(_tell))
+        handlers.enter_context(_handled_by(_emit))
         yield
 
 

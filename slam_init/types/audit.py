@@ -35,7 +35,7 @@ class Audit(Described):
         The same by the model of the window.
     risk_direction : float
         Probability that the best motion is right, and a map at its fit would be wrong.
-    risk_rival : float
+    risk_competing : float
         Probability that another motion is right, and the map is not near it.
     risk_rotation : float
         Probability that the camera only rotates.
@@ -48,7 +48,7 @@ class Audit(Described):
     direction_sigma_deg, rotation_sigma_deg : float
         Standard deviations of the pair's direction and rotation, of the best motion.
     pair : (int, int)
-        The frames whose baseline was judged.
+        The frames whose baseline was evaluated.
     frames : tuple of int
         All frames of the window, the pair first.
     tracks : int
@@ -69,7 +69,7 @@ class Audit(Described):
     risk: float
     model_risk: float
     risk_direction: float
-    risk_rival: float
+    risk_competing: float
     risk_rotation: float
     risk_moving: float
     risk_floor: float
@@ -90,14 +90,14 @@ class Audit(Described):
         return self.verdict is AuditVerdict.SOUND
 
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
-        names = ("direction", "rival", "rotation", "moving", "floor", "map")
+        names = ("direction", "competing", "rotation", "moving", "floor", "map")
         terms = ", ".join(f"{name} {getattr(self, f'risk_{name}'):.2g}" for name in names)
         reason = "" if self.reason is None else f"{in_words(self.reason)}: "
         return f"{self.verdict}: risk {risk_in_words(self.model_risk)}", [
             ("terms", terms),
-            ("judged", f"frames {self.pair[0]} and {self.pair[1]}, {len(self.frames)} views, {self.tracks} tracks"),
+            ("evaluated", f"frames {self.pair[0]} and {self.pair[1]}, {len(self.frames)} views, {self.tracks} tracks"),
             ("direction", f"{self.direction_deg:.3g} deg from the best motion, +- {self.direction_sigma_deg:.2g} deg"),
             ("rotation", f"{self.rotation_deg:.3g} deg from the best motion, +- {self.rotation_sigma_deg:.2g} deg"),
-            *([("what tells", f"{reason}{self.advice}")] if self.advice else []),
+            *([("what decides", f"{reason}{self.advice}")] if self.advice else []),
             *(("note", note) for note in self.notes),
         ]

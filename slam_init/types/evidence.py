@@ -96,10 +96,10 @@ class WindowEvidence:
         Whether the points were held on a plane.
     risk : float
         Probability that the map is wrong; the sum of the five terms below, at most 1.
-    risk_direction, risk_rival, risk_rotation, risk_moving, risk_floor : float
-        By the uncertainty of direction and rotation, by another motion, by a camera that only rotates, by bodies
-        (tracks with a rigid motion of their own, or a half of the view that prefers another motion), and by what is
-        not modelled.
+    risk_direction, risk_competing, risk_rotation, risk_moving, risk_floor : float
+        By the uncertainty of direction and rotation, by another motion, by a camera that only rotates, by moving
+        objects (tracks with a rigid motion of their own, or a half of the view that prefers another motion), and by
+        what is not modelled.
     direction_sigma_deg, rotation_sigma_deg : float
         Largest standard deviations of the direction of the baseline and of the rotation of the pair.
     depth_sigma : float
@@ -107,7 +107,7 @@ class WindowEvidence:
         landmarks of the map have a figure of their own in the summary.
     noise_px : float
         Measured standard deviation of a coordinate of a track.
-    field_px : float
+    correlated_px : float
         Expected standard deviation of the coefficients of the smooth error that the tracks of a view share.
     rotation_log_likelihood : float
         Log likelihood of the best motion over a rotation-only camera, in nats.
@@ -134,7 +134,7 @@ class WindowEvidence:
     planar: bool
     risk: float
     risk_direction: float
-    risk_rival: float
+    risk_competing: float
     risk_rotation: float
     risk_moving: float
     risk_floor: float
@@ -142,7 +142,7 @@ class WindowEvidence:
     rotation_sigma_deg: float
     depth_sigma: float
     noise_px: float
-    field_px: float
+    correlated_px: float
     rotation_log_likelihood: float
     focal_factor: float
     focal_sigma: float
@@ -178,7 +178,7 @@ class Margin:
     log_likelihood: float
     #: The same difference, in units of its standard deviation if both maps explain the tracks equally well (after Vuong
     #: 1989). Each track votes by the difference of its two log likelihoods; the votes against the first map tell the
-    #: standard deviation (:mod:`slam_init.window.rival`).
+    #: standard deviation (:mod:`slam_init.window.competing`).
     z: float
     #: Smallest z that decides the vote. Two equally good maps exceed the default once in 30 000 cases.
     z_needed: float = 4.0

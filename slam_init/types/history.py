@@ -11,7 +11,7 @@ from slam_init.errors import SlamInitError
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
-from slam_init.types.inertial import Attitude, Gravity
+from slam_init.types.inertial import Gravity, RelativeRotation
 from slam_init.types.lens import LensInUse
 
 #: Rays that were made of unit length in 32 bits are off by some 1e-7. What is off by more was not normalized.
@@ -40,7 +40,7 @@ class History:
         self.lens = LensInUse.of(camera)
         self._limit = limit
         self._frames: dict[int, Observations] = {}
-        self._attitudes: dict[int, Attitude] = {}
+        self._relative_rotations: dict[int, RelativeRotation] = {}
         #: Gravity in the frames that have it, from elsewhere.
         self.gravities: dict[int, Gravity] = {}
 
@@ -66,9 +66,9 @@ class History:
     def __iter__(self) -> Iterator[Observations]:
         return iter([observations for _, observations in sorted(self._frames.items())])
 
-    def attitude(self, frame: int) -> Attitude | None:
+    def relative_rotation(self, frame: int) -> RelativeRotation | None:
         """The measured rotation of a frame."""
-        return self._attitudes.get(frame)
+        return self._relative_rotations.get(frame)
 
     def turned(self, frame: int, rotation: Floats, sigma_rad: float) -> None:
         """Take the measured rotation of the newest frame since the frame before.
@@ -78,8 +78,8 @@ class History:
         last = max((one for one in self._frames if one < frame), default=None)
         if last is None:
             return
-        before = self._attitudes.setdefault(last, Attitude(np.eye(3), 0.0, last))
-        self._attitudes[frame] = before.after(rotation, sigma_rad)
+        before = self._relative_rotations.setdefault(last, RelativeRotation(np.eye(3), 0.0, last))
+        self._relative_rotations[frame] = before.after(rotation, sigma_rad)
 
     def put(self, observations: Observations) -> None:
         """Add a frame, or replace its observations."""
@@ -120,7 +120,7 @@ class History:
 
     def _drop(self, frame: int) -> None:
         del self._frames[frame]
-        for measured in (self._attitudes, self.gravities):
+        for measured in (self._relative_rotations, self.gravities):
             measured.pop(frame, None)
 
     def between(self, first: int, last: int) -> list[Observations]:

@@ -178,7 +178,7 @@ class Gravity(Described):
 
 
 @dataclass(frozen=True, eq=False)
-class Attitude:
+class RelativeRotation:
     """The rotation of the camera since some frame, by a gyroscope, a robot's arm or another tracker."""
 
     #: (3, 3)
@@ -188,12 +188,12 @@ class Attitude:
     #: Frame since which the rotation of every frame was measured.
     start: int
 
-    def after(self, rotation: Floats, sigma_rad: float) -> Attitude:
+    def after(self, rotation: Floats, sigma_rad: float) -> RelativeRotation:
         """The attitude in the next frame.
 
         Shapes: ``rotation`` (3, 3).
         """
-        return Attitude(rotation @ self.cam_from_start, self.variance_rad2 + sigma_rad**2, self.start)
+        return RelativeRotation(rotation @ self.cam_from_start, self.variance_rad2 + sigma_rad**2, self.start)
 
 
 def checked_rotation(rotation: object, sigma_rad: float) -> Floats:

@@ -61,7 +61,7 @@ class Descriptors(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class UnitError:
+class ScaleUncertainty:
     """The error of the mean distance of the landmarks, relative to the baselines. Errors of single ones average out.
 
     Attributes
@@ -118,7 +118,7 @@ class InitialMap(Described, Savable):
         Relative standard deviations of the distances of the landmarks from the newest keyframe, whose own error is in
         them, with the same errors. Tracks with a depth that the noise alone leaves unknown are no landmarks: they are
         ``open_tracks``.
-    unit_error : UnitError
+    scale_uncertainty : ScaleUncertainty
         The error of the mean distance of the landmarks from the newest keyframe: what a unit of the landmarks is in
         units of the baselines.
     open_tracks : Observations
@@ -175,7 +175,7 @@ class InitialMap(Described, Savable):
     pose_covariances: Floats
     point_covariances: Floats
     depth_sigmas: Floats
-    unit_error: UnitError
+    scale_uncertainty: ScaleUncertainty
     open_tracks: Observations
     gauge: str
     graph: Any

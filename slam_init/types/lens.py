@@ -1,6 +1,6 @@
 """Lenses that are not known exactly: how one differs from a camera, what is known of it, and the one in use.
 
-Where the focal length is no calibration, each judged window improves it. The rays of a history are those of one such
+Where the focal length is no calibration, each evaluated window improves it. The rays of a history are those of one such
 lens (:class:`slam_init.types.history.History`), and whoever needs the camera asks the history.
 """
 

@@ -92,7 +92,7 @@ class Attempt(Described):
         return tuple(gate for gate in self.gates if not gate.passes())
 
     @property
-    def judged(self) -> bool:
+    def evaluated(self) -> bool:
         """Whether a motion was estimated from the matches, so that they are inliers and outliers of it."""
         estimated = (self.two_view, self.window, self.map)
         return bool(self.inliers.any() or self.method_evidence or any(part is not None for part in estimated))
@@ -110,13 +110,13 @@ class Attempt(Described):
     def refused_by(self, stage: Stage, gates: Sequence[Gate]) -> Attempt:
         """The attempt refused for the reason of the first gate that does not pass."""
         failed = next(gate for gate in gates if not gate.passes())
-        so_far = progress(stage, gates)
-        return replace(self, verdict=failed.reason, advice=failed.advice, stage=stage, progress=so_far)
+        reached = progress(stage, gates)
+        return replace(self, verdict=failed.reason, advice=failed.advice, stage=stage, progress=reached)
 
     def refused_at(self, reason: Verdict, stage: Stage | None = None) -> Attempt:
         """The attempt refused for a reason that has no gate; the rules of other systems have no stages."""
-        so_far = 0.0 if stage is None else progress(stage)
-        return replace(self, verdict=reason, advice=reason.advice, stage=stage, progress=so_far)
+        reached = 0.0 if stage is None else progress(stage)
+        return replace(self, verdict=reason, advice=reason.advice, stage=stage, progress=reached)
 
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
         facts = [("advice", self.advice)] if self.advice else []
@@ -162,7 +162,7 @@ class GroundTruthErrors:
 
 @dataclass(frozen=True, eq=False)
 class ProvisionalMap:
-    """The map of the window that was judged last, of an initializer that has not accepted one yet.
+    """The map of the window that was evaluated last, of an initializer that has not accepted one yet.
 
     Attributes
     ----------
@@ -178,7 +178,7 @@ class ProvisionalMap:
         return self.map.risk
 
 
-#: Largest number of maps of a run that starts anew after a loss: a map takes some megabytes of memory.
+#: Largest number of maps of a run that restarts after a loss: a map takes some megabytes of memory.
 MAX_SEGMENTS = 99
 
 
@@ -227,12 +227,12 @@ class Result(Described, Savable):
         ``(map,)`` when initialized. Two maps if the views could not decide between them: one of the two is right, and
         the one that explains the tracks better comes first. Else empty.
     margin : Margin or None
-        The last vote between two maps: how much better the first hypothesis is than its rival. None if there was no
-        rival.
+        The last vote between two maps: how much better the first hypothesis is than the second one. None if there was
+        no second one.
     scale : Scale or None
         What was found of the scale, if it was looked for. The map is in metres where it was found.
     segments : tuple of Segment
-        All maps in time order, if the initializer started anew; else empty.
+        All maps in time order, if the initializer restarted; else empty.
     camera : Camera or None
         The stated camera of the initializer.
     wrong_focal : FreeFocal or None
@@ -272,7 +272,7 @@ class Result(Described, Savable):
         return report_facts(self)
 
 
-def told_reason(verdict: Verdict, wrong_focal: FreeFocal | None) -> Verdict:
+def stated_reason(verdict: Verdict, wrong_focal: FreeFocal | None) -> Verdict:
     """The reason that is told: a calibration that the tracks contradict comes before what the frames lack.
 
     An unknown focal length stays, since all frames together may tell it.
@@ -312,7 +312,7 @@ def _kept_facts(result: Result) -> _Facts:
 
 
 def _risk_facts(result: Result) -> _Facts:
-    """The line about the risk of the best map, where a window was judged, and the depths of the landmarks."""
+    """The line about the risk of the best map, where a window was evaluated, and the depths of the landmarks."""
     window = next((attempt.window for attempt in reversed(result.attempts) if attempt.window is not None), None)
     if window is None:
         return []

@@ -11,7 +11,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.evidence import FreeFocal, WindowEvidence
 from slam_init.types.frame import Frame, as_image
 from slam_init.types.refusal import Verdict
-from slam_init.types.result import Attempt, told_reason
+from slam_init.types.result import Attempt, stated_reason
 
 
 class State(StrEnum):
@@ -44,7 +44,7 @@ class CameraPose:
         as after a cut, ``reference`` is the first one.
     rotation_sigma_deg : float
         Standard deviation of the rotation where it is largest. For ``rotation`` it allows for the parallax that a
-        rotation takes up, for ``provisional`` for rivals of the motion. It does not know that a sideways motion before
+        rotation takes up, for ``provisional`` for competing motions. It does not know that a sideways motion before
         a distant plane looks like a rotation.
     centre : (3,) float or None
         Centre of this camera from that of ``reference``, in the axes of the first camera. Its unit is that of the map,
@@ -82,8 +82,8 @@ class Status(Described):
         The attempt of this frame: each gate with its value, its threshold and its advice, and the matches. None if no
         pair was tried.
     window : WindowEvidence or None
-        What the joint estimate of the last judged window says: the risk that its map is wrong with the terms of the
-        risk, and the standard deviations of rotation, direction and depth. It stays while no frame is judged; None
+        What the joint estimate of the last evaluated window says: the risk that its map is wrong with the terms of the
+        risk, and the standard deviations of rotation, direction and depth. It stays while no frame is evaluated; None
         before the first, and for methods that state no risk.
     wrong_focal : FreeFocal or None
         The focal length by the tracks alone, where they contradict the stated one: check the calibration.
@@ -109,7 +109,7 @@ class Status(Described):
 
     @property
     def risk(self) -> float | None:
-        """Probability that a map of the last judged window is wrong; None where no window was judged."""
+        """Probability that a map of the last evaluated window is wrong; None where no window was evaluated."""
         return None if self.window is None else self.window.risk
 
     def __bool__(self) -> bool:
@@ -125,7 +125,7 @@ class Status(Described):
         if attempt is None:
             return replace(self, progress=progress, attempt=None)
         window = attempt.window or self.window
-        reason = told_reason(attempt.verdict, wrong_focal)
+        reason = stated_reason(attempt.verdict, wrong_focal)
         return Status(State.WAITING, progress, reason, attempt.advice, attempt, window, wrong_focal)
 
     @staticmethod

@@ -16,7 +16,7 @@ from slam_init.types.arrays import Floats
 class StageTimes(TypedDict):
     """Wall-clock times of a stage, in milliseconds, and the number of its calls: the last 108 000 at most.
 
-    ``two_view`` and ``map`` are stages of ``judge``, and ``frame`` is all that a frame takes.
+    ``two_view`` and ``map`` are stages of ``evaluate``, and ``frame`` is all that a frame takes.
     """
 
     #: Median time of a call.

@@ -9,7 +9,7 @@ import numpy as np
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.window.vectors import Vector
 
-#: Coefficients of the error field of a view: 1, u, v, u^2, uv, v^2 for each component of the pixel.
+#: Coefficients of the field of correlated errors of a view: 1, u, v, u^2, uv, v^2 for each component of the pixel.
 FIELD_TERMS = 12
 
 
@@ -106,7 +106,7 @@ class Known(NamedTuple):
 class Layout(NamedTuple):
     """The order of the common unknowns."""
 
-    #: Coefficients of the error field of a view: none, or :data:`FIELD_TERMS`.
+    #: Coefficients of the field of correlated errors of a view: none, or :data:`FIELD_TERMS`.
     field: int
     #: Whether the readout is an unknown, and the number of coordinates of the principal point that are.
     readout: int

@@ -1,10 +1,10 @@
 """The term of the direction: the right motion with a large error of a direction, or of the rotation.
 
-The covariance of the joint fit (Laplace) gives the deviations, the error fields integrated out. It knows noise,
-focal length and errors that the tracks of a view share. What it does not know widens them: few views, a lens beyond its
-prior, bodies that the fit explains by chance, and residuals that neighbouring tracks share. The map of a calibrated
-camera keeps the stated lens, which the fit moves: what that changes adds to both. A zoom and a shift of each view widen
-and move the direction, with the probability that the lens changes from view to view.
+The covariance of the joint fit (Laplace) gives the deviations, the fields of correlated errors integrated out. It knows
+noise, focal length and errors that the tracks of a view share. What it does not know widens them: few views, a lens
+beyond its prior, moving objects that the fit explains by chance, and residuals that neighbouring tracks share. The map
+of a calibrated camera keeps the stated lens, which the fit moves: what that changes adds to both. A zoom and a shift of
+each view widen and move the direction, with the probability that the lens changes from view to view.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from slam_init.types.arrays import Floats
 from slam_init.types.lens import CALIBRATED_SIGMA, PULL_FREEDOM, LensPrior
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.levels import (
-    BODIES_MOVE,
     FEW_VIEWS,
-    SHARE_OF_BODIES,
+    OBJECTS_MOVE,
+    SHARE_OF_OBJECTS,
     WRONG_DIRECTION_DEG,
     WRONG_ROTATION_DEG,
 )
 from slam_init.window.motion import FittedMotion
-from slam_init.window.neighbours import agreement_of_neighbours, variance_by_neighbours
+from slam_init.window.residual_correlation import residual_agreement, variance_by_correlation
 from slam_init.window.tails import three_directions, two_directions
 from slam_init.window.uncertainty import (
     ExpandedFit,
@@ -47,8 +47,8 @@ class DirectionTerm:
 
     #: (V - 1,) Probability that the direction of a view, or its rotation, is wrong: of all views of the best motion but
     #: the first, the pair's own first. A view near the reference has an uncertain direction although its position is
-    #: certain, and one that few tracks link to the pair an uncertain rotation. Few tracks may lie on a body, or on a
-    #: texture that repeats.
+    #: certain, and one that few tracks link to the pair an uncertain rotation. Few tracks may lie on a moving object,
+    #: or on a texture that repeats.
     of_views: tuple[float, ...]
     #: (V - 1,) Deviations of these directions where they are largest, in degrees.
     sigmas_deg: tuple[float, ...]
@@ -57,7 +57,7 @@ class DirectionTerm:
     #: The pair's if focal length and distortion were known, and the model of the lens left nothing that neighbouring
     #: tracks share.
     with_known_lens: float
-    #: The pair's if no track lies on a moving body, and neighbouring tracks share no errors.
+    #: The pair's if no track lies on a moving object, and neighbouring tracks share no errors.
     if_rigid: float
     #: The pair's if the lens does not change from view to view.
     if_lens_fixed: float
@@ -129,7 +129,7 @@ def direction_term(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> Direc
     rotations_of_fit_deg = factor * rotation_sigmas_deg(expanded)
     rotations_deg = np.hypot(rotations_of_fit_deg, moved.rotations_deg)
     rotated = [three_directions(WRONG_ROTATION_DEG, float(deg)) for deg in rotations_deg]
-    held = _held_by_bodies(best)
+    held = _held_by_objects(best)
     known_lens = (1.0 if calibrated else sigma_with_known_lens(expanded)) * by_tracks_deg[0]
     rigid_deg = np.hypot(optimism.if_rigid(lens_held=calibrated) * by_tracks_deg[0], moved.directions_deg[0])
     lens_right = float(weights @ _with_varying_lens(of_fit_deg[0], varying, 0))
@@ -168,43 +168,43 @@ class _Optimism:
     few_views: float
     #: A focal length or a distortion beyond its prior: it compensates errors that the model does not have.
     pulled_lens: float
-    #: Tracks on bodies that the fit explains by chance, and residuals that neighbouring tracks share.
-    bodies: float
+    #: Tracks on moving objects that the fit explains by chance, and residuals that neighbouring tracks share.
+    objects: float
 
     def factor(self, *, lens_held: bool) -> float:
         """Factor on the standard deviation; a lens that a map holds has no part in it."""
-        return math.sqrt(self.few_views * (1 + (0.0 if lens_held else self.pulled_lens) + self.bodies))
+        return math.sqrt(self.few_views * (1 + (0.0 if lens_held else self.pulled_lens) + self.objects))
 
     def if_rigid(self, *, lens_held: bool) -> float:
-        """Factor on the standard deviation if no track lies on a moving body."""
-        return replace(self, bodies=0.0).factor(lens_held=lens_held)
+        """Factor on the standard deviation if no track lies on a moving object."""
+        return replace(self, objects=0.0).factor(lens_held=lens_held)
 
 
 def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> _Optimism:
     """Factors for what the covariance of the direction does not know."""
     few_views = (1 + FEW_VIEWS / math.sqrt(len(best.rows) - 1)) ** 2
     pull2 = sum(pull**2 for pull in hypotheses.priors.lens_pulls(best.fit.state))
-    # Tracks that stay near without being explained may lie on moving bodies. As many again may be explained by chance,
+    # Tracks that stay near without being explained may lie on moving objects. As many again may be explained by chance,
     # and each of these pulls by about half a standard deviation of a track. The variance of their sum is that of pulls
     # in the same direction, times their correlation.
-    places, near = places_of(best.fit), best.fit.near_misses
+    places, near = places_of(best.fit), best.fit.close_outliers
     pull = 0.5 * float(near.sum()) / math.sqrt(max(best.fit.explained, 1))
-    bodies = agreement_of_neighbours(best.fit, near, places) * pull**2
+    objects = residual_agreement(best.fit, near, places) * pull**2
     # What a fit explains in part leaves residuals that neighbours share.
-    shared = variance_by_neighbours(best.fit, places)
-    return _Optimism(few_views, pull2 / PULL_FREEDOM, bodies + shared - 1)
+    shared = variance_by_correlation(best.fit, places)
+    return _Optimism(few_views, pull2 / PULL_FREEDOM, objects + shared - 1)
 
 
-def _held_by_bodies(best: FittedMotion) -> Floats:
-    """Probability (V - 1,) that a body, or a texture that repeats, locates a view: that of a body, where few tracks do.
+def _held_by_objects(best: FittedMotion) -> Floats:
+    """Probability (V - 1,) that a moving object, or a texture that repeats, locates a view: not 0 where few tracks do.
 
-    Few are fewer than a body holds. Before a corridor whose panels repeat, 18 of the 122 tracks of a pair agreed on a
-    pose of a further view that was off by 4 degrees. The tracks of the pair itself locate its second view.
+    Few are fewer than a moving object holds. Before a corridor whose panels repeat, 18 of the 122 tracks of a pair
+    agreed on a pose of a further view that was off by 4 degrees. The tracks of the pair itself locate its second view.
     """
     locating = np.count_nonzero(best.tracks.seen & best.fit.explains, axis=1)[1:]
-    few = locating < SHARE_OF_BODIES * best.fit.explained
+    few = locating < SHARE_OF_OBJECTS * best.fit.explained
     few[0] = False
-    return np.where(few, BODIES_MOVE, 0.0)
+    return np.where(few, OBJECTS_MOVE, 0.0)
 
 
 def _widened(sigmas_deg: Floats, factor: float, fixed_deg: Floats) -> Floats:

@@ -140,7 +140,7 @@ class WindowEquations:
         return place.gradient
 
     def columns_of_fields(self) -> Bools:
-        """Which common unknowns are coefficients of error fields.
+        """Which common unknowns are coefficients of fields of correlated errors.
 
         Shapes: returns (G,).
         """

@@ -45,8 +45,8 @@ _GIVEN_UP = 1.5
 #: A motion whose cost is higher by this cannot become the best: 300 nats.
 #: Class: level, in twice the nats.
 FAR_BEHIND = 600.0
-#: A gain is certain where it exceeds that by chance by so many standard deviations (one in 10^12) even if error fields
-#: explain half of it, the most that they can.
+#: A gain is certain where it exceeds that by chance by so many standard deviations (one in 10^12) even if fields of
+#: correlated errors explain half of it, the most that they can.
 #: Class: level.
 CERTAIN_SIGMAS, EXPLAINED_BY_FIELDS = 7.0, 0.5
 #: A start whose residuals are this many times the noise is far from the answer.
@@ -54,7 +54,7 @@ _FAR_FACTOR = 1.5
 
 
 @dataclass(frozen=True, eq=False)
-class StayingTracks:
+class OverlayTracks:
     """Tracks of a pair that stay at their pixel while the others move."""
 
     track_ids: Ints
@@ -85,11 +85,11 @@ class WindowHypotheses:
     #: The rigid motion that tracks had beside the best one in the window before; None without one.
     other_before: OtherMotion | None = None
     #: The tracks that are left out since they stay at their pixel; None without them.
-    staying: StayingTracks | None = None
+    overlay: OverlayTracks | None = None
 
     def beside(self, again: WindowHypotheses) -> WindowHypotheses:
         """Other fits to the same tracks, with what is known of the window beside its tracks."""
-        return replace(again, other_before=self.other_before, staying=self.staying)
+        return replace(again, other_before=self.other_before, overlay=self.overlay)
 
     @property
     def largest_costs(self) -> Floats:
@@ -105,17 +105,17 @@ class WindowHypotheses:
         missing = seen.sum(axis=0) - seen[list(motion.rows)].sum(axis=0)
         return np.asarray(motion.fit.track_costs + self.priors.gate_sigmas**2 * missing)
 
-    def votes(self, motion: FittedMotion, rival: FittedMotion) -> Floats:
-        """The votes of the tracks for a motion against a rival: differences of bounded costs.
+    def votes(self, motion: FittedMotion, other: FittedMotion) -> Floats:
+        """The votes of the tracks for a motion against a competing motion: differences of bounded costs.
 
         Shapes: returns (T,).
         """
-        return self._votes(self.costs_of(motion), self.costs_of(rival))
+        return self._votes(self.costs_of(motion), self.costs_of(other))
 
-    def _votes(self, costs: Floats, of_rival: Floats) -> Floats:
+    def _votes(self, costs: Floats, of_other: Floats) -> Floats:
         # Tracks that neither motion explains must not vote.
         bound = self.largest_costs + (LARGEST_VOTE if self.planar else 0.0)
-        votes = np.minimum(of_rival, bound) - np.minimum(costs, bound)
+        votes = np.minimum(of_other, bound) - np.minimum(costs, bound)
         return np.asarray(np.clip(votes, -LARGEST_VOTE, LARGEST_VOTE))
 
     @property
@@ -140,7 +140,8 @@ class WindowHypotheses:
             off = ~best.fit.state.on_plane & (self.tracks.anchor >= 0)
             lowered -= float((self.rotation_only.track_costs - self.costs_of(best))[off].sum())
         # A distance is not negative, so that by chance half of the tracks gain nothing. But without a translation its
-        # direction is chosen to suit the tracks, and outliers gain more than noise: 0.9 a track in 32 drawn windows.
+        # direction is chosen to suit the tracks, and outliers gain more than noise: 0.9 a track in 32 simulated
+        # windows.
         points = 3.0 if self.planar else float((self.tracks.anchor >= 0).sum())
         return 0.5 * lowered, 3 * (len(best.rows) - 1) - 1 + points
 
@@ -159,7 +160,7 @@ def motions_of_pair(
     * ``frames``: The pair first.
     * ``pose``: ``cam2_from_cam1`` with its alternatives. If its kind is "rotation", only the alternatives have a
       translation. They are worth trying where a rotation-only camera would show as much parallax once in twenty pairs.
-      So little parallax shows no relief either: the points start on a plane then.
+      So little parallax shows no depth variation either: the points start on a plane then.
     """
     proposed: list[Hypothesis | RelativePose] = [pose, *pose.alternatives]
     chance = pose.evidence.parallax_p
@@ -203,7 +204,7 @@ def fit_hypotheses(
     * ``motions``: Each knows two of the views or more. Those that know more come first: a later one that is near is
       left out.
     * ``living``: Where the last fits of the camera that only rotates ended (:attr:`WindowHypotheses.rotations`); by
-      default it is fitted anew.
+      default it is fitted again.
     """
     first = motions[0] if motions else Motion({}, lens=Lens(readout_s=tracks.readout_s))
     bearings = tracks.bearings(_with_stated_focal(first.lens))
@@ -231,13 +232,13 @@ def fit_hypotheses(
     return WindowHypotheses(tracks, planar, tuple(fits), turning.fit, priors, turning.priors, turning.ends)
 
 
-def with_rotation_anew(hypotheses: WindowHypotheses) -> WindowHypotheses:
+def with_rotation_refitted(hypotheses: WindowHypotheses) -> WindowHypotheses:
     """The same hypotheses with the camera that only rotates fitted from afar."""
     tracks, best = hypotheses.tracks, hypotheses.motions[0]
     bearings = tracks.bearings(_with_stated_focal(best.fit.state.lens))
     rotations = align_views(bearings, [best.motion], tracks.frames[:2])
-    anew = _fit_rotation(tracks, rotations, hypotheses.priors, best)
-    return replace(hypotheses, rotation_only=anew.fit, rotation_priors=anew.priors, rotations=anew.ends)
+    again = _fit_rotation(tracks, rotations, hypotheses.priors, best)
+    return replace(hypotheses, rotation_only=again.fit, rotation_priors=again.priors, rotations=again.ends)
 
 
 def _fitted(

@@ -2,12 +2,12 @@
 
 The hypothesis says whether most points lie on one plane, and where the fit starts. Unknown are the poses of all views
 but the first, the true rays of all tracks, the inverse distances of the tracks off the plane, the lens (focal length,
-distortion, readout and principal point, with priors), the plane, and for each view a smooth error field that its tracks
-have in common (with a prior). The length of one baseline is held, since images do not tell the scale. Two views, three
-or twelve: the same code.
+distortion, readout and principal point, with priors), the plane, and for each view a smooth field of correlated errors
+that its tracks have in common (with a prior). The length of one baseline is held, since images do not tell the scale.
+Two views, three or twelve: the same code.
 
-A track may leave the plane, at a fixed cost. So relief beside a plane is a part of the model, and a plane that is none
-loses its tracks.
+A track may leave the plane, at a fixed cost. So depth variation beside a plane is a part of the model, and a plane that
+is none loses its tracks.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _LENS_TOLERANCE, _LENS_ROUNDS = 0.01, 3
 #: Gaussian has this share of its variance.
 _NOISE_ROUNDS, _INSIDE_THREE_SIGMAS = 5, 0.949
 #: An observation is near its projection within this number of standard deviations: some pixels. Wrong matches lie
-#: anywhere in the image; tracks on bodies that move slowly stay near.
+#: anywhere in the image; tracks on moving objects slowly stay near.
 #: Class: assumption.
 NEAR_SIGMAS = 30.0
 #: Median of the squared length of a 2-D Gaussian of variance 1, and the largest noise at a start over the assumed one.
@@ -67,7 +67,7 @@ class JointFit:
     #: (T,) Tracks that the fit explains.
     explains: Bools
     #: (T,) Tracks that it does not explain although they stay near their projections.
-    near_misses: Bools
+    close_outliers: Bools
     #: Whether it was given up, since it could not reach the cost that was asked for.
     given_up: bool
 
@@ -139,8 +139,8 @@ def fit_window(
 
     * ``start``: Its plane says whether the points lie on a plane. The length of the longest baseline from view 0 is
       held.
-    * ``known``: The start with the points of an earlier fit. A track starts where it costs less: of 200 drawn worlds
-      before flat ground with four poles four had a false map without these.
+    * ``known``: The start with the points of an earlier fit. A track starts where it costs less: of 200 simulated
+      worlds before flat ground with four poles four had a false map without these.
     * ``rotation_only``: Whether all points are at infinity, so that the camera only rotates.
     * ``hopeless``: The fit ends where the steps to come cannot lower the cost to this; ``give_up``: where a step leaves
       it above this. Without both the frame with the map takes .7 longer before the checkerboard and .25 in the
@@ -198,7 +198,7 @@ def costs_off_plane(fit: JointFit) -> Floats:
     return _costs_off_plane(equations, state, _measured(fit.tracks, state))
 
 
-def information_of_relief(fit: JointFit) -> Floats:
+def information_off_plane(fit: JointFit) -> Floats:
     """How well the distances of the tracks of a plane would be known with a distance for each, at the same poses.
 
     Shapes: returns (T,).

@@ -10,8 +10,8 @@ and the residual in units of the noise is, with the projection pi of the lens an
 
     e = W ((pi(P; focal scale, k1) + p + S r - x) / sigma + F(x) c_k)
 
-``F(x) c_k`` is the smooth error field of view k: six polynomials of the image coordinates for each component, with
-coefficients c_k. View 0 is a measurement like any other, so its rays have residuals too.
+``F(x) c_k`` is the smooth field of correlated errors of view k: six polynomials of the image coordinates for each
+component, with coefficients c_k. View 0 is a measurement like any other, so its rays have residuals too.
 
 ``r`` is the readout of a rolling shutter in seconds, and ``S`` how far the pixel moves for each second of it
 (:mod:`slam_init.frontend.rolling_shutter`). The poses are those of the middle of the readout. ``p`` is the error of the
@@ -38,7 +38,7 @@ over its tracks (:mod:`slam_init.window.pair_sums`), which are turned into the v
 
 The loop reads as the equations do: an observation is projected (:func:`_residual`), weighted, and differentiated
 (:func:`_row`). Its row joins the sums of its track (:mod:`slam_init.window.track_equations`), of its anchor and view
-(:mod:`slam_init.window.pair_sums`), and those of the lens and of the error field of its view
+(:mod:`slam_init.window.pair_sums`), and those of the lens and of the field of correlated errors of its view
 (:mod:`slam_init.window.shared_unknowns`).
 """
 

@@ -23,7 +23,7 @@ from __future__ import annotations
 WRONG_ROTATION_DEG, WRONG_DIRECTION_DEG = 5.0, 15.0
 
 #: A baseline that is shorter than this share of the longest one has an uncertain direction although the position of its
-#: camera is certain. Its direction is not judged.
+#: camera is certain. Its direction is not evaluated.
 #: Class: assumption.
 SHORTEST_BASELINE = 0.3
 
@@ -32,16 +32,16 @@ SHORTEST_BASELINE = 0.3
 #: Class: assumption.
 FEW_VIEWS = 0.7
 
-#: Before a camera that only rotates, a moving body looks like a near object before points at infinity. So the rest of
-#: the tracks has to show a translation without the tracks that gain most: bodies that hold this share of them.
+#: Before a camera that only rotates, a moving object looks like a near object before points at infinity. So the rest of
+#: the tracks has to show a translation without the tracks that gain most: moving objects that hold this share of them.
 #: Class: assumption.
-ON_BODIES = 0.5
+ON_OBJECTS = 0.5
 
-#: A rotation or a rival with a larger probability is undecided, however precisely it is known. A direction that is
-#: wrong with a larger probability is unknown, however far behind the rivals are. A gain over the rotation-only camera
-#: that chance exceeds more often is no evidence of a translation. But motions of a pair are tried whose parallax chance
-#: exceeds less often: quest speaks of a translation from 1e-4 on, and further views may turn a twentieth into a
-#: certainty.
+#: A rotation or a competing motion with a larger probability is undecided, however precisely it is known. A direction
+#: that is wrong with a larger probability is unknown, however far behind the competing motions are. A gain over the
+#: rotation-only camera that chance exceeds more often is no evidence of a translation. But motions of a pair are tried
+#: whose parallax chance exceeds less often: quest speaks of a translation from 1e-4 on, and further views may turn a
+#: twentieth into a certainty.
 #: Class: level.
 UNDECIDED = 0.05
 
@@ -51,17 +51,17 @@ UNDECIDED = 0.05
 EVEN_ODDS = 0.5
 
 #: Mean gain of a track, in chi-square, where there is no translation: its direction is chosen to suit the tracks, and
-#: outliers gain more than noise (32 drawn windows).
+#: outliers gain more than noise (32 simulated windows).
 #: Class: measured.
 CHANCE_GAIN = 0.9
 
 #: Tracks off the plane that are fewer than this share lie on one thing or two, which move with this probability. Both
-#: are assumptions: one scene in twenty has such a body, and a quarter of the tracks is more than a body or two hold. A
-#: moving body votes for the motion that its own resembles: of 30 drawn walls with 30 % of the tracks on bodies, two had
-#: a false map, by the votes of 22 and of 53 such tracks against those of 250 on the plane. A further view that fewer
-#: tracks locate than this share of those of the pair may be located by a body.
+#: are assumptions: one scene in twenty has such an object, and a quarter of the tracks is more than a moving object or
+#: two hold. A moving object votes for the motion that its own resembles: of 30 simulated walls with 30 % of the tracks
+#: on moving objects, two had a false map, by the votes of 22 and of 53 such tracks against those of 250 on the plane. A
+#: further view that fewer tracks locate than this share of those of the pair may be located by a moving object.
 #: Class: assumption.
-SHARE_OF_BODIES, BODIES_MOVE = 0.25, 0.05
+SHARE_OF_OBJECTS, OBJECTS_MOVE = 0.25, 0.05
 
 #: Two fits nearer than this are one: an order below what makes a map wrong.
 #: Class: definition.
@@ -79,7 +79,7 @@ FLOOR = 1e-3
 # -- looking at every frame ------------------------------------------------------------------------------
 
 #: The information about a motion grows with the square of the baseline, which grows tenfold from the first window that
-#: is judged to the last one.
+#: is evaluated to the last one.
 #: Class: geometry.
 INFORMATION_GROWS = 100.0
 
@@ -111,7 +111,7 @@ READOUT_SIGMA_S = 1 / 60
 
 #: Factor on the standard deviation of a readout: the turning of the frames has errors too, most of all that of the
 #: newest one, and they do not average out over the tracks. It was chosen on seeds below 100. With it, two standard
-#: deviations hold the truth in 96 % of 72 drawn windows of a hand-held camera (seeds from 260 000).
+#: deviations hold the truth in 96 % of 72 simulated windows of a hand-held camera (seeds from 260 000).
 #: Class: measured.
 TURNING_FACTOR = 2.5
 
@@ -153,17 +153,17 @@ ZOOMED_COST = 9.2
 #: Class: assumption.
 ZOOM_LEAVES = 0.1
 
-#: A neighbourhood holds a tenth of the tracks, and so about as much of the view: bodies and the errors of a lens extend
-#: that far. A larger one has fewer independent parts, and says less.
+#: A neighbourhood holds a tenth of the tracks, and so about as much of the view: moving objects and the errors of a
+#: lens extend that far. A larger one has fewer independent parts, and says less.
 #: Class: assumption.
 NEIGHBOURHOOD = 0.1
 
 # -- a motion of other tracks ----------------------------------------------------------------------------
 
-#: Of two rigid motions of the tracks either may be that of the camera, and the other one that of a body. The odds that
-#: a body holds a share s of these tracks, and not 1 - s, fall with this power of s / (1 - s): a scene at rest that
-#: holds half as many tracks as a body of equal area has odds of 1 to 12. So much fits 362 worlds with a body on at
-#: least 20 tracks, of four authors (95 %: 2.8 to 4.4).
+#: Of two rigid motions of the tracks either may be that of the camera, and the other one that of a moving object. The
+#: odds that a moving object holds a share s of these tracks, and not 1 - s, fall with this power of s / (1 - s): a
+#: scene at rest that holds half as many tracks as a moving object of equal area has odds of 1 to 12. So much fits 362
+#: worlds with a moving object on at least 20 tracks, of four authors (95 %: 2.8 to 4.4).
 #: Class: measured, over the tracks of such worlds.
 RARER_BY_TRACKS = 3.6
 
@@ -184,17 +184,17 @@ REGIONS = (4, 3)
 #: Class: level.
 PLANE_SIGMAS = 2.5
 
-#: The same where the poses follow. A relief of unknown size explains an excess of z standard deviations better than
-#: chance does by exp(z^2 / 2), and it has one unknown more, which costs a factor of about three: even odds.
+#: The same where the poses follow. A depth variation of unknown size explains an excess of z standard deviations better
+#: than chance does by exp(z^2 / 2), and it has one unknown more, which costs a factor of about three: even odds.
 #: Class: level.
-RELIEF_SIGMAS = 1.5
+VARIATION_SIGMAS = 1.5
 
-#: A relief of a fifth of the distances would show by this number of standard deviations, else nothing is known of a
-#: plane. The poses follow a smooth relief and hide most of it: of 12 drawn corridors at baselines of .03 and .05 of the
-#: depth those that looked like planes had 19 at most; 12 walls and 12 level flights had 40 or more once they were
-#: accepted.
+#: A depth variation of a fifth of the distances would show by this number of standard deviations, else nothing is known
+#: of a plane. The poses follow a smooth depth variation and hide most of it: of 12 simulated corridors at baselines of
+#: .03 and .05 of the depth those that looked like planes had 19 at most; 12 walls and 12 level flights had 40 or more
+#: once they were accepted.
 #: Class: measured.
-TOLD_RELIEF, TOLD_SIGMAS, LARGEST_GAIN = 0.2, 20.0, 9.0
+OBSERVABLE_VARIATION, OBSERVABLE_SIGMAS, LARGEST_GAIN = 0.2, 20.0, 9.0
 
 #: Least share of the tracks that a plane holds.
 #: Class: level.

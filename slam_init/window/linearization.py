@@ -1,4 +1,4 @@
-"""The quadratic expansion of the cost of a joint fit, with error fields in all views."""
+"""The quadratic expansion of the cost of a joint fit, with fields of correlated errors in all views."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _NO_GATE = 1e6
 
 @dataclass(frozen=True, eq=False)
 class Linearization:
-    """The quadratic expansion of the cost about a fit, with an error field in each view that has no prior yet."""
+    """The quadratic expansion of the cost about a fit, with fields of correlated errors that have no prior yet."""
 
     #: information, gradient: (G, G), (G,) Half of the second and half of the first derivatives of the cost, tracks
     #: eliminated, baseline held.
@@ -40,7 +40,7 @@ class Linearization:
 
 
 def linearize_with_fields(fit: JointFit) -> Linearization:
-    """Expand the cost of a fit in all its unknowns and in the error fields of the views.
+    """Expand the cost of a fit in all its unknowns and in the fields of correlated errors of the views.
 
     The distances of tracks at infinity count as unknowns too: that a distance is not negative bounds it on one side
     only. Their gradient, which the bound stops, is left out.

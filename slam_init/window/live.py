@@ -12,7 +12,7 @@ from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
-from slam_init.types.inertial import Attitude, Gravity
+from slam_init.types.inertial import Gravity, RelativeRotation
 from slam_init.types.lens import LensInUse
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
 from slam_init.window.motion import Motion
@@ -84,13 +84,13 @@ class LiveHypotheses:
         camera: Camera,
         priors: Priors,
         views: Sequence[Observations],
-        attitudes: Sequence[Attitude | None] = (),
+        measured: Sequence[RelativeRotation | None] = (),
         gravities: Sequence[Gravity | None] = (),
     ) -> WindowHypotheses | None:
         """Fit all motions to the views of a window, and keep those that are not hopeless."""
         with single_threaded():
             tracks = gather_tracks(
-                camera, views, self._noise_px, self._least_noise_px, attitudes=attitudes, gravities=gravities
+                camera, views, self._noise_px, self._least_noise_px, measured=measured, gravities=gravities
             )
             # Where no turning is known, the readout moves no pixel.
             priors = priors if tracks.sweep_px_s.any() else replace(priors, readout_sigma_s=0.0)
@@ -120,7 +120,7 @@ class LiveHypotheses:
     def keep(self, hypotheses: WindowHypotheses) -> None:
         """Go on with the motions of hypotheses, but for those that the tracks vote against."""
         best = hypotheses.motions[0]
-        # By their votes, not by their costs: a few tracks on a moving body cost as much as they are far off.
+        # By their votes, not by their costs: a few tracks on a moving object cost as much as they are far off.
         kept = [
             m for m in hypotheses.motions
             if len(m.rows) < len(best.rows) or hypotheses.votes(best, m).sum() < _HOPELESS

@@ -1,9 +1,10 @@
-"""The error fields of a fit, integrated out.
+"""The fields of correlated errors of a fit, integrated out.
 
 The tracks of a view share errors: of the lens model, of the shutter, of the tracker. A smooth field for each view
 describes them (:mod:`slam_init.window.kernels`). How large the fields are is not known beforehand, and the tracks tell:
 errors that neighbours share do not average out. So the scale of the fields has a posterior too. It decides how far a
-rival is behind (its fields explain a part of its residuals), and how certain the direction of the baseline is.
+competing motion is behind (its fields explain a part of its residuals), and how certain the direction of the baseline
+is.
 
 With the quadratic expansion of the cost (Laplace), both have a closed form for each scale: one eigenvalue
 decomposition serves all scales.
@@ -16,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slam_init.types.arrays import Floats
-from slam_init.types.error_fields import FIELD_SCALES_PX, LARGEST_PULL_SIGMAS, ErrorFields
+from slam_init.types.correlated_errors import FIELD_SCALES_PX, LARGEST_PULL_SIGMAS, CorrelatedErrors
 from slam_init.window.linearization import Linearization
 
 #: The largest share of the information about an unknown that is taken for chance: deviations are twenty times as wide
@@ -28,10 +29,10 @@ _LEAST_VARIANCE = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
-class FieldMarginal:
+class ErrorMarginal:
     """What a fit says for each scale of its fields."""
 
-    fields: ErrorFields
+    fields: CorrelatedErrors
     #: (X, X) Of the other unknowns without fields.
     covariance: Floats
     #: (X, X) How the other unknowns follow a gradient, without fields: the covariance, unless :meth:`without_chance`
@@ -71,7 +72,7 @@ class FieldMarginal:
         by_fields = (follow[..., None, :, :] * self.fields.spread[:, None]) @ across[..., None, :, :]
         return np.asarray(shifts), np.asarray(fixed[..., None, :, :] + by_fields)
 
-    def without_chance(self, by_chance: Floats) -> FieldMarginal:
+    def without_chance(self, by_chance: Floats) -> ErrorMarginal:
         """The marginal if a part of the information is none.
 
         The unknowns follow a gradient by the inverse of the information that is left. The scatter of the gradient is
@@ -116,8 +117,8 @@ class FieldMarginal:
 
 def marginalize_fields(
     linearization: Linearization, *, largest_pull_sigmas: float = LARGEST_PULL_SIGMAS
-) -> FieldMarginal:
-    """Integrate the error fields out.
+) -> ErrorMarginal:
+    """Integrate the fields of correlated errors out.
 
     * ``largest_pull_sigmas``: A larger pull of the fields counts as this number of its standard deviations; infinity
       for exact integrals.
@@ -127,6 +128,6 @@ def marginalize_fields(
     covariance = np.asarray(np.linalg.inv(H[np.ix_(other, other)] + 1e-9 * np.eye(int(other.sum()))), np.float64)
     follow = covariance @ H[np.ix_(other, field)]
     left = H[np.ix_(field, field)] - H[np.ix_(field, other)] @ follow
-    fields = ErrorFields.of(left, g[field] - follow.T @ g[other], largest_pull_sigmas)
+    fields = CorrelatedErrors.of(left, g[field] - follow.T @ g[other], largest_pull_sigmas)
     shift = np.asarray(-covariance @ g[other], np.float64)
-    return FieldMarginal(fields, covariance, covariance, shift, np.asarray(follow @ fields.axes))
+    return ErrorMarginal(fields, covariance, covariance, shift, np.asarray(follow @ fields.axes))

@@ -13,7 +13,6 @@ from quest.geometry.quaternion import rotation_angle
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.lens import SAME_LENS, Lens
 from slam_init.types.pose import Pose
-from slam_init.window.carried import CarriedPoints
 from slam_init.window.joint_fit import MAX_STEPS, JointFit, fit_window, start_noise_factor
 from slam_init.window.levels import (
     NEAR_DIRECTION_DEG,
@@ -24,6 +23,7 @@ from slam_init.window.levels import (
 from slam_init.window.row_motion import with_translation
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
+from slam_init.window.warm_start import WarmStart
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class Motion:
     plane: Floats | None = None
     lens: Lens = SAME_LENS
     #: Where the last fit of the motion ended; None before its first fit.
-    points: CarriedPoints | None = None
+    points: WarmStart | None = None
     #: Whether the motion has not been carried from one window to the next.
     is_new: bool = True
 
@@ -85,7 +85,7 @@ class FittedMotion:
         # The next fit multiplies the first rotation with its own inverse: rounding errors would double in each frame.
         R = 0.5 * state.R @ (3 * np.eye(3) - np.swapaxes(state.R, 1, 2) @ state.R)
         poses = {frame: Pose(R[k], state.t[k]) for k, frame in enumerate(self.frames)}
-        points = CarriedPoints.of(self.tracks, state, self.fit.explains)
+        points = WarmStart.of(self.tracks, state, self.fit.explains)
         return Motion(poses, state.plane, state.lens, points, self.is_new)
 
     def same_as(self, other: FittedMotion) -> bool:
@@ -100,9 +100,9 @@ class FittedMotion:
 
 @dataclass(frozen=True, eq=False)
 class OtherMotion:
-    """A rigid motion of tracks that the best motion does not explain: that of a body, or of the scene at rest."""
+    """A rigid motion of tracks that the best motion does not explain: of a moving object, or of the static scene."""
 
-    #: That it is the camera's, and the best motion that of a body; 0 where its tracks are few or show no body.
+    #: That it is the camera's, and the best motion that of a moving object; 0 where its tracks are few or show none.
     probability: float = 0.0
     #: (M,) The tracks that have this motion; empty where there is none.
     track_ids: Ints = dataclasses.field(default_factory=lambda: np.zeros(0, int))

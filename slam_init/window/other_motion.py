@@ -1,16 +1,16 @@
 """Whether tracks that the best motion does not explain have a motion of their own, and are the scene at rest.
 
-Where a body fills a large part of the view, its motion relative to the camera explains as many tracks as the motion of
-the scene at rest does. Images alone do not tell which of the two motions is that of the camera. Two cues remain. The
-scene at rest mostly holds more tracks than a body does. And a body is compact: a scene that extends around it is behind
-it. Distant tracks and tracks that move by little follow both motions, so that only those count for the other motion
-which it explains far better than the best one.
+Where a moving object fills a large part of the view, its motion relative to the camera explains as many tracks as the
+motion of the scene at rest does. Images alone do not show which of the two motions is that of the camera. Two cues
+remain. The scene at rest mostly holds more tracks than a moving object does. And a moving object is compact: a scene
+that extends around it is behind it. Distant tracks and tracks that move by little follow both motions, so that only
+those count for the other motion which it explains far better than the best one.
 
 The other motion is one of four, the most probable one:
 
 * what quest proposes of these tracks in two views, fitted to all views that they locate;
 * the other motion of the window before, while its probability exceeds the floor;
-* a rotation, where the camera turns or stands before a body;
+* a rotation, where the camera turns or stands before a moving object;
 * none, where tracks that stay at their pixel have been left out as an overlay: the camera may stand.
 
 As long as it is found beside a best motion of the same tracks, its probability does not fall. It stays as probable
@@ -67,18 +67,18 @@ def other_motion(
     * ``rotation_sigma_deg, direction_sigma_deg``: Standard deviations of the best motion.
     * ``seeks``: Whether a new motion is sought beside the one of the window before.
     """
-    staying = _staying(hypotheses)
+    overlay = _overlay(hypotheses)
     rest = (hypotheses.tracks.anchor >= 0) & ~explained_tracks(hypotheses)
     if rest.sum() < LEAST_TRACKS:
-        return _since_found(hypotheses, staying)
+        return _since_found(hypotheses, overlay)
     search = _Search(
         hypotheses,
         rest,
         WRONG_ROTATION_DEG - GATE_SIGMAS * rotation_sigma_deg,
         WRONG_DIRECTION_DEG - GATE_SIGMAS * direction_sigma_deg,
     )
-    # The views may not tell the motion again that was found in the window before.
-    found = [_carried(search), staying]
+    # The views may not show the motion again that was found in the window before.
+    found = [_from_last_window(search), overlay]
     if seeks:
         found = [_proposed(search), _rotation(search), *found]
     return _since_found(hypotheses, max(found, key=lambda other: other.probability))
@@ -87,8 +87,8 @@ def other_motion(
 def _since_found(hypotheses: WindowHypotheses, found: OtherMotion) -> OtherMotion:
     """The same motion, at least as probable as it was in earlier windows beside a best motion of the same tracks.
 
-    A body that comes nearer hides tracks of the scene, and tracks end. The odds fall with their number, while nothing
-    has told which of the two motions is that of the camera.
+    A moving object that comes nearer hides tracks of the scene, and tracks end. The odds fall with their number, while
+    nothing has shown which of the two motions is that of the camera.
     """
     ids, explained = hypotheses.tracks.track_ids, explained_tracks(hypotheses)
     found = replace(found, of_best=ids[explained & ~np.isin(ids, found.track_ids)])
@@ -121,7 +121,7 @@ class _Search:
     same_direction_deg: float
 
 
-def _carried(search: _Search) -> OtherMotion:
+def _from_last_window(search: _Search) -> OtherMotion:
     """The motion that was found in the window before, located in this one."""
     tracks, before = search.hypotheses.tracks, search.hypotheses.other_before
     motion = None if before is None or before.fitted is None else before.fitted.motion
@@ -158,12 +158,12 @@ def _unlocated(search: _Search, proposed: Proposal) -> OtherMotion:
         return OtherMotion(0.0, others)
     of_other = np.zeros(len(search.rest), bool)
     of_other[proposed.tracks] = True
-    odds = odds_of_body(hypotheses, explained_tracks(hypotheses), of_other)
+    odds = odds_of_object(hypotheses, explained_tracks(hypotheses), of_other)
     return OtherMotion(odds / (1 + odds), others)
 
 
 def _rotation(search: _Search) -> OtherMotion:
-    """The camera only rotates by the tracks that the best motion does not explain, and the best one is a body's."""
+    """The case that the camera only rotates, by the tracks off the best motion, which is that of a moving object."""
     hypotheses = search.hypotheses
     fit = _rotation_by(hypotheses, np.flatnonzero(search.rest))
     costs = _costs_of_rotation(hypotheses, np.arange(len(search.rest)), fit)
@@ -190,20 +190,20 @@ def _costs_of_rotation(hypotheses: WindowHypotheses, some: Ints, fit: JointFit) 
     return fit_window(tracks, start, hypotheses.rotation_priors, rotation_only=True, max_steps=0).track_costs
 
 
-def _staying(hypotheses: WindowHypotheses) -> OtherMotion:
-    """The camera stands by the tracks that stay at their pixel, and the best motion is that of a body.
+def _overlay(hypotheses: WindowHypotheses) -> OtherMotion:
+    """The camera stands by the tracks that stay at their pixel, and the best motion is that of a moving object.
 
     These tracks are left out of the window, as those of an overlay (:mod:`slam_init.frontend.static_tracks`).
     """
-    staying = hypotheses.staying
-    if staying is None or len(staying.rays) < LEAST_TRACKS:
+    overlay = hypotheses.overlay
+    if overlay is None or len(overlay.rays) < LEAST_TRACKS:
         return OtherMotion()
     used = float((hypotheses.tracks.anchor >= 0).sum())
-    count, explained = used * staying.share / (1 - staying.share), explained_tracks(hypotheses)
-    places = np.arctan2(staying.rays[:, :2], staying.rays[:, 2:])
+    count, explained = used * overlay.share / (1 - overlay.share), explained_tracks(hypotheses)
+    places = np.arctan2(overlay.rays[:, :2], overlay.rays[:, 2:])
     of_best = _extent(places_of(hypotheses.motions[0].fit)[explained])
     odds = _odds(count / max(int(explained.sum()), 1), _extent(places), of_best)
-    return OtherMotion(odds / (1 + odds), staying.track_ids)
+    return OtherMotion(odds / (1 + odds), overlay.track_ids)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,9 +227,9 @@ class Proposal:
 
 
 def propose(hypotheses: WindowHypotheses, of: Bools) -> Proposal | None:
-    """The rigid motion of some tracks (T,), by the two views that tell most of it; None without one."""
+    """The rigid motion of some tracks (T,), by the two most informative views; None without one."""
     tracks, rays = hypotheses.tracks, bearings_of_best(hypotheses)
-    rows = _telling_pair(tracks, of & np.isfinite(rays).all(axis=2))
+    rows = _most_informative_pair(tracks, of & np.isfinite(rays).all(axis=2))
     if rows is None:
         return None
     first, second = rows
@@ -239,27 +239,27 @@ def propose(hypotheses: WindowHypotheses, of: Bools) -> Proposal | None:
     return Proposal(pose, rows, np.flatnonzero(both)[pose.inliers]) if isinstance(pose, RelativePose) else None
 
 
-def _telling_pair(tracks: WindowTracks, seen: Bools) -> tuple[int, int] | None:
-    """The two views whose common tracks tell most of their motion; None where no two have enough of them.
+def _most_informative_pair(tracks: WindowTracks, seen: Bools) -> tuple[int, int] | None:
+    """The two views whose common tracks are the most informative; None where no two have enough of them.
 
-    What tracks tell grows with their number and with the square of the baseline, which grows with the time between two
-    views.
+    The information of tracks grows with their number and with the square of the baseline, which grows with the time
+    between two views.
 
     Shapes: ``seen`` (V, T).
     """
     common = seen.astype(int) @ seen.T.astype(int)
     frames = np.array(tracks.frames)
     apart = np.abs(frames[:, None] - frames[None])
-    told = np.where(common >= LEAST_TRACKS, common * apart**2, 0)
-    first, second = np.unravel_index(int(np.argmax(told)), told.shape)
-    return (int(first), int(second)) if told[first, second] else None
+    weight = np.where(common >= LEAST_TRACKS, common * apart**2, 0)
+    first, second = np.unravel_index(int(np.argmax(weight)), weight.shape)
+    return (int(first), int(second)) if weight[first, second] else None
 
 
 def _fitted_to(hypotheses: WindowHypotheses, start: Motion, moving: Ints) -> FittedMotion | None:
     """A motion in the views that some tracks locate, fitted to these; None where they do not locate the reference."""
     tracks = hypotheses.tracks.of_tracks(moving)
     bearings, rotations = bearings_of_best(hypotheses)[:, moving], hypotheses.rotation_only.state.R
-    # A body may hide them in the newest view.
+    # A moving object may hide them in the newest view.
     located = locate_views(tracks, start, bearings, rotations, current=False)
     return None if located is None else fit_motion(tracks, located, hypotheses.priors)
 
@@ -271,11 +271,11 @@ def _weighed(search: _Search, fitted: FittedMotion) -> OtherMotion:
     fitted = fit_motion(tracks.of_tracks(more), fitted.motion, hypotheses.priors)
     votes = _votes(hypotheses, costs_at(hypotheses, fitted.motion))
     others = tracks.track_ids[votes < -LARGEST_VOTE]
-    # A motion that explains all tracks is a rival, and shows no body.
-    shows_body = min(len(others), int(np.count_nonzero(votes > LARGEST_VOTE))) >= LEAST_TRACKS
+    # A motion that explains all tracks is a competing motion, and shows no moving object.
+    shows_object = min(len(others), int(np.count_nonzero(votes > LARGEST_VOTE))) >= LEAST_TRACKS
     rotation_deg, direction_deg = farthest_deg(hypotheses.motions[0].motion, fitted.motion)
-    shows_body &= rotation_deg >= search.same_rotation_deg or direction_deg >= search.same_direction_deg
-    return OtherMotion(_probability(hypotheses, votes) if shows_body else 0.0, others, fitted)
+    shows_object &= rotation_deg >= search.same_rotation_deg or direction_deg >= search.same_direction_deg
+    return OtherMotion(_probability(hypotheses, votes) if shows_object else 0.0, others, fitted)
 
 
 def _votes(hypotheses: WindowHypotheses, costs: Floats) -> Floats:
@@ -292,22 +292,23 @@ def costs_at(hypotheses: WindowHypotheses, motion: Motion) -> Floats:
 
 
 def _probability(hypotheses: WindowHypotheses, votes: Floats) -> float:
-    """Probability that the other motion is that of the camera, and the best one that of a body."""
+    """Probability that the other motion is that of the camera, and the best one that of a moving object."""
     of_other = votes < -LARGEST_VOTE
-    odds = odds_of_body(hypotheses, explained_tracks(hypotheses) & ~of_other, of_other)
+    odds = odds_of_object(hypotheses, explained_tracks(hypotheses) & ~of_other, of_other)
     return odds / (1 + odds)
 
 
-def odds_of_body(hypotheses: WindowHypotheses, of_best: Bools, of_other: Bools) -> float:
-    """Odds that a motion is that of a body, by the tracks (T,) that follow it and those that follow another motion."""
+def odds_of_object(hypotheses: WindowHypotheses, of_best: Bools, of_other: Bools) -> float:
+    """Odds that a motion is that of a moving object, by the tracks (T,) that follow it and those of another motion."""
     places = places_of(hypotheses.motions[0].fit)
     return _odds(int(of_other.sum()) / max(int(of_best.sum()), 1), _extent(places[of_other]), _extent(places[of_best]))
 
 
 def _odds(tracks: float, of_other: float, of_best: float) -> float:
-    """Odds that a motion is that of a body.
+    """Odds that a motion is that of a moving object.
 
-    Bodies on the ground at any distance have areas in the image whose density falls with the square of the area.
+    Moving objects on the ground at any distance have areas in the image whose density falls with the square of the
+    area.
 
     * ``tracks``: The tracks of the other motion for each one that it has.
     * ``of_other, of_best``: Areas of the other motion and of this one.

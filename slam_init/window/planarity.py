@@ -1,6 +1,7 @@
 """The plane that the matches of a motion lie on, and whether the points of a window do.
 
-A plane is assumed only where it can be told: a relief would show in the tracks, and no relief shows.
+A plane is assumed only where it is observable: a depth variation would show in the tracks, and no depth variation
+shows.
 """
 
 from __future__ import annotations
@@ -11,15 +12,15 @@ from dataclasses import replace
 import numpy as np
 
 from slam_init.types.arrays import Floats
-from slam_init.window.joint_fit import costs_off_plane, information_of_relief
+from slam_init.window.joint_fit import costs_off_plane, information_off_plane
 from slam_init.window.levels import (
     LARGEST_GAIN,
     LEAST_ON_PLANE,
     LEAST_TRACKS,
+    OBSERVABLE_SIGMAS,
+    OBSERVABLE_VARIATION,
     PLANE_SIGMAS,
-    RELIEF_SIGMAS,
-    TOLD_RELIEF,
-    TOLD_SIGMAS,
+    VARIATION_SIGMAS,
 )
 from slam_init.window.motion import FittedMotion, fit_motion
 from slam_init.window.optimizer import OFF_PLANE_COST
@@ -55,47 +56,47 @@ def plane_of_motion(R: Floats, t: Floats, m: Floats, n: Floats) -> Floats:
 def is_plane(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> bool:
     """Whether the points of a fit lie on its plane.
 
-    * Returns: True if a relief would show, and distances of their own gain nothing: neither at the poses of the fit,
-      nor where the poses follow.
+    * Returns: True if a depth variation would show, and distances of their own gain nothing: neither at the poses of
+      the fit, nor where the poses follow.
     """
-    return _fits_plane(tracks, fitted) and not _has_relief(tracks, fitted, priors)
+    return _fits_plane(tracks, fitted) and not _leaves_plane(tracks, fitted, priors)
 
 
 def _fits_plane(tracks: WindowTracks, fitted: FittedMotion) -> bool:
-    """Whether the points of a fit lie on its plane: a relief would show, and distances of their own gain nothing."""
+    """Whether the points of a fit lie on its plane: a depth variation would show, and free distances gain nothing."""
     on_plane = fitted.fit.state.on_plane & (tracks.anchor >= 0)
     count = int(on_plane.sum())
     if count < max(LEAST_TRACKS, LEAST_ON_PLANE * float((tracks.anchor >= 0).sum())):
         return False
-    if not _tells_relief(fitted):
+    if not _observes_plane(fitted):
         return False
     gain = fitted.fit.track_costs - costs_off_plane(fitted.fit)
     return _is_chance(float(gain[on_plane].sum()), count, PLANE_SIGMAS)
 
 
-def _tells_relief(fitted: FittedMotion) -> bool:
-    """Whether a relief of a fifth of the distances would lower the cost far beyond chance."""
-    information = information_of_relief(fitted.fit)
-    gains = np.minimum(TOLD_RELIEF**2 * information, LARGEST_GAIN)
-    return float(gains.sum()) >= TOLD_SIGMAS * math.sqrt(2 * max(int((information > 0).sum()), 1))
+def _observes_plane(fitted: FittedMotion) -> bool:
+    """Whether a depth variation of a fifth of the distances would lower the cost far beyond chance."""
+    information = information_off_plane(fitted.fit)
+    gains = np.minimum(OBSERVABLE_VARIATION**2 * information, LARGEST_GAIN)
+    return float(gains.sum()) >= OBSERVABLE_SIGMAS * math.sqrt(2 * max(int((information > 0).sum()), 1))
 
 
-def _has_relief(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> bool:
+def _leaves_plane(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> bool:
     """Whether distances of their own lower the cost beyond chance where the poses may follow.
 
     Where the parallax is small, a wrong motion can bring the points of any scene near a plane. At these poses distances
     of their own gain little, so the fit without a plane has to be made. The noise is that of this fit: with the plane,
-    relief would count as noise. A noise below its lower limit is not trusted.
+    depth variation would count as noise. A noise below its lower limit is not trusted.
     """
     count = int((fitted.fit.state.on_plane & (tracks.anchor >= 0)).sum())
     left = int((tracks.anchor >= 0).sum()) - count
     of_plane = fitted.fit.cost - OFF_PLANE_COST * left
     # From measured rays: distances that start on the plane gain more, and the level is for those that do not. Only
     # whether the gain exceeds chance is asked.
-    start, chance = replace(fitted.motion, plane=None, points=None), _chance(count, RELIEF_SIGMAS)
+    start, chance = replace(fitted.motion, plane=None, points=None), _chance(count, VARIATION_SIGMAS)
     free = fit_motion(tracks, start, priors, hopeless=of_plane - chance)
     gain = of_plane - free.fit.cost
-    return not _is_chance(gain / max(free.fit.noise_factor, 1.0) ** 2, count, RELIEF_SIGMAS)
+    return not _is_chance(gain / max(free.fit.noise_factor, 1.0) ** 2, count, VARIATION_SIGMAS)
 
 
 def _is_chance(gain: float, count: int, sigmas: float) -> bool:

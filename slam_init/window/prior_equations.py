@@ -1,4 +1,4 @@
-"""The compiled equations of what is known before the tracks are seen: the lens, error fields, rotations, gravity."""
+"""The compiled equations of the priors: of the lens, of fields of correlated errors, of rotations, of gravity."""
 
 from __future__ import annotations
 

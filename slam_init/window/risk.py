@@ -5,17 +5,18 @@ causes add their probabilities:
 
 * **direction**: the right motion with a large error of the direction, or of the rotation
   (:mod:`~slam_init.window.direction_term`).
-* **rival**: another motion is right. Each track votes by the difference of its two log likelihoods, by three nats at
-  the most: so much it costs to say that the track is an outlier. The image region with the largest vote is left out,
-  since a moving body or a step in the scene fills a region. What the error fields explain of the rival counts for it.
+* **competing**: another motion is right. Each track votes by the difference of its two log likelihoods, by three nats
+  at the most: so much it costs to say that the track is an outlier. The image region with the largest vote is left out,
+  since a moving object or a step in the scene fills a region. What the fields of correlated errors explain of the
+  competing motion counts for it.
 * **rotation**: the camera only rotates, with a wrong focal length, and translation and points gain by chance; or up to
-  half of the tracks lie on bodies that move; or its images zoom and shift (:mod:`~slam_init.window.rotation_term`). The
+  half of the tracks lie on moving objects; or its images zoom and shift (:mod:`~slam_init.window.rotation_term`). The
   last of these takes as long as all other terms, so it is stated where these are small alone.
 * **moving**: the tracks that the best motion does not explain have a rigid motion of their own, and they may be the
   scene at rest (:mod:`~slam_init.window.other_motion`).
 * **floor**: what is not modelled.
 
-A window is judged at each frame: tails hold for any stopping time (:mod:`~slam_init.window.tails`).
+A window is evaluated at each frame: tails hold for any stopping time (:mod:`~slam_init.window.tails`).
 ``docs/explanation/risk.md`` derives all of it.
 """
 
@@ -30,15 +31,15 @@ import numpy as np
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.evidence import Margin
 from slam_init.types.lens import LensPrior
+from slam_init.window.competing import competing_term
 from slam_init.window.direction_term import DirectionTerm, direction_term, lens_of_best
 from slam_init.window.hypotheses import WindowHypotheses
-from slam_init.window.levels import EVEN_ODDS, FLOOR, ON_BODIES, UNDECIDED
+from slam_init.window.levels import EVEN_ODDS, FLOOR, ON_OBJECTS, UNDECIDED
 from slam_init.window.motion import OtherMotion
 from slam_init.window.other_motion import explained_tracks, other_motion
-from slam_init.window.rival import rival_term
 from slam_init.window.rotation_term import (
-    bodies_probability,
     keeps_errors,
+    moving_objects_probability,
     rotation_probability,
     with_errors_in_noise,
     zooming_probability,
@@ -50,22 +51,22 @@ from slam_init.window.uncertainty import ExpandedFit, FocalOfTracks, expand, foc
 class WindowRisk:
     """The probability that a map of the best hypothesis is wrong, by its terms (see the module docstring)."""
 
-    #: Probabilities; that of bodies is :attr:`moving`, and ``FLOOR`` is the last term.
+    #: Probabilities; that of moving objects is :attr:`moving`, and ``FLOOR`` is the last term.
     direction: float
-    rival: float
+    competing: float
     rotation: float
     #: The directions and the rotation of the best motion, as the fit alone knows them.
     directions: DirectionTerm
     #: Median of the relative standard deviations of the distances from the reference, in units of the pair's
     #: baseline, over the tracks that the best motion explains. The landmarks of a map have figures of their own.
     depth_sigma: float
-    #: Expected standard deviation of the coefficients of the error fields.
-    field_px: float
+    #: Expected standard deviation of the coefficients of the fields of correlated errors.
+    correlated_px: float
     #: The lens by the best motion, or by the camera that only rotates where that is likely.
     lens: LensPrior
-    #: The focal length that the tracks tell near the best motion, without the prior.
+    #: The focal length by the tracks near the best motion, without the prior.
     focal: FocalOfTracks
-    #: The vote against the nearest rival; None without a rival.
+    #: The vote against the nearest competing motion; None without a competing motion.
     margin: Margin | None
     #: Log likelihood of the best motion over the rotation-only camera, in nats.
     rotation_log_likelihood: float
@@ -75,18 +76,18 @@ class WindowRisk:
     other: OtherMotion
 
     @property
-    def knows_bodies(self) -> bool:
+    def seeks_objects(self) -> bool:
         """Whether another motion was looked for: it is not where the camera or its direction is open anyway."""
         return not _is_open(self.rotation, self.direction)
 
     @property
     def total(self) -> float:
         """The risk: the causes add their probabilities."""
-        return min(1.0, self.direction + self.rival + self.rotation + self.moving + FLOOR)
+        return min(1.0, self.direction + self.competing + self.rotation + self.moving + FLOOR)
 
     @property
     def moving(self) -> float:
-        """The term of bodies: the motion of other tracks is that of the camera."""
+        """The term of moving objects: the motion of other tracks is that of the camera."""
         return self.other.probability
 
     def of_map(self, rotation_deg: float, direction_deg: float) -> WindowRisk:
@@ -96,7 +97,7 @@ class WindowRisk:
 
 
 def risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
-    """Compose the risk of the best hypothesis; above ``max_risk`` no new motion of bodies is sought."""
+    """Compose the risk of the best hypothesis; above ``max_risk`` no new motion of moving objects is sought."""
     with single_threaded():
         return _risk_of(hypotheses, max_risk)
 
@@ -113,14 +114,14 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
         seeks = direction + rotation + FLOOR <= max_risk
         other = other_motion(hypotheses, directions.rotation_sigma_deg, directions.sigma_deg, seeks=seeks)
     # Fits with fields take half of a frame that waits: before a camera that turns, .36 s without this condition.
-    rival, nearest = rival_term(hypotheses, expanded, directions.sigma_deg, with_fits=not is_open)
+    competing, nearest = competing_term(hypotheses, expanded, directions.sigma_deg, with_fits=not is_open)
     return WindowRisk(
         direction=direction,
-        rival=rival,
+        competing=competing,
         rotation=rotation,
         directions=directions,
         depth_sigma=_depth_sigma(hypotheses, expanded),
-        field_px=expanded.marginal.expected_scale_px(expanded.scale_weights),
+        correlated_px=expanded.marginal.expected_scale_px(expanded.scale_weights),
         lens=directions.lens if by_rotation.lens is None else by_rotation.lens,
         focal=focal_of_tracks(expanded),
         margin=nearest,
@@ -139,13 +140,13 @@ def likely_lens(hypotheses: WindowHypotheses) -> LensPrior:
 
 
 def with_zooming_rotation(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk:
-    """The risk with the rival that the camera only rotates, and that its images zoom and shift from view to view."""
+    """The risk with the hypothesis of a rotation-only camera whose images zoom and shift from view to view."""
     with single_threaded():
         return replace(risk, rotation=min(1.0, risk.rotation + zooming_probability(hypotheses)))
 
 
 def _is_open(rotation: float, direction: float) -> bool:
-    """Whether a window has no map without the terms of rivals and bodies, so that it is not worth their fits."""
+    """Whether a window has no map even without the terms of competing motions and objects, which need further fits."""
     return max(rotation, direction) > UNDECIDED
 
 
@@ -162,7 +163,7 @@ class _RotationRisk(NamedTuple):
 
 
 def _rotation_risk(hypotheses: WindowHypotheses, expanded: ExpandedFit, direction: float) -> _RotationRisk:
-    """The term of the camera that only rotates: with a wrong focal length, with errors that last, or beside bodies."""
+    """The term of the rotation-only camera: with a wrong focal length, lasting errors, or moving objects."""
     gain, rotation, lens = rotation_probability(hypotheses, expanded)
     likely = rotation > EVEN_ODDS
     # Another test takes two fits, which a direction that is unknown is not worth.
@@ -170,18 +171,18 @@ def _rotation_risk(hypotheses: WindowHypotheses, expanded: ExpandedFit, directio
     if lasting_in_noise:
         wide = with_errors_in_noise(hypotheses)
         of_wide = rotation_probability(wide, expand(wide.motions[0]), lasting_in_noise=True)[1]
-        of_wide = max(of_wide, _beside_bodies(wide))
+        of_wide = max(of_wide, _beside_objects(wide))
         lasting_in_noise, rotation = of_wide < rotation, min(of_wide, rotation)
-    rotation = max(rotation, _beside_bodies(hypotheses))
+    rotation = max(rotation, _beside_objects(hypotheses))
     return _RotationRisk(rotation, gain, lens if likely else None, lasting_in_noise)
 
 
-def _beside_bodies(hypotheses: WindowHypotheses) -> float:
-    """Probability of the camera that only rotates beside bodies that move.
+def _beside_objects(hypotheses: WindowHypotheses) -> float:
+    """Probability of the camera that only rotates beside moving objects.
 
     Points at infinity lie on no plane, so that a plane needs no such test.
     """
-    return 0.0 if hypotheses.planar else bodies_probability(hypotheses, ON_BODIES)
+    return 0.0 if hypotheses.planar else moving_objects_probability(hypotheses, ON_OBJECTS)
 
 
 def _depth_sigma(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> float:

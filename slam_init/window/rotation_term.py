@@ -14,13 +14,13 @@ import numpy as np
 
 from slam_init.types.arrays import Floats
 from slam_init.types.lens import LensPrior
-from slam_init.window.hypotheses import CERTAIN_SIGMAS, EXPLAINED_BY_FIELDS, WindowHypotheses, with_rotation_anew
-from slam_init.window.levels import CHANCE_GAIN, FLOOR, LENS_ZOOMS, SHARE_OF_BODIES, ZOOM_LEAVES
+from slam_init.window.hypotheses import CERTAIN_SIGMAS, EXPLAINED_BY_FIELDS, WindowHypotheses, with_rotation_refitted
+from slam_init.window.levels import CHANCE_GAIN, FLOOR, LENS_ZOOMS, SHARE_OF_OBJECTS, ZOOM_LEAVES
 from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.marginal import marginalize_fields
 from slam_init.window.motion import fit_motion
 from slam_init.window.other_motion import explained_tracks
-from slam_init.window.tails import at_any_look, chi_square_as_gaussian
+from slam_init.window.tails import at_any_time, chi_square_as_gaussian
 from slam_init.window.tracker_errors import (
     gain_of_lasting_errors,
     gain_of_shared_errors,
@@ -68,7 +68,7 @@ def rotation_probability(
     marginal = marginalize_fields(rotation)
     explained = marginal.lowered_cost - expanded.marginal.lowered_cost
     gains = np.maximum(gain - 0.5 * np.maximum(explained, 0.0), 0.0) / dispersion
-    probability = float(expanded.scale_weights @ [at_any_look(float(one)) for one in z_of(gains)])
+    probability = float(expanded.scale_weights @ [at_any_time(float(one)) for one in z_of(gains)])
     return gain, probability, lens_estimate(ExpandedFit(hypotheses.rotation_only, rotation, marginal))
 
 
@@ -87,13 +87,13 @@ def with_errors_in_noise(hypotheses: WindowHypotheses) -> WindowHypotheses:
     tracks, best = hypotheses.tracks, hypotheses.motions[0]
     wide = with_lasting_errors(tracks, hypotheses.rotation_only.state.R)
     again = fit_motion(wide, best.motion, hypotheses.priors)
-    return with_rotation_anew(replace(hypotheses, tracks=wide, motions=(again,)))
+    return with_rotation_refitted(replace(hypotheses, tracks=wide, motions=(again,)))
 
 
-def bodies_probability(hypotheses: WindowHypotheses, share: float, price: float = 0.0) -> float:
+def moving_objects_probability(hypotheses: WindowHypotheses, share: float, price: float = 0.0) -> float:
     """Probability of the gains over the rotation-only camera if this share of the tracks, which gain most, moves.
 
-    Before a camera that only rotates, a moving body looks like a near object before points at infinity.
+    Before a camera that only rotates, a moving object looks like a near object before points at infinity.
 
     * ``price``: A part of the gain that no track is needed for, in twice the nats.
     """
@@ -104,7 +104,7 @@ def bodies_probability(hypotheses: WindowHypotheses, share: float, price: float 
         return 1.0
     by_chance, sigma = CHANCE_GAIN * count, math.sqrt(2 * count)
     least = float(np.partition(gains, count - 1)[:count].sum())
-    return at_any_look(((price + least) / best.fit.dispersion - by_chance) / sigma)
+    return at_any_time(((price + least) / best.fit.dispersion - by_chance) / sigma)
 
 
 def zooming_probability(hypotheses: WindowHypotheses) -> float:
@@ -130,9 +130,9 @@ def _probability_beside_zooms(
     See :func:`rotation_probability` for ``lasting_in_noise``.
     """
     explained = 0.5 * (hypotheses.rotation_only.cost - zooming.cost)
-    # A zoom looks like a motion toward a plane, so that a few bodies before it look like its relief. Tracks that lie on
-    # a plane are no such bodies.
-    bodies = explained > zooming.hypotheses.gain_over_rotation[0] and not hypotheses.planar
+    # A zoom looks like a motion toward a plane, so that a few moving objects before it look like its depth variation.
+    # Tracks that lie on a plane are no such moving objects.
+    objects = explained > zooming.hypotheses.gain_over_rotation[0] and not hypotheses.planar
     # What the model of a zoom lacks is a share of what it explains. Where outliers bound that, it is in the noise.
     cases = [(hypotheses, zooming, ZOOM_LEAVES * explained if zooming.has_zooms else 0.0)]
     if (wide := _with_errors_of_zooms(hypotheses, zooming)) is not None:
@@ -145,8 +145,8 @@ def _probability_beside_zooms(
         best = expand(one.motions[0])
         left = unexplained + beyond
         _, by_gain, _ = rotation_probability(zoom.hypotheses, best, left, lasting_in_noise=lasting_in_noise)
-        by_bodies = bodies_probability(zoom.hypotheses, SHARE_OF_BODIES, price=zoom.price) if bodies else 0.0
-        probability = max(probability, by_gain, by_bodies)
+        by_objects = moving_objects_probability(zoom.hypotheses, SHARE_OF_OBJECTS, price=zoom.price) if objects else 0.0
+        probability = max(probability, by_gain, by_objects)
     return hypotheses.priors.lens_changes * LENS_ZOOMS * probability
 
 

@@ -1,4 +1,4 @@
-"""What an observation tells of the unknowns that all tracks share: the lens, and the error field of its view."""
+"""The information of an observation about shared unknowns: the lens, and the correlated errors of its view."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def add_field(
     turn: Floats,
     sums: TrackSums,
 ) -> None:
-    """Add what an observation tells of the error field of its view, alone and with the other unknowns.
+    """Add the information of an observation about the correlated errors of its view, and about the other unknowns.
 
     Shapes: ``turn`` (V, V, 9).
     """

@@ -18,7 +18,7 @@ from slam_init.window.tracks import WindowTracks
 class Priors(LensPrior):
     """What is known before the fit."""
 
-    #: Standard deviation of each coefficient of the error field of a view, in pixels; 0 for no field.
+    #: Standard deviation of each coefficient of the field of correlated errors of a view, in pixels; 0 for no field.
     field_sigma_px: float = 0.0
     #: An observation counts as an outlier around this number of standard deviations.
     gate_sigmas: float = GATE_SIGMAS
@@ -43,7 +43,7 @@ class WindowState:
     #: (T,) Along the rays, not negative; not used on the plane.
     inverse_distances: Floats
     lens: Lens
-    #: (V, 12) Coefficients of the error fields.
+    #: (V, 12) Coefficients of the fields of correlated errors.
     field: Floats
     #: (3,) ``plane . X = 1`` in the world; None without one.
     plane: Floats | None

@@ -117,7 +117,7 @@ def move_tracks(
 
 @compiled
 def _move_views(before: Scene, step: Floats, length: float, layout: Layout, after: Scene) -> None:
-    """The poses and the error fields after a step of the common unknowns."""
+    """The poses and the fields of correlated errors after a step of the common unknowns."""
     place = 0
     for k in range(len(before.R)):
         copy_pose(before.R[k], before.t[k], after.R[k], after.t[k])

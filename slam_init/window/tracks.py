@@ -11,9 +11,9 @@ import numpy as np
 from slam_init.frontend.rolling_shutter import corrected_pixels, readout_places, turning_flow
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.camera import Camera
-from slam_init.types.error_fields import orthonormal_polynomials
+from slam_init.types.correlated_errors import orthonormal_polynomials
 from slam_init.types.frame import Observations
-from slam_init.types.inertial import Attitude, Gravity
+from slam_init.types.inertial import Gravity, RelativeRotation
 from slam_init.types.lens import Lens
 from slam_init.window.measured_rays import measured_rays
 
@@ -116,7 +116,7 @@ class WindowTracks:
         readout: Readout | None = None,
         least_noise_px: float = 0.0,
         drifts: Floats | None = None,
-        attitudes: Sequence[Attitude | None] = (),
+        measured: Sequence[RelativeRotation | None] = (),
         gravities: Sequence[Gravity | None] = (),
     ) -> WindowTracks:
         """Prepare tracks for the fit.
@@ -158,7 +158,7 @@ class WindowTracks:
             readout.readout_s,
             readout.times_s,
             least_noise_px,
-            *_turned_from_first(attitudes or [None] * len(frames)),
+            *_turned_from_first(measured or [None] * len(frames)),
             *_down_in_views(gravities or [None] * len(frames)),
         )
 
@@ -256,7 +256,7 @@ def gather_tracks(
     views: Sequence[Observations],
     noise_px: float,
     least_noise_px: float = 0.1,
-    attitudes: Sequence[Attitude | None] = (),
+    measured: Sequence[RelativeRotation | None] = (),
     gravities: Sequence[Gravity | None] = (),
 ) -> WindowTracks:
     """Choose tracks that are seen in many views and spread over the image.
@@ -284,7 +284,7 @@ def gather_tracks(
         Readout(sweep_px_s, sweep_errors, _common_readout(views), times_s),
         least_noise_px,
         since_anchor,
-        attitudes,
+        measured,
         gravities,
     )
 
@@ -301,11 +301,11 @@ def _noise_with_drifts(
     return sigma_px, whitening, least_noise_px
 
 
-def _turned_from_first(attitudes: Sequence[Attitude | None]) -> tuple[Floats, Floats]:
+def _turned_from_first(measured: Sequence[RelativeRotation | None]) -> tuple[Floats, Floats]:
     """Measured rotations (V, 3, 3) of the views from the first one, and one over their variances (V,)."""
-    turned, weights = np.tile(np.eye(3), (len(attitudes), 1, 1)), np.zeros(len(attitudes))
-    first = attitudes[0]
-    for k, one in enumerate(attitudes):
+    turned, weights = np.tile(np.eye(3), (len(measured), 1, 1)), np.zeros(len(measured))
+    first = measured[0]
+    for k, one in enumerate(measured):
         if k and first is not None and one is not None and one.start == first.start:
             turned[k] = one.cam_from_start @ first.cam_from_start.T
             weights[k] = 1 / max(abs(one.variance_rad2 - first.variance_rad2), _LEAST_VARIANCE_RAD2)
@@ -380,7 +380,7 @@ def _since_anchor(seen: Bools, drifts: Floats, slides_px: Floats) -> Floats:
     between = drifts - drifts[anchor, np.arange(seen.shape[1])]
     # A track that keeps its instant slides where the motion changes.
     slides_px = np.where(seen[..., None], slides_px - slides_px[anchor, np.arange(seen.shape[1])], 0.0)
-    # A view that is earlier than the anchor has drifted less. Where descriptors found a track, its drift began anew.
+    # A view that is earlier than the anchor has drifted less. Where descriptors found a track, its drift began again.
     # The errors of two alignments do not add up, so that their difference is too small. On clear images both are below
     # the least noise.
     variances, axes = _principal_axes(np.where(seen[..., None, None], between, 0.0))

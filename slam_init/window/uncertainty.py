@@ -1,14 +1,15 @@
 """The uncertainty of a fitted motion: of its rotations, of the directions of its baselines, and of its distances.
 
-The quadratic expansion of the cost (Laplace) gives the covariance of linear functions of the unknowns. The error fields
-are integrated out, for each of their scales and then over the scales. The expansion counts information that the errors
-of the distances make by chance; it is left out (:func:`slam_init.window.linearization.information_by_chance`). All
-covariances are second moments about the fit: the fit has no fields, so the mean of the posterior may differ from it.
+The quadratic expansion of the cost (Laplace) gives the covariance of linear functions of the unknowns. The fields of
+correlated errors are integrated out, for each of their scales and then over the scales. The expansion counts
+information that the errors of the distances make by chance; it is left out
+(:func:`slam_init.window.linearization.information_by_chance`). All covariances are second moments about the fit: the
+fit has no fields, so the mean of the posterior may differ from it.
 
-Images do not tell the scale of a map, and the fit holds the longest baseline. A function has a meaning only if a change
-of the scale does not change it. Rotations and directions are such functions. An inverse distance ``rho`` is none, but
-its product with the length of the pair's baseline is: it is the inverse distance in units of that baseline. With the
-unit vector ``u`` along the translation ``t`` of the pair ::
+Images do not determine the scale of a map, and the fit holds the longest baseline. A function has a meaning only if a
+change of the scale does not change it. Rotations and directions are such functions. An inverse distance ``rho`` is
+none, but its product with the length of the pair's baseline is: it is the inverse distance in units of that baseline.
+With the unit vector ``u`` along the translation ``t`` of the pair ::
 
     d(rho |t|) = |t| d(rho) + rho u . dt
 
@@ -28,29 +29,29 @@ from quest.noise import GATE_SIGMAS
 from quest.robust.spatial_blocks import regions_of
 from slam_init.system.linear_algebra import deviations
 from slam_init.types.arrays import Bools, Floats
-from slam_init.types.error_fields import FIELD_PRIOR
+from slam_init.types.correlated_errors import FIELD_PRIOR
 from slam_init.types.lens import LensPrior
 from slam_init.window.joint_fit import JointFit
 from slam_init.window.levels import DOUBTFUL_SIGMAS, REGIONS, TURNING_FACTOR
 from slam_init.window.linearization import Linearization, information_by_chance, linearize_with_fields
-from slam_init.window.marginal import FieldMarginal, marginalize_fields
+from slam_init.window.marginal import ErrorMarginal, marginalize_fields
 from slam_init.window.motion import FittedMotion
 from slam_init.window.state import WindowState
 
 #: The stated distortion is suspected from here on: in the corner of a view of 70 degrees that moves a pixel by a
 #: hundredth of its distance from the centre.
 _LEAST_DISTORTION = 0.02
-#: Tracks that tell less of a focal length tell nothing: a deviation by a factor of e to the 30.
+#: Tracks with less information about a focal length have none: a deviation by a factor of e to the 30.
 _LEAST_INFORMATION = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class ExpandedFit:
-    """A fit, its quadratic expansion, and the posterior of the scale of its error fields."""
+    """A fit, its quadratic expansion, and the posterior of the scale of its fields of correlated errors."""
 
     fit: JointFit
     linearization: Linearization
-    marginal: FieldMarginal
+    marginal: ErrorMarginal
 
     @cached_property
     def scale_weights(self) -> Floats:
@@ -134,7 +135,7 @@ class MovedByLens:
 
 
 class FocalOfTracks(NamedTuple):
-    """What the tracks of a fit tell of the focal length, without the prior."""
+    """The information of the tracks of a fit about the focal length, without the prior."""
 
     #: Logarithm of the focal length over that of the prior, and its standard deviation.
     log_scale: float
@@ -142,7 +143,7 @@ class FocalOfTracks(NamedTuple):
 
 
 def expand(motion: FittedMotion) -> ExpandedFit:
-    """Expand the cost of a fitted motion, and integrate the error fields out."""
+    """Expand the cost of a fitted motion, and integrate the fields of correlated errors out."""
     expanded, by_chance = expand_for_evidence(motion), information_by_chance(motion.fit)
     return replace(expanded, marginal=expanded.marginal.without_chance(by_chance))
 
@@ -154,7 +155,7 @@ def expand_for_evidence(motion: FittedMotion) -> ExpandedFit:
 
 
 def lens_estimate(expanded: ExpandedFit, optimism: float = 1.0) -> LensPrior:
-    """The lens that a fit found, with the error fields integrated out; no readout where it is no unknown of the fit.
+    """The lens of a fit, with correlated errors integrated out; no readout where it is no unknown of the fit.
 
     * ``optimism``: Factor on the standard deviation of the focal length, for what the covariance does not know.
     """
@@ -173,7 +174,7 @@ def lens_estimate(expanded: ExpandedFit, optimism: float = 1.0) -> LensPrior:
 
 
 def focal_of_tracks(expanded: ExpandedFit) -> FocalOfTracks:
-    """The focal length by the tracks alone, as the quadratic expansion of the fit tells it."""
+    """The focal length by the tracks alone, by the quadratic expansion of the fit."""
     marginal, priors = expanded.marginal, expanded.fit.priors
     J = np.eye(1, len(marginal.shift), expanded.linearization.k1_column - 1)
     shifts, covariances = marginal.of(J)
@@ -184,19 +185,19 @@ def focal_of_tracks(expanded: ExpandedFit) -> FocalOfTracks:
     return FocalOfTracks(off / (variance * information), 1 / math.sqrt(information))
 
 
-def told_readout_s(lens: LensPrior) -> float:
-    """The readout, 0 where the tracks do not tell it from none."""
+def significant_readout_s(lens: LensPrior) -> float:
+    """The readout, 0 where it is not significant."""
     return lens.mean.readout_s if abs(lens.mean.readout_s) > GATE_SIGMAS * lens.readout_sigma_s else 0.0
 
 
 def suspected_k1(lens: LensPrior) -> float | None:
     """What the stated distortion lacks, where it is suspected to be wrong, else None."""
-    told = abs(lens.mean.k1) > max(DOUBTFUL_SIGMAS * lens.k1_sigma, _LEAST_DISTORTION)
-    return lens.mean.k1 if told else None
+    is_significant = abs(lens.mean.k1) > max(DOUBTFUL_SIGMAS * lens.k1_sigma, _LEAST_DISTORTION)
+    return lens.mean.k1 if is_significant else None
 
 
-def _sigma_of(column: int, marginal: FieldMarginal) -> float:
-    """Standard deviation of an unknown, over all scales of the error fields."""
+def _sigma_of(column: int, marginal: ErrorMarginal) -> float:
+    """Standard deviation of an unknown, over all scales of the fields of correlated errors."""
     J = np.zeros((1, len(marginal.shift)))
     J[0, column] = 1.0
     log_weights = marginal.log_evidence + np.log(FIELD_PRIOR)

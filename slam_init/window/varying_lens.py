@@ -14,7 +14,7 @@ import numpy as np
 
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
-from slam_init.types.error_fields import FIELD_SCALES_PX
+from slam_init.types.correlated_errors import FIELD_SCALES_PX
 from slam_init.window.arguments import FIELD_TERMS
 from slam_init.window.joint_fit import JointFit
 from slam_init.window.kernels import TUKEY_GATES
@@ -95,7 +95,7 @@ def varying_lens(expanded: ExpandedFit) -> VaryingLens:
 def _modes(camera: Camera, times_s: Floats) -> Iterator[tuple[Floats, float]]:
     """How a lens may change: roots (3 V - 3, 3 V - 3) of the prior covariances of all views, and their probabilities.
 
-    A lens that focuses zooms smoothly, or it has settled anew in each view: both are alike probable. Independent zooms
+    A lens that focuses zooms smoothly, or it has settled again in each view: both are alike probable. Independent zooms
     alone would let a slow zoom pay for as many unknowns as there are views, so that it would be less likely than none.
     A stabilizer moves each frame for itself.
     """

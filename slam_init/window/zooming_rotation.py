@@ -1,4 +1,4 @@
-"""The camera that only rotates, with a lens that zooms and an image that shifts from view to view: a rival of a motion.
+"""The hypothesis that the camera only rotates, with a lens that zooms and an image that shifts from view to view.
 
 A lens that focuses changes the focal length of each view by up to some hundredths. That looks like a motion toward a
 plane. A stabilizer shifts the image of each view by up to a hundredth of its width. That looks like a motion along a
@@ -32,7 +32,7 @@ from slam_init.window.zoomed_view import locate_view
 #: less than this share of what is left to the best motion: zooms do not explain it then.
 _ROUNDS, _MAX_STEPS, _LEAST_PROGRESS = 8, 8, 0.1
 #: Where zooms leave at most this share of what the rotation leaves to the best motion, further focal lengths of the
-#: reference are tried: off by this factor (as a logarithm). One drawn camera on a tripod zoomed by 1.5 before its
+#: reference are tried: off by this factor (as a logarithm). One simulated camera on a tripod zoomed by 1.5 before its
 #: reference: the fit from the stated focal length left 41 %, and with these starts 1 %.
 #: Class: assumption.
 _ZOOMS_LEAVE, _REFERENCE_ZOOM = 0.7, 0.3
@@ -119,8 +119,8 @@ def with_zooms(hypotheses: WindowHypotheses) -> ZoomingRotation:
             other = _alternated(hypotheses, replace(state, lens=lens._replace(log_scale=log_scale)), free)
             if other.cost < lowest.cost:
                 lowest = other
-    # Shifts come last: beside a zoom that is not known yet, bodies would lead them away. But without shifts, zooms and
-    # the focal length may take their place: so both come at once too.
+    # Shifts come last: beside a zoom that is not known yet, moving objects would lead them away. But without shifts,
+    # zooms and the focal length may take their place: so both come at once too.
     found = _alternated(hypotheses, state, lowest.hypotheses.rotation_priors if lowest.zooms.any() else priors, lowest)
     if lowest.zooms.any():
         found = min(found, _alternated(hypotheses, state, priors, _unchanged(hypotheses)), key=lambda one: one.cost)

@@ -1,7 +1,7 @@
 """What each rule of a decision is worth: the outcomes without it, beside those with all rules.
 
 A rule is left out in a forked process: its function gives there what it gives where it finds nothing. All cases are
-decided again: planes at short baselines, cameras on a tripod whose lens zooms, drawn worlds, and starts of the real
+decided again: planes at short baselines, cameras on a tripod whose lens zooms, simulated worlds, and starts of the real
 sequences below ``SLAM_INIT_DATA``. A rule whose absence costs neither a false map nor right ones goes. ::
 
     python -m tests.benchmarks.ablation --seeds 300 320 --log ablation.jsonl
@@ -82,19 +82,19 @@ def _nothing(*_: Any, **__: Any) -> None:
 RULES: dict[str, Rule] = {
     "rotation with zooms": Rule("window.risk", "zooming_probability", lambda *_, **__: 0.0),
     "rotation with zooms: their errors": Rule("window.rotation_term", "_with_errors_of_zooms", _nothing),
-    "rotation beside bodies": Rule("window.risk", "_beside_bodies", lambda *_: 0.0),
+    "rotation beside moving objects": Rule("window.risk", "_beside_objects", lambda *_: 0.0),
     "rotation: errors that last": Rule("window.risk", "keeps_errors", lambda *_: False),
     "another motion": Rule("window.risk", "other_motion", lambda *_, **__: OtherMotion()),
-    "rival": Rule("window.risk", "rival_term", lambda *_: (0.0, None)),
+    "competing": Rule("window.risk", "competing_term", lambda *_: (0.0, None)),
     "direction: a lens that changes": Rule(
         "window.direction_term", "_with_varying_lens",
         lambda sigmas_deg, *_: two_directions(WRONG_DIRECTION_DEG, sigmas_deg),
     ),
-    "direction: views that a body holds": Rule(
-        "window.direction_term", "_held_by_bodies", lambda best: np.zeros(len(best.rows) - 1)
+    "direction: views that a moving object holds": Rule(
+        "window.direction_term", "_held_by_objects", lambda best: np.zeros(len(best.rows) - 1)
     ),
     "direction: residuals that neighbours share": Rule(
-        "window.direction_term", "variance_by_neighbours", lambda *_: 1.0
+        "window.direction_term", "variance_by_correlation", lambda *_: 1.0
     ),
     "focal length against the stated one": Rule("decision.focal_check", "FocalCheck.__call__", _nothing),
     "tracks that stay on the image": Rule("decision.window_rule", "static_tracks", lambda *_: np.zeros(0, int)),
@@ -204,10 +204,10 @@ def outcome_of(case: Case) -> tuple[str, int, float]:
         count += 1
     if initializer.map is None:
         return "none", count, last_ms
-    return _judged(initializer, source), count, last_ms
+    return _evaluated(initializer, source), count, last_ms
 
 
-def _judged(initializer: Initializer, source: Any) -> str:
+def _evaluated(initializer: Initializer, source: Any) -> str:
     truth: dict[int, Pose] = {}
     assert initializer.map is not None
     for one in initializer.map.keyframes:
@@ -283,7 +283,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--seeds", type=int, nargs=2, default=(300, 320), metavar=("FIRST", "END"))
     parser.add_argument("--worlds", type=_file_with_seeds, action="append", default=[], metavar="FILE:FIRST-END")
     parser.add_argument("--rules", nargs="+", choices=RULES, default=list(RULES), metavar="RULE", help="by default all")
-    parser.add_argument("--no-film", action="store_true", help="drawn worlds only")
+    parser.add_argument("--no-film", action="store_true", help="simulated worlds only")
     parser.add_argument("--jobs", type=int, default=2, metavar="N")
     parser.add_argument("--log", type=Path, default=Path("ablation.jsonl"), metavar="FILE", help="lines are appended")
     parser.add_argument("--from-log", type=Path, metavar="FILE", help="the table of a log; run nothing")

@@ -6,8 +6,8 @@ not independent. The true poses and points are aligned with the map by the first
 keyframe farthest from it, as the gauge of the graph is.
 
 ``python -m tests.benchmarks.coverage 60``
-    60 drawn worlds of each stratum: exact lens; focal length, principal point or k1 off by the standard deviations of
-    :mod:`slam_init.bundle.lens`; an independent or a drifting error field.
+    60 simulated worlds of each stratum: exact lens; focal length, principal point or k1 off by the standard deviations
+    of :mod:`slam_init.bundle.lens`; an independent or a drifting field of correlated errors.
 ``python -m tests.benchmarks.coverage 300 --worlds PATH/gen.py --seed 10000``
     300 worlds of another generator, as of :mod:`tests.benchmarks.reliability`.
 ``--lens 0``
@@ -126,10 +126,10 @@ def simulated_worlds(count: int, seed: int) -> Iterator[World]:
     """Draw ``count`` worlds of each stratum."""
     for number in range(count):
         for stratum in _STRATA:
-            yield drawn_world(stratum, seed + number)
+            yield simulated_world(stratum, seed + number)
 
 
-def drawn_world(stratum: str, seed: int) -> World:
+def simulated_world(stratum: str, seed: int) -> World:
     """A world of the built-in generator."""
     rng = np.random.default_rng((seed, *stratum.encode()))
     off, size = float(rng.normal()), float(rng.uniform(0.1, 0.5))
@@ -137,7 +137,7 @@ def drawn_world(stratum: str, seed: int) -> World:
         "focal": f"&focal_error={0.02 * off}",
         "principal": f"&principal_error={0.025 * abs(off)}",
         "k1": f"&k1={0.05 * off}",
-        "field": f"&field_px={size}",
+        "field": f"&correlated_px={size}",
         "drift": f"&drift_px={size}",
     }.get(stratum, "")
     scene, baseline = _SCENES[seed % len(_SCENES)], rng.choice([0.05, 0.1, 0.2, 0.4])
@@ -166,7 +166,7 @@ def _stratum_of(factors: Any) -> str:
 
 
 def run(world: World, config: Config) -> Coverage | None:
-    """Initialize from the tracks of a world, and judge the map."""
+    """Initialize from the tracks of a world, and evaluate the map."""
     initializer = Initializer(world.camera, config)
     for observed in world.views:
         if initializer.process_tracks(observed):

@@ -1,7 +1,7 @@
 """Video made harder, under all methods: ``python -m tests.benchmarks.harder_video --out DIR``.
 
 Each variant is a copy of real sequences below ``SLAM_INIT_DATA``, in ``DIR/frames/VARIANT``, that
-:func:`slam_init.compare.run.compare` judges as it judges the sequences themselves. The images of ``backward`` run
+:func:`slam_init.compare.run.compare` evaluates as it evaluates the sequences themselves. The images of ``backward`` run
 backward and stand on their heads, so that the rows of a rolling shutter are read in their order: another motion that is
 as real. Numbers of the project were chosen on the sequences and not on these copies.
 """
@@ -150,10 +150,10 @@ def table(rows: Iterable[tuple[str, str, TrialRow]], methods: Sequence[str]) -> 
             cells.setdefault(key, {}).setdefault(row.method, []).append(row)
     lines = []
     for (variant, sequence), found in sorted(cells.items(), key=lambda cell: cell[0][1] != "all"):
-        told = [_told(found.get(method, [])) for method in methods]
-        lines.append([variant, sequence, str(len(next(iter(found.values())))), *told])
-    told = [f"{method}: correct/false/none, wait" for method in methods]
-    return markdown_table(["", "sequence", "starts", *told], lines)
+        message = [_told(found.get(method, [])) for method in methods]
+        lines.append([variant, sequence, str(len(next(iter(found.values())))), *message])
+    message = [f"{method}: correct/false/none, wait" for method in methods]
+    return markdown_table(["", "sequence", "starts", *message], lines)
 
 
 def _told(rows: Sequence[TrialRow]) -> str:
@@ -184,7 +184,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if not path.is_dir():
             print(f"no {path}: set SLAM_INIT_DATA to a folder of sequences", file=sys.stderr)
             continue
-        # The name of the folder tells how its ground truth is judged.
+        # The name of the folder tells how its ground truth is evaluated.
         folder = arguments.out / "frames" / variant.replace(" ", "-") / path.name
         if not (folder / "groundtruth.txt").exists():
             write(open_source(str(path)), VARIANTS[variant], folder)

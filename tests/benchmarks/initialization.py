@@ -2,7 +2,7 @@
 
 The program compares ``quest`` alone (:mod:`slam_init.compare`): on every real sequence below ``SLAM_INIT_DATA`` (a
 folder with ``camera.yaml`` and ``groundtruth.txt``), from its first frame to its end, and on several seeds of every
-synthetic scene. It prints one table of each. :mod:`slam_init.compare.judging` tells what makes a map correct or false.
+synthetic scene. It prints one table of each. :mod:`slam_init.compare.criteria` tells what makes a map correct or false.
 """
 
 from __future__ import annotations
@@ -71,8 +71,8 @@ def _counts(rows: Sequence[TrialRow]) -> list[str]:
     reasons = Counter(row.reason for row in rows if row.reason is not None)
     frames = [row.frames_to_accept for row in rows if row.frames_to_accept is not None]
     counts = (len(rows), classes["correct"] + classes["strict"], classes["strict"], classes["false"], classes["none"])
-    told = ", ".join(f"{count} {reason}" for reason, count in reasons.most_common()) or "-"
-    return [*map(str, counts), told, f"{median(frames):g}" if frames else "-"]
+    message = ", ".join(f"{count} {reason}" for reason, count in reasons.most_common()) or "-"
+    return [*map(str, counts), message, f"{median(frames):g}" if frames else "-"]
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -39,7 +39,7 @@ from tests.benchmarks.image_pairs import (
 from tests.benchmarks.options import choice_list, data_folder, number_list, positive, progress, run_on_one_thread, save
 from tests.benchmarks.quest.cells import auc_cell, errors_cell, kept_cell, times_cell, verdicts_cell
 from tests.benchmarks.quest.robust_methods import METHODS, Estimate, available, limit_threads
-from tests.benchmarks.quest.robust_trials import Answer, judge, warm_up
+from tests.benchmarks.quest.robust_trials import Answer, evaluate, warm_up
 from tests.benchmarks.tables import markdown_table
 
 Floats = NDArray[np.float64]
@@ -124,7 +124,7 @@ def _answer(pair: ImagePair, method: str, threshold_rad: float, seed: int, rotat
     few = len(pair.bearings1) < _MIN_MATCHES
     run = METHODS[method][1]
     estimate = Estimate((), 0.0, "none") if few else run(pair.bearings1, pair.bearings2, threshold_rad, seed)
-    return judge(method, estimate, pair.cam2_from_cam1.R, pair.cam2_from_cam1.t, rotation_only=rotation_only)
+    return evaluate(method, estimate, pair.cam2_from_cam1.R, pair.cam2_from_cam1.t, rotation_only=rotation_only)
 
 
 _TABLES: dict[str, Callable[[Sequence[Answer]], str]] = {

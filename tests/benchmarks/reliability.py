@@ -44,7 +44,7 @@ from slam_init.window.motion import difference_deg
 from tests.benchmarks.options import show
 from tests.benchmarks.tables import markdown_table
 
-#: What counts as wrong, in degrees, and the shortest baseline that is judged, over the longest one.
+#: What counts as wrong, in degrees, and the shortest baseline that is evaluated, over the longest one.
 ROTATION_DEG, DIRECTION_DEG, _SHORTEST = 5.0, 15.0, 0.3
 #: Scenes and baselines of the built-in generator; the last two do not translate.
 _SCENES = ("room", "corridor", "wall", "desk", "nadir", "nadir-turn", "tilted-30", "rotation", "static")
@@ -91,7 +91,7 @@ class Decision:
 
 
 def decide(world: World, seed: int) -> Decision:
-    """Give the tracks of a world to an initializer, and judge its map."""
+    """Give the tracks of a world to an initializer, and evaluate its map."""
     initializer, count = Initializer(world.camera), 0
     for view in world.views:
         count += 1
@@ -228,12 +228,12 @@ def _counts(group: Sequence[Decision]) -> list[str]:
     expected = sum(one.risk for one in maps)
     with_causes = expected + len(maps) * UNMODELLED_RISK
     wait = f"{np.mean([one.wait for one in maps]):.2f}" if maps else "-"
-    judged = [one for one in maps if not one.no_translation]
+    evaluated = [one for one in maps if not one.no_translation]
     of_pair, of_any = (
-        np.array([getattr(one, name) for one in judged]) for name in ("deviations", "largest_deviations")
+        np.array([getattr(one, name) for one in evaluated]) for name in ("deviations", "largest_deviations")
     )
     beyond = [(of_pair, 2), (of_pair, 3), (of_any, 3)]
-    shares = [f"{100 * float(np.mean(errors > level)):.1f}" if judged else "-" for errors, level in beyond]
+    shares = [f"{100 * float(np.mean(errors > level)):.1f}" if evaluated else "-" for errors, level in beyond]
     return [str(len(group)), *counts, f"{expected:.2f}", f"{with_causes:.2f}", wait, *shares]
 
 
@@ -269,14 +269,14 @@ def _strata_of(decisions: Sequence[Decision]) -> list[str]:
 
 def commit() -> str:
     """The commit of the measured version, with a mark where files differ from it."""
-    told = subprocess.run(
+    message = subprocess.run(
         ["git", "describe", "--always", "--dirty"],
         capture_output=True,
         text=True,
         check=False,
         cwd=Path(__file__).parent,
     )
-    return told.stdout.strip() or "unknown"
+    return message.stdout.strip() or "unknown"
 
 
 def read_log(path: Path) -> list[Decision]:

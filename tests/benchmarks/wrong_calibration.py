@@ -44,7 +44,7 @@ _LITTLE = 0.1
 #: Stated focal lengths over the true one: a right one, and the two ranges of a wrong one.
 _RIGHT, _SHORT, _LONG = 0.01, (0.5, 0.93), (1.08, 2.0)
 #: The tracks tell a wrong focal length that is off by so many deviations of a run without a calibration.
-_TOLD_SIGMAS = 3.0
+_SIGNIFICANT_SIGMAS = 3.0
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class Case:
     estimated: float = math.nan
     sigma: float = math.nan
     #: Whether a run without a calibration tells a wrong focal length; as for all that are named.
-    told: bool = False
+    clear: bool = False
     #: All free fits: over the true focal length, their deviation, and the place of their attempt.
     fits: list[tuple[float, float, int]] = field(default_factory=list)
 
@@ -79,7 +79,7 @@ def drawn(seed: int, *, is_wrong: bool) -> tuple[str, PointSource, float]:
     stated = wrong if is_wrong else 1 + rng.uniform(-_RIGHT, _RIGHT)
     options = {
         "views": rng.integers(6, 11), "points": 150, "noise_px": rng.choice([0.3, 0.5, 0.8]),
-        "outliers": rng.choice([0.02, 0.1, 0.25]), "field_px": rng.choice([0.0, 0.15, 0.3]),
+        "outliers": rng.choice([0.02, 0.1, 0.25]), "correlated_px": rng.choice([0.0, 0.15, 0.3]),
         "baseline": math.exp(rng.uniform(math.log(0.05), math.log(0.6))),
         "principal_error": rng.choice([0.0, 0.005, 0.01]), "k1": rng.choice([0.0, 0.0, -0.02, 0.02]),
         "turning_deg_s": rng.choice([20.0, 40.0, 60.0]), "speed": rng.choice([0.0, 0.1, 0.3, 0.6]),
@@ -105,12 +105,12 @@ def decide(seed: int, *, is_wrong: bool) -> Case:
         fits=[(stated * fit.factor, fit.sigma_px / fit.estimated_px, k) for k, fit in fits],
     )  # fmt: skip
     if wrong is not None:
-        return replace(case, estimated=stated * wrong.factor, sigma=wrong.sigma_px / wrong.estimated_px, told=True)
+        return replace(case, estimated=stated * wrong.factor, sigma=wrong.sigma_px / wrong.estimated_px, clear=True)
     if not is_wrong:
         return case
     free = _run(source, prior_camera((source.camera.width, source.camera.height)), result.frames_read)
     sigmas = [attempt.window.focal_sigma for attempt in free.attempts if attempt.window is not None]
-    return replace(case, told=_TOLD_SIGMAS * min(sigmas, default=math.inf) < abs(math.log(stated)))
+    return replace(case, clear=_SIGNIFICANT_SIGMAS * min(sigmas, default=math.inf) < abs(math.log(stated)))
 
 
 def _run(source: PointSource, camera: Camera, frames: int | None = None) -> Result:
@@ -144,11 +144,11 @@ def report(cases: Sequence[Case]) -> str:
     ]
     rows = []
     for name, belongs in groups:
-        told = [one for one in wrong if belongs(one) and one.told]
+        clear = [one for one in wrong if belongs(one) and one.clear]
         called = [] if name.startswith("stated") else [one.named for one in right if belongs(one)]
-        rows.append([name, _share([one.named for one in told]), _share([one.named for one in wrong if belongs(one)]),
+        rows.append([name, _share([one.named for one in clear]), _share([one.named for one in wrong if belongs(one)]),
                      _share(called)])  # fmt: skip
-    header = ["worlds", "wrong and told: named", "wrong, all: named", "right: called wrong"]
+    header = ["worlds", "wrong, clear: named", "wrong, all: named", "right: called wrong"]
     named = [one for one in wrong if one.named]
     near = [_share([abs(math.log(one.estimated)) <= n * one.sigma for one in named]) for n in (1, 2)]
     within = f"Estimates that are named: within one deviation {near[0]}, within two {near[1]}."

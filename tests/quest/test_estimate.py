@@ -106,7 +106,7 @@ def test_the_poses_of_a_plane_with_outliers_contain_the_true_one(seed):
     assert any(is_true(motion, rotation_deg=1, direction_deg=5) for motion in (pose, *pose.alternatives))
 
 
-def test_the_twin_of_a_plane_is_an_alternative():
+def test_the_second_motion_of_a_plane_is_an_alternative():
     # All points of a narrow patch lie in front of the twin's cameras too; the nearest points of a wide one lie behind.
     patch = 0.4 * plane(0)
     patch[:, 2] = 4.5 + 0.3 * patch[:, 0] - 0.6 * patch[:, 1]

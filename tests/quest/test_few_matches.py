@@ -19,7 +19,7 @@ SEEDS = range(20)
 
 @dataclass(frozen=True)
 class Drawn:
-    """A drawn pair: its matches and its true motion."""
+    """A simulated pair: its matches and its true motion."""
 
     m: np.ndarray
     n: np.ndarray

@@ -70,7 +70,7 @@ def test_without_a_writable_folder_each_process_compiles(copied_package):
     assert run(code, cwd=copied_package.parent, env=environment).strip() == str(module)
 
 
-def test_a_person_who_waits_is_told_once_that_loops_compile_and_nothing_where_machine_code_is_on_disk(tmp_path):
+def test_a_person_who_waits_gets_one_notice_that_loops_compile_and_nothing_where_machine_code_is_on_disk(tmp_path):
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
     code = (
         "import numpy as np; from quest.algebra import tangents;"

@@ -60,7 +60,7 @@ def test_a_later_process_loads_the_machine_code_without_what_the_compiler_needs(
     assert changed == {path: path.stat().st_mtime_ns for path in (folder / "quest").iterdir()}
 
 
-def test_damaged_machine_code_is_made_anew(compiled_folder):
+def test_damaged_machine_code_is_made_again(compiled_folder):
     folder, answers = compiled_folder
     (loop,) = (folder / "quest").glob("*.turn-*")
     whole = loop.read_bytes()

@@ -40,7 +40,7 @@ def test_the_homography_takes_rays_of_a_plane_and_of_a_rotation_to_the_other_vie
     assert estimate_relative_pose(*views(box(0), noise_rad=NOISE_RAD)).H is None
 
 
-def test_a_pose_and_no_pose_are_told_in_a_few_lines_and_as_a_table():
+def test_a_pose_and_no_pose_are_reported_in_a_few_lines_and_as_a_table():
     rng = np.random.default_rng(0)
     points = rng.uniform((-1, -1, 2), (1, 1, 4), (60, 3))
     pose = estimate_relative_pose(points, points + np.array([0.3, 0.1, 0.0]), threshold_rad=1e-3)

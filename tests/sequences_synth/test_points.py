@@ -62,7 +62,7 @@ def test_in_a_rotation_scene_the_true_rotation_maps_the_tracks_only_with_the_tru
 
 @pytest.mark.parametrize("scene", ["room", "static"])
 def test_correlated_error_is_the_only_difference_from_the_world_without_it(scene):
-    clean, wrong = (make_points(scene, 8, PointOptions(moving=0.2, field_px=f, drift_px=2 * f)) for f in (0.0, 0.5))
+    clean, wrong = (make_points(scene, 8, PointOptions(moving=0.2, correlated_px=f, drift_px=2 * f)) for f in (0, 0.5))
     for name in ("poses", "points", "is_outlier", "is_moving", "timestamps_s"):
         np.testing.assert_array_equal(getattr(wrong, name), getattr(clean, name))
     outlier, static = clean.is_outlier, ~(clean.is_outlier | clean.is_moving)
@@ -71,12 +71,12 @@ def test_correlated_error_is_the_only_difference_from_the_world_without_it(scene
         seen = static & clean.visible[index]
         expected = wrong.tracking_error.at(index, reprojected(clean, index)[seen])
         np.testing.assert_allclose((wrong.pixels - clean.pixels)[index, seen], expected, atol=1e-9)
-    # The tracks of moving bodies are real tracks too.
+    # The tracks of moving objects are real tracks too.
     shift = (wrong.pixels - clean.pixels)[-1, clean.is_moving & clean.visible[-1]]
     assert np.sqrt(np.mean(shift**2)) > 0.2
 
 
-# -- shutter, hand-held turning, bodies, lens ---------------------------------------------------------
+# -- shutter, hand-held turning, moving objects, lens ---------------------------------------------------------
 
 
 EXACT = {"noise_px": 0.0, "outliers": 0.0}
@@ -133,17 +133,17 @@ def test_a_hand_held_camera_translates_by_the_requested_share_of_the_depth():
         assert steps.sum() * 30 / 39 / depth == pytest.approx(0.25, rel=0.25)
 
 
-@pytest.mark.parametrize(("moving", "bodies"), [(0.6, 1), (0.5, 2), (0.3, 3)])
-def test_the_bodies_have_their_share_of_the_tracks_and_move_rigidly(moving, bodies):
-    options = PointOptions(**EXACT, moving=moving, bodies=bodies, body_turn_deg_s=20, points=600, baseline=0.2)
+@pytest.mark.parametrize(("moving", "objects"), [(0.6, 1), (0.5, 2), (0.3, 3)])
+def test_the_moving_objects_have_their_share_of_the_tracks_and_move_rigidly(moving, objects):
+    options = PointOptions(**EXACT, moving=moving, objects=objects, object_deg_s=20, points=600, baseline=0.2)
     sequence = make_points("room", 6, options)
     assert sequence.is_moving.mean() == pytest.approx(moving, abs=0.002)
-    np.testing.assert_array_equal(sequence.is_moving, sequence.shot.bodies.body_of_track >= 0)
-    for body in range(bodies):
-        own = sequence.shot.bodies.body_of_track == body
-        assert own.mean() == pytest.approx(moving / bodies, abs=0.002)
+    np.testing.assert_array_equal(sequence.is_moving, sequence.shot.objects.object_of_track >= 0)
+    for label in range(objects):
+        own = sequence.shot.objects.object_of_track == label
+        assert own.mean() == pytest.approx(moving / objects, abs=0.002)
         before = sequence.points[own]
-        after = sequence.shot.bodies.displaced(sequence.points, 1.0)[own]
+        after = sequence.shot.objects.displaced(sequence.points, 1.0)[own]
         # 1.1 s at 20 deg/s about the centre, which translates.
         centred = [X - X.mean(axis=0) for X in (before, after)]
         left, _, right = np.linalg.svd(centred[0].T @ centred[1])

@@ -55,7 +55,7 @@ OF_BOTH = [
     {"k1": -1.0}, {"readout_ms": -1.0}, {"readout_ms": 400.0}, {"readout_direction": "in"}, {"principal_error": 0.6},
     {"turning_deg_s": float("nan")},
 ]  # fmt: skip
-OF_POINTS = [{"fps": 0.0}, {"field_px": -1.0}, {"moving": 2.0}, {"bodies": 0}]
+OF_POINTS = [{"fps": 0.0}, {"correlated_px": -1.0}, {"moving": 2.0}, {"objects": 0}]
 OF_RENDERED = [
     {"cut": 100},
     {"readout_direction": "left"},

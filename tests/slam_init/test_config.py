@@ -94,7 +94,7 @@ def test_a_value_that_is_none_is_refused_by_name(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("sead = 3\n", "sead"),
         ("[tracking]\nmax_trax = 3\n", "tracking.max_trax"),
@@ -108,8 +108,8 @@ def test_a_value_that_is_none_is_refused_by_name(tmp_path):
         ("seed = 1\nseed = 2\n", "not valid TOML"),
     ],
 )
-def test_what_is_not_understood_is_refused_in_one_line(tmp_path, text, told):
-    with pytest.raises(ConfigError, match=told) as refusal:
+def test_what_is_not_understood_is_refused_in_one_line(tmp_path, text, message):
+    with pytest.raises(ConfigError, match=message) as refusal:
         load_config(written(tmp_path, text))
     assert "\n" not in str(refusal.value)
 

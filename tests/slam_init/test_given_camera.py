@@ -50,9 +50,9 @@ def test_a_first_image_that_is_refused_completes_nothing():
 @pytest.mark.parametrize("given", [5, "f=3", np.zeros((2, 2)), [[1.0]], object()])
 def test_anything_else_is_one_line(given):
     for call in (Initializer, lambda camera: run(source(), camera)):
-        with pytest.raises(CalibrationError, match="give a Camera") as told:
+        with pytest.raises(CalibrationError, match="give a Camera") as reported:
             call(given)
-        assert "\n" not in str(told.value)
+        assert "\n" not in str(reported.value)
 
 
 @pytest.mark.parametrize("arguments", [(CAMERA, 5), (CAMERA, CAMERA), (CAMERA, Config(), "recorder")])
@@ -92,9 +92,9 @@ def test_intrinsics_of_images_of_another_size_are_refused_unless_they_state_the_
     (tmp_path / "without.yaml").write_text("fx: 60\nfy: 61\ncx: 31.5\ncy: 23.5\n")
     for shape in ((24, 32), (32, 43), (72, 96), (48, 48), (32, 64)):
         initializer, image = Initializer(np.array(K)), np.zeros(shape, np.uint8)
-        with pytest.raises(CalibrationError, match=r"images of about 64x48, .*resized.*cropped") as told:
+        with pytest.raises(CalibrationError, match=r"images of about 64x48, .*resized.*cropped") as reported:
             initializer.process(image)
-        assert "\n" not in str(told.value)
+        assert "\n" not in str(reported.value)
         initializer.process(IMAGE)
         assert (initializer.frames_read, initializer.camera) == (1, Camera.from_K(K, (64, 48)))
         Initializer(Camera.from_K(K, image.shape[::-1])).process(image)
@@ -108,7 +108,7 @@ def test_intrinsics_of_images_of_another_size_are_refused_unless_they_state_the_
 
 def test_a_frame_of_another_thread_is_refused_while_one_is_processed():
     initializer = Initializer(prior_camera((64, 48)))
-    begun, told = threading.Event(), []
+    begun, reported = threading.Event(), []
 
     class Waits(Recorder):
         def frame(self, *_):
@@ -120,18 +120,18 @@ def test_a_frame_of_another_thread_is_refused_while_one_is_processed():
         try:
             initializer.process(IMAGE)
         except SlamInitError as error:
-            told.append(str(error))
+            reported.append(str(error))
 
     initializer.recorder, other = Waits(), threading.Thread(target=second)
     other.start()
     initializer.process(IMAGE)
     initializer.recorder = Recorder()
     initializer.process(IMAGE)
-    assert told == ["another thread is processing a frame: an Initializer is for one thread at a time"]
+    assert reported == ["another thread is processing a frame: an Initializer is for one thread at a time"]
     assert initializer.frames_read == 2
 
 
-def test_a_camera_that_contradicts_the_metadata_of_photographs_is_told_once(tmp_path):
+def test_a_camera_that_contradicts_the_metadata_of_photographs_is_reported_once(tmp_path):
     from PIL import Image
 
     tags = Image.Exif()
@@ -139,11 +139,11 @@ def test_a_camera_that_contradicts_the_metadata_of_photographs_is_told_once(tmp_
     for k in range(3):
         Image.new("L", (66, 44), 90 + k).save(tmp_path / f"{k}.jpg", exif=tags)
     photographs = open_source(tmp_path)
-    for focal_px, told in ((20.0, 1), (52.0, 0), (1250.0, 1)):
+    for focal_px, reported in ((20.0, 1), (52.0, 0), (1250.0, 1)):
         matrix = [[focal_px, 0, 32.5], [0, focal_px, 21.5], [0, 0, 1]]
         result, _ = run(photographs, Camera.from_K(matrix, (66, 44)))
         notes = [note for note in result.notes if "metadata" in note]
-        assert len(notes) == told and all(f"{focal_px:.0f} px" in note for note in notes)
+        assert len(notes) == reported and all(f"{focal_px:.0f} px" in note for note in notes)
     assert not any("metadata of the images" in note for note in run(photographs)[0].notes)
 
 

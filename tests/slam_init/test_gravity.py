@@ -27,7 +27,7 @@ RNG = np.random.default_rng
 
 
 def result_of(gravity_in):
-    """The result of a drawn room; ``gravity_in`` makes of a true pose the gravity in its frame."""
+    """The result of a simulated room; ``gravity_in`` makes of a true pose the gravity in its frame."""
     source = point_source("room", 2, baseline=0.1, views=8)
     initializer = Initializer(source.camera, WINDOW_CONFIG)
     for seen, pose in zip(source.observations(), source.groundtruth.world_from_cam, strict=True):
@@ -156,7 +156,7 @@ def test_a_broken_table_is_refused_with_its_name(tmp_path, text):
         read_gravity(table)
 
 
-def test_an_accelerometer_tells_gravity_where_it_rests():
+def test_an_accelerometer_determines_gravity_where_it_rests():
     times_s, R = np.arange(0, 4, 0.005), rotation_from_vector(np.array([0.2, 1.1, -0.4]))
     force = np.tile(-9.8 * R.T @ DOWN, (len(times_s), 1))
     force += (times_s > 2)[:, None] * np.sin(9 * times_s)[:, None] * [1.5, 0, 0]

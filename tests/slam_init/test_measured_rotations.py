@@ -9,7 +9,7 @@ from make_window import WINDOW_CONFIG, point_source
 
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.initializer import Initializer
-from slam_init.types.inertial import Attitude
+from slam_init.types.inertial import RelativeRotation
 
 SIGMA_RAD = 1e-3
 
@@ -44,7 +44,7 @@ def test_a_measured_rotation_makes_the_rotation_and_the_direction_more_certain()
     assert measured.direction_sigma_deg < without.direction_sigma_deg
 
 
-def test_it_tells_the_focal_length_of_a_camera_that_turns():
+def test_it_determines_the_focal_length_of_a_camera_that_turns():
     source = point_source("rotation", 3, views=6)
     camera = replace(source.camera, fx=1.3 * source.camera.fx, fy=1.3 * source.camera.fy, focal_sigma=0.35)
     found, initializer = windows(source, camera, steps_of(source, SIGMA_RAD))
@@ -53,11 +53,11 @@ def test_it_tells_the_focal_length_of_a_camera_that_turns():
 
 
 def test_a_frame_without_a_measurement_breaks_the_chain():
-    first = Attitude(np.eye(3), 0.0, 0)
+    first = RelativeRotation(np.eye(3), 0.0, 0)
     second = first.after(rotation_from_vector(np.array([0.0, 0.1, 0.0])), 0.01)
     assert (second.start, second.variance_rad2) == (0, pytest.approx(1e-4))
     source = point_source("static", 1, views=4)
     rotations = steps_of(source)
     rotations[2] = None
     history = windows(source, source.camera, rotations)[1].history
-    assert [history.attitude(frame).start for frame in range(4)] == [0, 0, 2, 2]
+    assert [history.relative_rotation(frame).start for frame in range(4)] == [0, 0, 2, 2]

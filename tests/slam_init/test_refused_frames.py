@@ -134,9 +134,9 @@ def wrong_images(right, index, time_s):
 
 
 def refused(call, initializer):
-    with pytest.raises(SlamInitError) as told:
+    with pytest.raises(SlamInitError) as message:
         call(initializer)
-    assert "\n" not in str(told.value) and ": " in str(told.value)  # what is wrong: what to do
+    assert "\n" not in str(message.value) and ": " in str(message.value)  # what is wrong: what to do
 
 
 def test_refused_tracks_leave_no_trace():

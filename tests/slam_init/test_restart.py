@@ -1,4 +1,4 @@
-"""Starting anew after a loss: one map for each segment, with the same camera, tracks and readout."""
+"""Restarting after a loss: one map for each segment, with the same camera, tracks and readout."""
 
 import json
 from dataclasses import replace

@@ -175,7 +175,7 @@ def test_a_real_video_of_a_moving_camera_initializes_correctly(name):
     assert_correct(run_real(name))
 
 
-def test_a_stated_focal_length_that_the_motion_corrects_is_told_beside_the_estimate(room):
+def test_a_stated_focal_length_that_the_motion_corrects_is_reported_beside_the_estimate(room):
     stated = camera_with_focal((640, 480), 1.03 * room.camera.fx, 0.05, "stated")
     result, _ = run(room, stated, Config(), max_frames=30)
     assert result.map is not None and result.map.camera.source == "estimated"

@@ -9,7 +9,7 @@ from quest.geometry.quaternion import rotation_from_vector
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import PreviewEvidence, WindowEvidence
 from slam_init.types.frame import Frame, Observations
-from slam_init.types.initial_map import InitialMap, Keyframe, UnitError
+from slam_init.types.initial_map import InitialMap, Keyframe, ScaleUncertainty
 from slam_init.types.pose import Pose, Trajectory
 from slam_init.types.refusal import GateName, Stage, Verdict, at_least, at_most
 from slam_init.types.result import Attempt, Result
@@ -56,7 +56,7 @@ def make_map(model: str = "pinhole", keyframes: int = 4, points: int = 60, noise
         pose_covariances=np.zeros((keyframes, 6, 6)),
         point_covariances=np.tile(np.diag([1e-4, 1e-4, 4e-4]), (points, 1, 1)),
         depth_sigmas=np.linspace(0.01, 0.03, points),
-        unit_error=UnitError(0.01),
+        scale_uncertainty=ScaleUncertainty(0.01),
         open_tracks=Observations(
             frames[-1],
             views[-1].timestamp_s,
@@ -171,7 +171,7 @@ def make_window_evidence(risk: float) -> WindowEvidence:
         planar=False,
         risk=risk,
         risk_direction=risk,
-        risk_rival=0.0,
+        risk_competing=0.0,
         risk_rotation=0.0,
         risk_moving=0.0,
         risk_floor=0.0,
@@ -179,7 +179,7 @@ def make_window_evidence(risk: float) -> WindowEvidence:
         rotation_sigma_deg=0.1,
         depth_sigma=0.05,
         noise_px=0.5,
-        field_px=0.1,
+        correlated_px=0.1,
         rotation_log_likelihood=200.0,
         focal_factor=1.0,
         focal_sigma=0.02,

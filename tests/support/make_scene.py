@@ -68,7 +68,7 @@ def problem(camera, points, poses=None, noise_px=0.0, rng=None) -> BundleProblem
     )
 
 
-def with_drawn_lens(camera, sigmas, rng):
+def with_random_lens(camera, sigmas, rng):
     """A camera whose lens is off as its prior says: log focal length, principal point (2), k1."""
     focal, x, y, k1 = sigmas * rng.normal(size=4)
     return replace(camera.refocused(focal, k1), cx=camera.cx + x, cy=camera.cy + y)

@@ -1,4 +1,4 @@
-"""Windows of drawn worlds: tracks with their truth, exact or noisy, and the hypotheses of their pair."""
+"""Windows of simulated worlds: tracks with their truth, exact or noisy, and the hypotheses of their pair."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from slam_init.window.tracks import WindowTracks, gather_tracks
 
 #: The options of the tests of the window.
 WINDOW_CONFIG = Config()
-#: A focal length that is nearly known, and no error fields.
+#: A focal length that is nearly known, and no fields of correlated errors.
 PRIORS = Priors(focal_sigma=0.02)
 
 
@@ -94,7 +94,7 @@ def make_window(
     stated: Camera | None = None,
     turning: float = 0.0,
 ) -> Window:
-    """A window without outliers of a drawn world, seen by a camera of any model.
+    """A window without outliers of a simulated world, seen by a camera of any model.
 
     The views turn about the vertical and the optical axis by up to ``turning`` radians. The camera that the tracks
     state may differ from the one that sees the points.
@@ -128,7 +128,7 @@ def camera_of(sequence: PointSequence) -> Camera:
 
 
 def point_source(scene: str, seed: int = 0, **options: float) -> PointSource:
-    """A drawn world with noise and outliers, as a source of tracks."""
+    """A simulated world with noise and outliers, as a source of tracks."""
     return PointSource.of(make_points(scene, seed, PointOptions(**options)))
 
 
@@ -195,7 +195,7 @@ def direction_sigma_deg(fit: JointFit, view: int = 1) -> float:
 
 
 def focal_sigma(fit: JointFit) -> float:
-    """Posterior standard deviation of the logarithm of the focal scale, of a fit without error fields."""
+    """Posterior standard deviation of the logarithm of the focal scale, of a fit without correlated errors."""
     column = 6 * (len(fit.state.R) - 1)
     return float(np.sqrt(np.linalg.inv(fit.information)[column, column]))
 
@@ -295,7 +295,7 @@ def fit_near_truth(window, priors=PRIORS, kind="general", seed=0, tolerance=1e-1
 
 
 def fitted_window(scene: str, seed: int, views: int) -> JointFit:
-    """The fit of a noisy window of a drawn world from the true poses."""
+    """The fit of a noisy window of a simulated world from the true poses."""
     window = make_window(scene, seed, views, noise_px=0.7, baseline=0.3)
     return fit_window(window.tracks, start_at(window.tracks, window.R, window.t), PRIORS)
 
@@ -331,7 +331,7 @@ def hypotheses_of_changing_lens(
 
 
 def hypotheses_of_scene(scene, seed, views, last=None, priors=None, **options):
-    """The hypotheses of the first and the last frame of a drawn scene, and of evenly spaced frames between."""
+    """The hypotheses of the first and the last frame of a simulated scene, and of evenly spaced frames between."""
     source = point_source(scene, seed, **options)
     observations = list(source.observations())
     picks = np.linspace(0, len(observations) - 1 if last is None else last, views).round().astype(int)
@@ -357,4 +357,4 @@ def errors_deg(source, map_):
 
 def looks_small(risk: WindowRisk) -> WindowRisk:
     """A risk whose terms are all 0, beside which the camera that rotates and zooms is looked for."""
-    return replace(risk, direction=0.0, rival=0.0, rotation=0.0, other=OtherMotion())
+    return replace(risk, direction=0.0, competing=0.0, rotation=0.0, other=OtherMotion())

@@ -27,7 +27,7 @@ _MAX_SLOPE = 0.7
 _PLANE_DISTANCE, _LEAST_COSINE = 2.0, 0.15
 #: Points nearer to the second camera than this are left out.
 _NEAREST = 0.1
-#: Number of drawn points per wanted match; the second camera does not see all points.
+#: Number of simulated points per wanted match; the second camera does not see all points.
 _SURPLUS = 6
 
 

@@ -67,7 +67,7 @@ class InitializerNode(LifecycleNode):
         self._forget()
 
     def _forget(self) -> None:
-        """Begin anew: there is no calibration, no image, no map."""
+        """Begin again: there is no calibration, no image, no map."""
         self._info: Any = None
         self._initializer: Initializer | None = None
         self._follower: Follower | None = None
@@ -202,14 +202,14 @@ class InitializerNode(LifecycleNode):
             map_ = initializer.map if status and not status.refining else None
             if map_ is not None:
                 self._follower = Follower(map_, initializer.tracker, self._recorder)
-                self._hand_over(initializer, map_, stamp_of(frame))
+                self._export(initializer, map_, stamp_of(frame))
         else:
             lost = not self._locate(initializer, self._follower, frame)
             status, map_ = initializer.status, initializer.map
         said = self._messages.status(stamp_of(frame), status, map_, maps=self._maps, lost=lost)
         self.topics["~/status"].publish(said)
 
-    def _hand_over(self, initializer: Initializer, map_: InitialMap, time_ns: int) -> None:
+    def _export(self, initializer: Initializer, map_: InitialMap, time_ns: int) -> None:
         self._maps += 1
         for view, covariance in zip(map_.keyframes, map_.pose_covariances, strict=True):
             self.topics["~/keyframes"].publish(self._messages.keyframe(view, covariance))

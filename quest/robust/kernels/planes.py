@@ -131,11 +131,11 @@ def fit_plane(
     Shapes: ``m, n`` (N, 3), ``t`` (3,), ``H`` (3, 3), ``on_plane`` (N,).
 
     * ``sigmas``: Gate of the matches on the plane, in standard deviations of a residual.
-    * Returns ``relief``: See :class:`quest.robust.plane.PlaneFit`; infinite where there is no plane.
+    * Returns ``depth_variation``: See :class:`quest.robust.plane.PlaneFit`; infinite where there is no plane.
     """
     count = len(m)
     gate2 = 2 * (sigmas * noise_rad) ** 2
-    on, relief = 0, 0.0
+    on, depth_variation = 0, 0.0
     for step in range(4):
         if step > 0:
             _fit_homography(m, n, on_plane, H)
@@ -153,8 +153,8 @@ def fit_plane(
         s = n[i, 0] * t[0] + n[i, 1] * t[1] + n[i, 2] * t[2]
         l0, l1, l2 = t[0] - s * n[i, 0], t[1] - s * n[i, 1], t[2] - s * n[i, 2]
         along = (d0 * l0 + d1 * l1 + d2 * l2) / max(np.sqrt(l0 * l0 + l1 * l1 + l2 * l2), 1e-300)
-        relief += min((along / noise_rad) ** 2, sigmas * sigmas)
-    return on, relief
+        depth_variation += min((along / noise_rad) ** 2, sigmas * sigmas)
+    return on, depth_variation
 
 
 @compiled

@@ -18,7 +18,7 @@ from tests.benchmarks.options import positive, run_on_one_thread, save
 from tests.benchmarks.quest.cells import FOUND_DEG
 from tests.benchmarks.quest.measures import accuracy
 from tests.benchmarks.quest.robust_methods import METHODS, available
-from tests.benchmarks.quest.robust_trials import Answer, judge, oracle_error_deg, warm_up
+from tests.benchmarks.quest.robust_trials import Answer, evaluate, oracle_error_deg, warm_up
 from tests.benchmarks.quest.scenes import FOCAL_PX, SCENES, draw_scene
 from tests.benchmarks.tables import markdown_table
 
@@ -44,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         oracle.append(oracle_error_deg(scene, noise_px / FOCAL_PX))
         for method in methods:
             estimate = METHODS[method][1](scene.bearings1, scene.bearings2, _THRESHOLD_PX / FOCAL_PX, k)
-            answers[method].append(judge(method, estimate, scene.R, scene.t))
+            answers[method].append(evaluate(method, estimate, scene.R, scene.t))
     solved = np.array(oracle) < FOUND_DEG
     rows = []
     for name, scenes in [("all", np.arange(options.scenes)), ("solved from the truth", np.flatnonzero(solved))] + [

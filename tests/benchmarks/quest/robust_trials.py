@@ -52,7 +52,7 @@ def _run(method: str, scene: Scene, threshold_rad: float, seed: int) -> Estimate
     return METHODS[method][1](scene.bearings1, scene.bearings2, threshold_rad, seed)
 
 
-def judge(method: str, estimate: Estimate, R: Floats, t: Floats, *, rotation_only: bool = False) -> Answer:
+def evaluate(method: str, estimate: Estimate, R: Floats, t: Floats, *, rotation_only: bool = False) -> Answer:
     """Compare an estimate with the true pose R (3, 3), t (3,).
 
     With ``rotation_only`` the directions are not compared, since the true direction is unknown.

@@ -191,15 +191,15 @@ def _forward(rng: np.random.Generator) -> Floats:
     return np.array([0.0, 0.0, 1.0]) + 0.05 * rng.normal(size=3)
 
 
-def _table(relief: float) -> Callable[[np.random.Generator], Surface]:
-    """A plane whose points stand out by up to ``relief`` of their distance."""
+def _table(variation: float) -> Callable[[np.random.Generator], Surface]:
+    """A plane whose points stand out by up to ``variation`` of their distance."""
 
     def draw(rng: np.random.Generator) -> Surface:
         flat = _plane(0.7)(rng)
 
         def surface(rng: np.random.Generator, rays: Floats) -> tuple[Floats, Bools]:
             depths, on_plane = flat(rng, rays)
-            return depths * (1 - relief * rng.random(len(rays))), on_plane
+            return depths * (1 - variation * rng.random(len(rays))), on_plane
 
         return surface
 
@@ -221,5 +221,5 @@ SCENES: dict[str, SceneKind] = {
     "rotation": SceneKind(_volume, _anywhere, 0.0),
 }
 
-#: Tables with relief: tags that bend, things that lie flat.
-TABLES = {f"relief {share:.0%}": SceneKind(_table(share), _anywhere, 0.1) for share in (0.01, 0.02, 0.03, 0.05)}
+#: Tables with depth variation: tags that bend, things that lie flat.
+TABLES = {f"depth {share:.0%}": SceneKind(_table(share), _anywhere, 0.1) for share in (0.01, 0.02, 0.03, 0.05)}

@@ -1,4 +1,4 @@
-"""Tables with relief, quest beside PoseLib: ``python -m tests.benchmarks.quest.tables --out DIR``.
+"""Tables with depth variation, quest beside PoseLib: ``python -m tests.benchmarks.quest.tables --out DIR``.
 
 A table is a slanted plane whose points stand out by up to 1 to 5 % of their distance. A cell has the AUC at 5, 10 and
 20 degrees of the first pose, and of the best of the returned poses.
@@ -16,7 +16,7 @@ from tests.benchmarks.options import positive, run_on_one_thread, save
 from tests.benchmarks.quest.cells import auc_cell
 from tests.benchmarks.quest.measures import area_under_recall
 from tests.benchmarks.quest.robust_methods import METHODS, available
-from tests.benchmarks.quest.robust_trials import Answer, judge, warm_up
+from tests.benchmarks.quest.robust_trials import Answer, evaluate, warm_up
 from tests.benchmarks.quest.scenes import FOCAL_PX, TABLES, draw_scene
 from tests.benchmarks.tables import markdown_table
 
@@ -41,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> None:
                 for method in methods:
                     run = METHODS[method][1]
                     estimate = run(scene.bearings1, scene.bearings2, _THRESHOLD_PX / FOCAL_PX, seed)
-                    answers[method].append(judge(method, estimate, scene.R, scene.t))
+                    answers[method].append(evaluate(method, estimate, scene.R, scene.t))
             cells = [auc_cell(answers[method]) for method in methods]
             kept = [answer.kept_error_deg for answer in answers["quest"]]
             cells.append(" / ".join(f"{100 * area_under_recall(kept, bound):.0f}" for bound in (5, 10, 20)))

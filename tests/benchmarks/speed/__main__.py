@@ -52,9 +52,9 @@ def _frames(options: argparse.Namespace) -> str:
         measured.append(measure(name, source, options.max_frames))
         flows.append(cpu_flow_ms())
     typical = sorted(flows)[len(flows) // 2]
-    told = f"The flow of 400 points took {typical:.2f} ms (median of {len(flows)}; {min(flows):.2f} to "
-    told += f"{max(flows):.2f}). A frame of a camera at 30 Hz has 33 ms.\n\n"
-    return f"{told}{frames_table(measured, typical)}\n\n### Stages\n\n{stages_table(measured)}"
+    message = f"The flow of 400 points took {typical:.2f} ms (median of {len(flows)}; {min(flows):.2f} to "
+    message += f"{max(flows):.2f}). A frame of a camera at 30 Hz has 33 ms.\n\n"
+    return f"{message}{frames_table(measured, typical)}\n\n### Stages\n\n{stages_table(measured)}"
 
 
 def _robust(options: argparse.Namespace) -> str:
@@ -67,8 +67,8 @@ def _start(options: argparse.Namespace) -> str:
     from tests.benchmarks.speed.start import measure_start, start_table
 
     flow = cpu_flow_ms()
-    told = f"The flow took {flow:.2f} ms of CPU. Each process includes the start of the interpreter.\n\n"
-    return told + start_table(measure_start(options.processes), flow)
+    message = f"The flow took {flow:.2f} ms of CPU. Each process includes the start of the interpreter.\n\n"
+    return message + start_table(measure_start(options.processes), flow)
 
 
 #: Title and function of each part.

@@ -2,7 +2,7 @@
 
 Images are given to an :class:`~slam_init.initializer.Initializer`, without reading or rendering them. All frames before
 the one that hands over the map are *waiting* frames. The seconds to the map are those of a camera whose frames wait in
-a queue while one is judged. The stage ``map`` is the judgement of a window. Times are those of the processor.
+a queue while one is evaluated. The stage ``map`` is the evaluation of a window. Times are those of the processor.
 """
 
 from __future__ import annotations

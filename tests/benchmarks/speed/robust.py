@@ -4,8 +4,8 @@ The time of an estimate is the least of three. The estimators take turns between
 machine meets both. Single runs under load misled. A first run also finds the caches of the processor filled by other
 work, such as the matching of images: on real pairs quest then takes 1.4 times as long, PoseLib the same time.
 
-Both get the same threshold. PoseLib has the setting of its makers: 100 iterations at least. The drawn scenes have given
-numbers of matches and shares of outliers. The real pairs are those of :mod:`tests.benchmarks.image_pairs`, which
+Both get the same threshold. PoseLib has the setting of its makers: 100 iterations at least. The simulated scenes have
+given numbers of matches and shares of outliers. The real pairs are those of :mod:`tests.benchmarks.image_pairs`, which
 are matched as the pipeline matches photographs.
 """
 
@@ -18,10 +18,10 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from tests.benchmarks.quest.robust_methods import Floats
 
-#: Matches and outliers of the drawn scenes.
+#: Matches and outliers of the simulated scenes.
 _CASES = ((100, 0.2), (1000, 0.2), (1000, 0.5), (1000, 0.7), (5000, 0.5))
 _OURS, _THEIRS = "quest", "PoseLib min 100"
-#: Threshold of the drawn scenes in rad, and of the real pairs in pixels, as that of `real_pairs`.
+#: Threshold of the simulated scenes in rad, and of the real pairs in pixels, as that of `real_pairs`.
 _THRESHOLD_RAD, _THRESHOLD_PX = 4e-3, 2.0
 #: Sequences with a ground truth, frames between the images of a pair, and pairs of each.
 _SEQUENCES = ("tartanair/hospital_clip", "kitti/06_start", "tsukuba/new_tsukuba_150")
@@ -56,12 +56,12 @@ def robust_table(repetitions: int, data: Path) -> str:
     real = [times for name, times in cases.items() if name.endswith("real pairs")]
     if real:
         cases["all real pairs"] = {name: [one for times in real for one in times[name]] for name in (_OURS, _THEIRS)}
-    told = (
+    message = (
         f"\n\nCPU time, the fastest of {_TURNS} turns of each estimate, after a warm-up; quest and PoseLib alternate."
     )
-    told += " PoseLib runs at least 100 iterations, as its makers advise."
-    told += f" Left out, because the folder of data does not hold them: {', '.join(absent)}." if absent else ""
-    return estimates_table(cases) + told
+    message += " PoseLib runs at least 100 iterations, as its makers advise."
+    message += f" Left out, because the folder of data does not hold them: {', '.join(absent)}." if absent else ""
+    return estimates_table(cases) + message
 
 
 def estimates_table(cases: Mapping[str, Mapping[str, Sequence[float]]]) -> str:

@@ -17,7 +17,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 _IMPORT = "import slam_init"
-#: The first pose: one estimate of a drawn scene with 500 matches. Loading numpy and drawing the scene are part of it.
+#: The first pose: one estimate of a simulated scene with 500 matches. Loading numpy and drawing the scene are part of
+#: it.
 _POSE = """
 import numpy, quest
 rng = numpy.random.default_rng(0)

@@ -38,12 +38,12 @@ def points(seed: int, count: int = 200, *, on_plane: float) -> np.ndarray:
 
 @laws
 @given(seed=SEEDS)
-def test_all_points_of_a_plane_lie_on_it_and_its_poses_are_the_motion_and_the_twin(seed):
+def test_all_points_of_a_plane_lie_on_it_and_its_poses_are_the_motion_and_the_second_motion(seed):
     m, n = views(points(seed, on_plane=1.0), noise_rad=NOISE_RAD, seed=seed)
     plane = fit_plane(MODEL, m, n, NOISE_RAD)
     assert plane.on + plane.off == 200
     assert plane.off <= 8  # three deviations of each component are exceeded once in a hundred or less
-    assert 120 < plane.relief < 290  # chi-square of 200 degrees of freedom: four deviations
+    assert 120 < plane.depth_variation < 290  # chi-square of 200 degrees of freedom: four deviations
     motion, twin = plane.poses
     for pose in plane.poses:
         assert np.linalg.norm(pose[:4]) == pytest.approx(1)
@@ -56,7 +56,7 @@ def test_all_points_of_a_plane_lie_on_it_and_its_poses_are_the_motion_and_the_tw
 def test_an_exact_plane_gives_the_exact_motion():
     plane = fit_plane(MODEL, *views(points(0, on_plane=1.0)), NOISE_RAD)
     assert (plane.on, plane.off) == (200, 0)
-    assert plane.relief < 1e-9
+    assert plane.depth_variation < 1e-9
     assert abs(plane.poses[0][:4] @ MODEL[:4]) == pytest.approx(1, abs=1e-12)
     assert plane.poses[0][4:] == pytest.approx(MODEL[4:], abs=1e-6)
 

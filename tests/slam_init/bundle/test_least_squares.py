@@ -95,7 +95,7 @@ def test_the_robust_optimum_is_that_of_gtsam(model):
         assert np.linalg.norm(one.t - other.t) < 3e-5
 
 
-def test_a_start_behind_a_camera_is_told():
+def test_a_start_behind_a_camera_is_reported():
     start = with_lenses(CAMERA, problem(CAMERA, cloud(np.random.default_rng(6))))
     with pytest.raises(RuntimeError, match="behind"):
         minimize(replace(start, points=-start.points), 0.5, iterations=5, tolerance=1e-5)

@@ -43,7 +43,7 @@ def test_a_strong_lens_is_found_from_a_start_that_is_off_by_a_tenth():
     assert abs(found.focal_px / TRUE.fx - 1) < 2 * found.focal_sigma < 0.1
 
 
-def test_a_camera_that_moves_straight_ahead_tells_no_focal_length():
+def test_a_camera_that_moves_straight_ahead_determines_no_focal_length():
     found = fit_lens(matches(0.0, forward=True), replace(START, distortion=TRUE.distortion), PRIOR)
     assert found.focal_sigma > 0.15
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from make_scene import CAMERA, cloud, problem, with_drawn_lens
+from make_scene import CAMERA, cloud, problem, with_random_lens
 
 from quest.geometry.quaternion import rotation_angle
 from slam_init.bundle.adjustment import adjust, solution_of
@@ -42,7 +42,7 @@ def test_it_holds_what_a_lens_and_each_view_have_in_common():
     ratios = []
     for seed in range(16, 40):
         rng = np.random.default_rng(seed)
-        true = with_drawn_lens(CAMERA, lens_prior(CAMERA, CONFIG).sigmas, rng)
+        true = with_random_lens(CAMERA, lens_prior(CAMERA, CONFIG).sigmas, rng)
         seen = problem(true, cloud(rng, 80), POSES, 0.2, rng)
         seen = replace(seen, pixels=seen.pixels + rng.normal(0, 0.05, (len(POSES), 2))[seen.views])
         if solution := adjust(CAMERA, seen, CONFIG, poses_known=True):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from make_bundle import MAP, ROTATING, SIDEWAYS
 from make_map import CAMERAS
-from make_scene import CAMERA, cloud, problem, with_drawn_lens
+from make_scene import CAMERA, cloud, problem, with_random_lens
 
 from slam_init.bundle.adjustment import adjust
 from slam_init.bundle.covariances import covariances
@@ -57,7 +57,7 @@ def test_a_lens_that_is_off_as_much_as_its_prior_says_is_covered():
     found = []
     for seed in range(40):
         rng = np.random.default_rng(seed)
-        true = with_drawn_lens(CAMERA, lens_prior(CAMERA, LENS).sigmas, rng)
+        true = with_random_lens(CAMERA, lens_prior(CAMERA, LENS).sigmas, rng)
         cloud_ = cloud(rng, 80)
         seen = problem(true, cloud_, ROTATING, 0.3, rng)
         solution = adjust(CAMERA, seen, LENS, poses_known=True)
@@ -89,7 +89,7 @@ def test_the_graph_has_the_covariances_of_its_noise_and_its_lens(model):
     measured = with_lenses(camera, solution.problem)
     projected, noise_px = at_projections(camera, measured), solution.noise_px
     errors = error_model(camera, projected, measured, noise_px, lens_prior(camera, LENS))
-    shared = errors.shared._replace(field_px=0.0, excess=1.0, lens_fitted=np.ones(4, bool))
+    shared = errors.shared._replace(correlated_px=0.0, excess=1.0, lens_fitted=np.ones(4, bool))
     found = covariances(projected, solution.overdispersion * noise_px, shared)
     marginals = gtsam.Marginals(solution.graph, solution.values)
     expected = np.array([marginals.marginalCovariance(pose_key(frame)) for frame in measured.frames])
@@ -133,7 +133,7 @@ def test_each_error_of_the_lens_moves_the_unit_as_the_map_states(parameter):
         seen = problem(camera, points, ROTATING, 1e-3, rng)
         solution = adjust(CAMERA, seen, replace(LENS, min_noise_px=1e-3), poses_known=True)
         units.append(unit_of(solution, points, seen.track_ids))
-    stated = solution.unit_error.by_lens
+    stated = solution.scale_uncertainty.by_lens
     # The lens of the map is short by what the true one is off, and the prior of k1 has units of its own.
     assert units[1] - units[0] == pytest.approx(-0.1 * stated[parameter], abs=0.1 * 0.15 * np.abs(stated).max())
 

@@ -74,11 +74,11 @@ def test_statements_that_contradict_each_other_are_unsure(tmp_path):
         {FOCAL_MM: 5.0, PLANE_X: 900.0, PLANE_UNIT: 9, WIDTH: 64, HEIGHT: 48},
     ],
 )
-def test_impossible_tags_tell_nothing(tmp_path, tags):
+def test_impossible_tags_determine_nothing(tmp_path, tags):
     assert focal_from_metadata(photograph(tmp_path / "p.jpg", tags, model="\0\nx"), SIZE) is None
 
 
-def test_a_folder_tells_a_focal_length_if_nobody_zoomed(tmp_path):
+def test_a_folder_determines_a_focal_length_if_nobody_zoomed(tmp_path):
     for i in range(3):
         photograph(tmp_path / "same" / "images" / f"{i}.jpg", {FILM_MM: 26})
         photograph(tmp_path / "zoom" / f"{i}.jpg", {FILM_MM: 26 + i})
@@ -89,7 +89,7 @@ def test_a_folder_tells_a_focal_length_if_nobody_zoomed(tmp_path):
         assert focal_from_metadata(tmp_path / name, SIZE) is None
 
 
-def test_a_video_tells_the_focal_length_of_its_photographs_which_is_less_sure(tmp_path):
+def test_a_video_determines_the_focal_length_of_its_photographs_which_is_less_sure(tmp_path):
     tags = {APPLE: "26", "com.apple.quicktime.make": "Apple", "com.apple.quicktime.model": "iPhone 13"}
     path = write_by_pyav(tmp_path / "v.mp4", corner_frames(3), tags=tags)
     found = focal_from_metadata(path, (1920, 1080))
@@ -99,7 +99,7 @@ def test_a_video_tells_the_focal_length_of_its_photographs_which_is_less_sure(tm
     assert focal_from_metadata(path, (1080, 1920)) == found
 
 
-def test_broken_files_tell_nothing_and_missing_ones_are_errors(tmp_path):
+def test_broken_files_determine_nothing_and_missing_ones_are_errors(tmp_path):
     whole = photograph(tmp_path / "p.jpg", {FILM_MM: 26}).read_bytes()
     for length in range(0, len(whole), 7):
         focal_from_metadata(write(tmp_path / "cut.jpg", whole[:length]), SIZE)

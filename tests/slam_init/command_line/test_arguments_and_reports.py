@@ -88,7 +88,7 @@ def test_json_is_the_summary_and_nothing_else(world, pipeline, capfd, summary, c
     assert json.loads(out) == summary.as_dict() and err == ""
 
 
-def test_names_that_no_stream_takes_are_told_all_the_same(world, capfd):
+def test_names_that_no_stream_takes_are_reported_all_the_same(world, capfd):
     (world / IMAGES).rename(world / "\udcff ü")
     for image in (world / "\udcff ü").iterdir():
         image.rename(image.with_name(f"\udcff{image.name}"))

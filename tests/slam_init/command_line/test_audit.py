@@ -27,7 +27,7 @@ def map_():
     return make_map(points=POINTS)
 
 
-def told(words, capsys):
+def message(words, capsys):
     code = main(["audit", *words, "--json"])
     return code, json.loads(capsys.readouterr().out)
 
@@ -39,7 +39,7 @@ def test_the_same_map_has_the_same_risk_in_all_formats(map_, tmp_path, capsys):
     (tmp_path / "handover.npz").write_bytes(handover_bytes(map_))
     map_.save(tmp_path / "run")
     names = ("model", "binary", "handover.npz", ".", "run/graph.txt")
-    found = [told([str(tmp_path / name)], capsys) for name in names]
+    found = [message([str(tmp_path / name)], capsys) for name in names]
     assert [code for code, _ in found] == len(names) * [0]
     risks = [one["risk"] for _, one in found]
     assert risks == pytest.approx(len(names) * [risks[0]], rel=1e-3)
@@ -72,7 +72,7 @@ def test_a_trajectory_in_another_convention_is_the_same_map(tmp_path, capsys):
         poses = [other(pose) for pose in truth.world_from_cam]
         keyframes = [Keyframe(k, truth.timestamps_s[k], str(k), pose) for k, pose in enumerate(poses)]
         (tmp_path / "poses.txt").write_text(tum_text(keyframes))
-        code, found = told([str(tmp_path / "poses.txt"), "--images", ROOM], capsys)
+        code, found = message([str(tmp_path / "poses.txt"), "--images", ROOM], capsys)
         assert (code, found["verdict"]) == (0, "sound")
         (note,) = found["notes"]
         assert f"read as {name}," in note
@@ -90,7 +90,7 @@ def test_the_images_that_nerfstudio_lists_are_found(tmp_path, capsys):
     camera = source.camera
     numbers = {"fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx + 0.5, "cy": camera.cy + 0.5}
     (tmp_path / "transforms.json").write_text(json.dumps(numbers | {"w": 320, "h": 240, "frames": listed}))
-    code, found = told([str(tmp_path / "transforms.json")], capsys)
+    code, found = message([str(tmp_path / "transforms.json")], capsys)
     assert (code, found["verdict"]) == (0, "sound")
 
 
@@ -144,7 +144,7 @@ NO_MAPS = [
 ]
 
 
-def test_what_is_no_map_is_told_in_one_line(tmp_path, monkeypatch, capsys):
+def test_what_is_no_map_is_reported_in_one_line(tmp_path, monkeypatch, capsys):
     for number, (make, said) in enumerate(NO_MAPS):
         folder = tmp_path / str(number)
         folder.mkdir()
@@ -154,8 +154,8 @@ def test_what_is_no_map_is_told_in_one_line(tmp_path, monkeypatch, capsys):
         assert said in error and error.count("\n") == 1
 
 
-def test_images_of_another_scene_are_told_from_a_wrong_map(room_run, capsys):
+def test_images_of_another_scene_are_distinguished_from_a_wrong_map(room_run, capsys):
     """The map is right; the wall moves the other way. The images of the map itself are never accused."""
-    code, found = told([str(room_run.out), "--images", "synth:wall?frames=12"], capsys)
+    code, found = message([str(room_run.out), "--images", "synth:wall?frames=12"], capsys)
     assert (code, found["verdict"]) == (4, "wrong")
     assert "they do not belong together: give the images of the map" in found["advice"]

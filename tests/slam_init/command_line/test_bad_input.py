@@ -253,8 +253,8 @@ def test_what_decoders_print_is_silenced_but_not_pythons_stderr():
 def test_an_error_of_a_library_is_one_line(error, world, pipeline, capsys):
     pipeline.raises = error
     assert main(["run", IMAGES, *WITH]) == 2
-    told = capsys.readouterr().err
-    assert told.startswith("slam-init: error: ") and told.count("\n") == 1
+    message = capsys.readouterr().err
+    assert message.startswith("slam-init: error: ") and message.count("\n") == 1
 
 
 @pytest.mark.parametrize("threads", ["0", "x"])

@@ -66,15 +66,15 @@ def test_a_viewer_that_is_not_there_ends_the_run_before_it_begins(world, pipelin
     assert pipeline.calls == []
 
 
-def test_the_first_interrupt_is_told_and_the_second_interrupts():
-    told = []
+def test_the_first_interrupt_is_reported_and_the_second_interrupts():
+    message = []
     # A program in the background of a shell ignores interrupts, and so would this test.
     at_first = signal.signal(signal.SIGINT, signal.default_int_handler)
     before = signal.getsignal(signal.SIGINT)
-    with pytest.raises(KeyboardInterrupt), first_interrupt_calls(lambda: told.append("stop")):
+    with pytest.raises(KeyboardInterrupt), first_interrupt_calls(lambda: message.append("stop")):
         signal.raise_signal(signal.SIGINT)
-        assert told == ["stop"]
+        assert message == ["stop"]
         signal.raise_signal(signal.SIGINT)
-    assert told == ["stop"]
+    assert message == ["stop"]
     assert signal.getsignal(signal.SIGINT) == before
     signal.signal(signal.SIGINT, at_first)

@@ -36,7 +36,7 @@ def error_of(words, capsys):
         (["run", "x", "--method", "orbslam3"], "did you mean orb-slam3?"),
     ],
 )
-def test_an_option_and_a_method_that_do_not_exist_are_told_with_the_nearest_one(words, meant, capsys):
+def test_an_option_and_a_method_that_do_not_exist_are_reported_with_the_nearest_one(words, meant, capsys):
     assert meant in error_of(words, capsys)
 
 
@@ -53,7 +53,7 @@ def test_the_methods_are_listed_one_a_line(command, capsys):
     ("number", "meant"),
     [("615", "say f=615 for a focal length in pixels\n"), ("81", "f=81 for a focal length in pixels, or fov")],
 )
-def test_a_bare_number_as_camera_is_told_how_to_say_it(number, meant, world, capsys):
+def test_a_bare_number_as_camera_is_answered_with_the_right_option(number, meant, world, capsys):
     assert meant in error_of(["run", IMAGES, "--camera", number], capsys)
 
 
@@ -64,7 +64,7 @@ def test_the_scale_of_a_truth_that_a_source_does_not_have_is_refused_before_the_
 
 
 @pytest.mark.parametrize(("line", "wanted"), [("slam-init ru", {"run "}), ("slam-init run --cam", {"--camera "})])
-def test_the_shell_is_told_what_may_come_next(line, wanted, tmp_path):
+def test_the_shell_completes_what_may_come_next(line, wanted, tmp_path):
     pytest.importorskip("argcomplete")
     asked = {"COMP_LINE": line, "COMP_POINT": str(len(line)), "_ARGCOMPLETE": "1"}
     asked["_ARGCOMPLETE_STDOUT_FILENAME"] = "next"

@@ -50,7 +50,7 @@ def test_the_recording_of_an_interrupted_run_is_opened_too(folder, shown):
     assert shown == [("window", "interrupted.rrd")]
 
 
-def test_without_a_display_the_ways_are_told(folder, shown, monkeypatch, capsys):
+def test_without_a_display_the_ways_are_reported(folder, shown, monkeypatch, capsys):
     monkeypatch.setattr(viewer, "has_display", lambda: False)
     assert main(["view", "out"]) == 2
     error = capsys.readouterr().err
@@ -101,7 +101,7 @@ def test_what_cannot_be_shown_is_one_line(folder, shown, tmp_path, capsys, argum
     assert shown == []
 
 
-def test_info_tells_of_a_result_folder(tmp_path, capsys):
+def test_info_describes_a_result_folder(tmp_path, capsys):
     result = make_result(make_map())
     write_results(tmp_path / "out", result, summarize(result))
     assert main(["info", "out"]) == 0
@@ -109,8 +109,8 @@ def test_info_tells_of_a_result_folder(tmp_path, capsys):
     assert "out: initialized after 22 frames" in text
     assert "trajectory.txt" in text
     assert main(["info", "out", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["keyframes"] == [10, 17, 24, 31]
+    reported = json.loads(capsys.readouterr().out)
+    assert reported["keyframes"] == [10, 17, 24, 31]
     (tmp_path / "out" / "summary.json").write_text("{")
     assert main(["info", "out"]) == 2
     assert capsys.readouterr().err.count("\n") == 1

@@ -31,14 +31,14 @@ def test_by_default_each_installed_method_is_compared_under_one_name():
 
 def test_a_wrong_command_is_reported_in_one_line(tmp_path, capsys):
     options = ("--methods magic", "--methods stella,stella", "--backend spark", "--jobs 0", "--min-left 1")
-    options = [f"points:room {option}" for option in (*options, "--camera fov=60", "--suite drawn")]
-    for words in ("", *options, "--suite drawn --every 3", "--suite own", "nowhere", "python:nowhere:nothing"):
+    options = [f"points:room {option}" for option in (*options, "--camera fov=60", "--suite simulated")]
+    for words in ("", *options, "--suite simulated --every 3", "--suite own", "nowhere", "python:nowhere:nothing"):
         assert main(["compare", *words.split(), "--out", str(tmp_path / "out")]) == 2
         message = capsys.readouterr().err
         assert message.startswith("slam-init: error: ") and message.count("\n") == 1
 
 
-def test_a_missing_package_of_the_extra_is_told_with_what_to_install(tmp_path, monkeypatch, capsys):
+def test_a_missing_package_of_the_extra_is_reported_with_what_to_install(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("slam_init.compare.run.find_spec", lambda name: None if name == "pebble" else name)
     assert main(["compare", "points:room", "--methods", "quest", "--out", str(tmp_path / "out")]) == 2
     assert 'pip install "slam-init[compare]"' in capsys.readouterr().err
@@ -52,4 +52,4 @@ def test_a_video_is_compared_with_a_given_camera(tmp_path, capsys):
     assert main(words) == 2
     assert "give --camera FILE" in capsys.readouterr().err
     assert main([*words, "--camera", "fov=60"]) == 0
-    assert [row["judged_by"] for row in rows_of(tmp_path / "out")] == ["not judged"]
+    assert [row["evaluated_by"] for row in rows_of(tmp_path / "out")] == ["not evaluated"]

@@ -34,7 +34,7 @@ def test_a_line_that_is_no_row_is_damage_with_its_number(path):
     wrong = {"source": None, "start": "0", "outcome": "lost", "strict": 1, "ate": "0.1"}
     damaged = [{**json.loads(row().text()), column: value} for column, value in wrong.items()]
     for line in ("not json", "[" * 100_000, *map(json.dumps, damaged), json.dumps(damaged[1] | {"start": True})):
-        path.write_text(f'{{"schema": 2, "seed": 0}}\n{row().text()}\n{line}\n')
+        path.write_text(f'{{"schema": 3, "seed": 0}}\n{row().text()}\n{line}\n')
         with pytest.raises(OutputError, match="line 3 is damaged"):
             Journal(path, {"seed": 0})
 
@@ -65,11 +65,11 @@ def test_an_incomplete_last_line_is_removed_and_the_next_row_stands_in_its_place
 
 def test_rows_that_are_not_current_are_run_again_and_the_later_row_of_a_trial_is_valid(path):
     with Journal(path, {}) as journal:
-        journal.append(row(judged_by="former"))
-        journal.append(row(start=10, judged_by="current"))
+        journal.append(row(evaluated_by="former"))
+        journal.append(row(start=10, evaluated_by="current"))
     for _ in range(2):
-        with Journal(path, {}, lambda row: row.judged_by == "current") as journal:
+        with Journal(path, {}, lambda row: row.evaluated_by == "current") as journal:
             if row().key not in journal.rows:
-                journal.append(row(judged_by="current"))
-            assert [each.judged_by for each in journal.rows.values()] == ["current", "current"]
+                journal.append(row(evaluated_by="current"))
+            assert [each.evaluated_by for each in journal.rows.values()] == ["current", "current"]
     assert len(path.read_text().splitlines()) == 4

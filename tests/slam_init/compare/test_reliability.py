@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slam_init.compare import figures
+from slam_init.compare.criteria import NOT_EVALUATED, criteria_of
 from slam_init.compare.figures import RISK_EDGES, reliability_of, summary_of, table_of
-from slam_init.compare.judging import NOT_JUDGED, criteria_of
 from slam_init.compare.report import main_table
 from slam_init.compare.rows import TrialRow
 from slam_init.compare.sources import describe_sources
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.process
 
 
 def row(risk, outcome="correct", *, method="quest", group="points:room", start=0, **values):
-    given = {"source": group, "frames_limit": 11, "judged_by": criteria_of(group).rule, "keyframes": "0 1"} | values
+    given = {"source": group, "frames_limit": 11, "evaluated_by": criteria_of(group).rule, "keyframes": "0 1"} | values
     return TrialRow(method=method, group=group, start=start, outcome=outcome, risk=risk, **given)
 
 
@@ -51,7 +51,7 @@ def test_only_maps_with_a_stated_risk_and_a_sound_truth_are_counted():
         row(0.001, group="fr1_desk_9frames"),  # coarse
         row(0.001, group="redkitchen_a"),  # rotations only
         row(0.001, "false", group="parrington"),
-        row(0.001, "accepted", group="unknown", judged_by=NOT_JUDGED.rule),
+        row(0.001, "accepted", group="unknown", evaluated_by=NOT_EVALUATED.rule),
     ):
         assert reliability(uncounted) is None
         assert reliability(uncounted, counted) == reliability(counted)

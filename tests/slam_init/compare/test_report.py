@@ -12,10 +12,10 @@ from slam_init.compare.trials import Plan
 pytestmark = pytest.mark.process
 
 
-def test_the_page_loads_nothing_and_tells_the_wait_and_how_each_scene_is_judged(finished):
+def test_the_page_loads_nothing_and_states_the_wait_and_how_each_scene_is_evaluated(finished):
     page = (finished[0] / "report.html").read_text()
-    for told in (*METHODS, f"wait of {METHODS[0]} minus that of", "rotation within 5 deg", "every map is false"):
-        assert told in page
+    for message in (*METHODS, f"wait of {METHODS[0]} minus that of", "rotation within 5 deg", "every map is false"):
+        assert message in page
     page = re.sub(r'xmlns(:\w+)?="[^"]*"|url\(#|href="#', "", page)
     for outside in ("http://", "https://", "<script", "<link", "@import", "url(", "src=", "href="):
         assert outside not in page

@@ -45,7 +45,7 @@ def test_results_hold_one_sorted_row_per_trial_with_the_documented_columns(finis
     assert summary["trials"] == len(rows) == len(SOURCES) * len(METHODS)
 
 
-def test_the_summary_counts_the_rows_and_tells_the_wait_and_how_each_scene_is_judged(finished):
+def test_the_summary_counts_the_rows_and_states_the_wait_and_how_each_scene_is_evaluated(finished):
     out, summary = finished
     stored = json.loads((out / "summary.json").read_text())
     assert stored == json.loads(json.dumps(plain(summary)))
@@ -53,8 +53,8 @@ def test_the_summary_counts_the_rows_and_tells_the_wait_and_how_each_scene_is_ju
     for method, figures in stored["parts"]["points_moving"].items():
         counts = Counter(row["outcome"] for row in rows if row["method"] == method)
         assert {name: figures[name] for name in ("correct", "false", "none", "error") if figures[name]} == counts
-    assert stored["judging"]["points:room"]["truth"] == "sound"
-    assert stored["judging"]["points:rotation"]["no_translation"]
+    assert stored["criteria"]["points:room"]["truth"] == "sound"
+    assert stored["criteria"]["points:rotation"]["no_translation"]
     assert [item["second"] for item in stored["waits"]["points_moving"]] == list(METHODS[1:])
     assert stored["parts"]["points_moving"][METHODS[-1]]["wait"][0] == 4  # the limit of a trial that fails
     assert stored["parts"]["points_static"][METHODS[0]]["wait"] == [None, None, None]
@@ -80,12 +80,12 @@ def test_a_finished_comparison_is_narrowed_without_running_a_trial(plan, copied)
 
 def test_rows_of_other_settings_are_not_mixed_in(plan, copied):
     options = Config(keyframes=KeyframeConfig(window=1))
-    for settings, told in (
+    for settings, message in (
         (Settings(seed=1), "seed 0, not 1"),
         (Settings(config=options), "other options"),
         (Settings(audit=True), "audit None, not True"),
     ):
-        with pytest.raises(OutputError, match=told):
+        with pytest.raises(OutputError, match=message):
             compare(replace(plan, settings=settings), copied)
 
 

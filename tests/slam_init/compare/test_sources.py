@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from slam_init.compare.judging import NOT_JUDGED, Criteria
+from slam_init.compare.criteria import NOT_EVALUATED, Criteria
 from slam_init.compare.sources import describe_sources, open_compared
 from slam_init.compare.trials import Plan
 from slam_init.datasets.views import SourceView
@@ -33,10 +33,10 @@ def test_trials_start_at_every_kth_frame_that_leaves_enough_frames():
     assert list(Plan((), ()).starts(replace(source, frames=2))) == [0]
 
 
-def test_a_source_without_ground_truth_is_not_judged_unless_its_camera_does_not_translate():
+def test_a_source_without_ground_truth_is_not_evaluated_unless_its_camera_does_not_translate():
     (source,) = describe_sources(["points:room"])
     assert source.criteria == Criteria()
-    assert replace(source, has_truth=False).criteria == NOT_JUDGED
+    assert replace(source, has_truth=False).criteria == NOT_EVALUATED
     assert replace(source, group="x/V1_01_static", has_truth=False).criteria.no_translation
 
 

@@ -103,7 +103,7 @@ def test_the_row_of_a_map_holds_what_the_accepted_attempt_states_and_the_errors_
     assert without.risk is without.rotation_sigma_deg is without.pair_rotation_error_deg is None
 
 
-def test_an_external_program_is_judged_by_its_poses_and_is_left_out_on_points(tmp_path):
+def test_an_external_program_is_evaluated_by_its_poses_and_is_left_out_on_points(tmp_path):
     images, points = describe_sources(["synth:room?frames=3&width=64&height=64", "points:room"])
     truth = open_compared(images.text).groundtruth
     stamped = zip(truth.timestamps_s.tolist(), truth.world_from_cam, strict=True)

@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
+from slam_init.compare.criteria import NOT_EVALUATED, Criteria
 from slam_init.compare.figures import figures_of, table_of, wait_differences
-from slam_init.compare.judging import NOT_JUDGED, Criteria
 from slam_init.compare.report import figure_text, shown
 from slam_init.compare.rows import TrialRow
 
 
 def row(outcome, frames=None, *, source="a", method="quest", start=0, limit=11, **values):
-    given = {"group": source, "frames_limit": limit, "judged_by": Criteria().rule} | values
+    given = {"group": source, "frames_limit": limit, "evaluated_by": Criteria().rule} | values
     return TrialRow(source=source, method=method, start=start, outcome=outcome, frames_to_accept=frames, **given)
 
 
@@ -25,8 +25,8 @@ def test_trials_that_no_map_can_solve_have_no_wait():
     rows = [
         row("false", 2, group="points:rotation"),
         row("false", 2, start=3, group="parrington"),
-        row("accepted", 2, start=1, judged_by=None),
-        row("none", start=2, judged_by=NOT_JUDGED.rule),
+        row("accepted", 2, start=1, evaluated_by=None),
+        row("none", start=2, evaluated_by=NOT_EVALUATED.rule),
     ]
     table = table_of(rows)
     assert table["wait"].isna().all()
@@ -35,7 +35,7 @@ def test_trials_that_no_map_can_solve_have_no_wait():
 
 
 def test_without_a_ground_truth_no_share_is_stated_of_correct_and_false_maps():
-    rows = [row(outcome, start=k, judged_by=NOT_JUDGED.rule) for k, outcome in enumerate(("accepted", "none"))]
+    rows = [row(outcome, start=k, evaluated_by=NOT_EVALUATED.rule) for k, outcome in enumerate(("accepted", "none"))]
     figures = shown(figures_of(table_of(rows)))
     assert [figure_text(figures[name]) for name in ("correct_rate", "false_rate", "strict_share")] == ["-"] * 3
 

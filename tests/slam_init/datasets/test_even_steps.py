@@ -33,7 +33,7 @@ def views(lefts):
         ([0], 1),
     ],
 )
-def test_the_steps_tell_a_video_from_photographs(tmp_path, lefts, rate_hz):
+def test_the_steps_distinguish_a_video_from_photographs(tmp_path, lefts, rate_hz):
     for k, view in enumerate(views(lefts)):
         write_image(tmp_path / f"{k}.png", view)
     source = open_source(tmp_path)

@@ -33,7 +33,7 @@ def test_images_outside_of_the_range_become_black_and_white_and_8_bits_stay():
     assert GreyLevels.of([grey]) == GreyLevels.of([np.zeros((4, 4), np.uint16)]) == GreyLevels()
 
 
-def test_all_images_of_a_folder_have_one_range_and_a_note_tells_it(tmp_path):
+def test_all_images_of_a_folder_have_one_range_and_a_note_states_it(tmp_path):
     """The scene becomes warmer. Wherever a run begins, in a plain folder or a list, an image is the same."""
     for k in range(20):
         write_image(tmp_path / "images" / f"{k}.png", np.round(7000 + 30 * k + 800 * RAMP).astype(np.uint16))

@@ -66,7 +66,7 @@ def test_a_file_that_is_not_there_is_named_before_the_one_beside_it(tmp_path):
         read_inertial_file(tmp_path / "absent.csv")
 
 
-def test_the_note_tells_how_many_frames_have_gravity(tmp_path):
+def test_the_note_states_how_many_frames_have_gravity(tmp_path):
     source = open_source("synth:room")
     write(tmp_path / "gravity.txt", "0.0 0 1 0\n500 0 1 0\n")
     frames = GravitySource(source, read_gravity(tmp_path / "gravity.txt"), "gravity of gravity.txt")

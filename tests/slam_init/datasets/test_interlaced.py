@@ -34,7 +34,7 @@ def test_white_noise_is_no_comb(channels):
     assert comb_ratio(np.full((2, 8), 7, np.uint8)) == comb_ratio(np.full((9, 8), 7, np.uint8)) == 0
 
 
-def test_an_interlaced_video_is_read_and_told(tmp_path):
+def test_an_interlaced_video_is_read_and_reported(tmp_path):
     """OpenCV makes frames black that are marked as interlaced."""
     frames = [np.repeat(woven(6)[..., None], 3, axis=2)] * 3
     options = {"flags": "+ildct+ilme", "x264-params": "tff=1", "crf": "10"}

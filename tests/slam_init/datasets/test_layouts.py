@@ -237,7 +237,7 @@ def test_a_list_of_euroc_that_names_an_image_elsewhere_is_refused(tmp_path, outs
         list(open_source(folder).frames())
 
 
-def test_images_that_are_not_in_the_folder_are_left_out_and_told(tmp_path):
+def test_images_that_are_not_in_the_folder_are_left_out_and_reported(tmp_path):
     source = open_source(make_layouts.transforms(tmp_path))
     assert source.notes == ("1 of 4 listed images are not in the folder",)
     (tmp_path / "images").rename(tmp_path / "pictures")
@@ -285,7 +285,7 @@ def test_a_colmap_model_with_a_camera_that_is_not_supported_says_which(tmp_path)
         open_source(folder)
 
 
-def test_images_of_another_camera_are_left_out_and_told():
+def test_images_of_another_camera_are_left_out_and_reported():
     wide, tele = (Camera("pinhole", 640, 480, f, f, 320, 240) for f in (400, 800))
     camera, kept, notes = common_camera([wide, wide, tele, wide, None], "x")
     assert (camera, kept) == (wide, [True, True, False, True, False])

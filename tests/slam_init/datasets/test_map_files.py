@@ -96,7 +96,7 @@ def test_a_graph_with_points_anywhere_is_read(tmp_path):
         (lambda: [observation(0, CAL, gtsam.Pose3(gtsam.Rot3(), np.array([0.1, 0, 0])))], "sit on a body"),
     ],
 )
-def test_a_graph_that_is_no_map_of_one_camera_is_told_in_one_line(factors, said, tmp_path):
+def test_a_graph_that_is_no_map_of_one_camera_is_reported_in_one_line(factors, said, tmp_path):
     values = gtsam.Values()
     for key in (gtsam.symbol("x", 0), gtsam.symbol("x", 1), gtsam.symbol("y", 0)):
         values.insert(key, gtsam.Pose3())
@@ -172,7 +172,7 @@ def test_a_trajectory_is_the_same_in_all_forms(name, sequence):
         ("# tx ty tz qx qy qz qw\n{k} 0 0 0 0 0 0 1", "has 8 columns, and the header names 7"),
     ],
 )
-def test_a_trajectory_of_unknown_form_is_told_in_one_line(line, said, sequence):
+def test_a_trajectory_of_unknown_form_is_reported_in_one_line(line, said, sequence):
     path = sequence.folder / "poses.txt"
     path.write_text("".join(line.format(k=k) + "\n" for k in range(5)))
     with pytest.raises(SourceError) as error:

@@ -21,7 +21,7 @@ from slam_init.calibration.files import load_camera
 from slam_init.datasets import open_source
 from slam_init.datasets.image_files import read_image
 from slam_init.datasets.map_files import open_map
-from slam_init.datasets.track_source import KnowsTracks
+from slam_init.datasets.track_source import TrackProvider
 from slam_init.errors import SlamInitError
 from slam_init.output.handover import handover_bytes
 from slam_init.types.camera import Camera
@@ -39,7 +39,7 @@ def read_source(path):
     for pose in () if source.groundtruth is None else source.groundtruth.world_from_cam:
         assert np.abs(pose.R @ pose.R.T - np.eye(3)).max() < 1e-9
     for frame in source.frames(max_frames=4):
-        if isinstance(source, KnowsTracks):
+        if isinstance(source, TrackProvider):
             assert np.isfinite(source.observed(frame, source.camera or CAMERA).pixels).all()
         else:
             assert frame.image.dtype == np.uint8

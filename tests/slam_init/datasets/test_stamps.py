@@ -72,7 +72,7 @@ def opened(tmp_path, monkeypatch):
 @pytest.mark.parametrize("times_s", TIMES_S.values(), ids=TIMES_S)
 @pytest.mark.parametrize("unit", UNITS)
 @pytest.mark.parametrize("reader", READERS)
-def test_each_reader_converts_each_unit_and_tells_it(opened, reader, unit, times_s):
+def test_each_reader_converts_each_unit_and_reports_it(opened, reader, unit, times_s):
     if reader == "user" and unit != "seconds":
         with pytest.raises(SourceError, match="give seconds"):
             opened(reader, texts(times_s, unit))

@@ -66,7 +66,7 @@ def test_a_map_of_given_tracks_is_right_and_the_same_each_time(tmp_path):
     assert summary.provenance.input_blake2b == again.provenance.input_blake2b
     moved = write_tracks(
         tmp_path / "moved.npz", scene(), xy=make_matches.tracks_arrays(scene())["xy"] + 1e-3
-    )  # less than the dots of the drawn images show
+    )  # less than the dots of the rendered images show
     assert run(open_source(moved), CAMERA, Config())[1].provenance.input_blake2b != again.provenance.input_blake2b
 
 

@@ -35,7 +35,7 @@ MIRRORED = "groundtruth = Trajectory(np.arange(2.0), (Pose(-np.eye(3), np.zeros(
         ("camera = groundtruth = None", f"camera = None; {MIRRORED}", "no rotation"),
     ],
 )
-def test_a_source_of_the_user_that_is_none_is_told_in_one_line(tmp_path, monkeypatch, before, after, words):
+def test_a_source_of_the_user_that_is_none_is_reported_in_one_line(tmp_path, monkeypatch, before, after, words):
     text = SOURCE.replace(before, after)
     module = f"own_{zlib.crc32(text.encode())}"  # a module is imported once
     (tmp_path / f"{module}.py").write_text(text)

@@ -9,7 +9,7 @@ from make_scene import CONFIG
 from slam_init.decision.attempt_log import AttemptLog, focal_notes
 from slam_init.types.evidence import FreeFocal
 from slam_init.types.refusal import Verdict
-from slam_init.types.result import Attempt, told_reason
+from slam_init.types.result import Attempt, stated_reason
 from slam_init.types.status import Status
 
 
@@ -74,12 +74,12 @@ def test_the_newest_free_fit_decides_whether_the_stated_focal_length_is_wrong():
         wrong, last = log.wrong_focal, log.add(refusal(99))
         assert last.advice == (wrong.note if wrong is not None else "advice 99")
         assert (None if wrong is None else wrong.estimated_px) == estimated_px
-        told = () if wrong is None else (wrong.note,)
-        assert log.notes()[: len(told)] == told
+        message = () if wrong is None else (wrong.note,)
+        assert log.notes()[: len(message)] == message
         assert log.advice(Verdict.LOW_PARALLAX) == last.advice
-        told = Verdict.WRONG_FOCAL_LENGTH if wrong is not None else last.verdict
-        assert log.prevailing_reason() == Status().after(last, 0.0, wrong).reason == told
-        assert told_reason(Verdict.UNKNOWN_FOCAL_LENGTH, wrong) == "unknown_focal_length"
+        message = Verdict.WRONG_FOCAL_LENGTH if wrong is not None else last.verdict
+        assert log.prevailing_reason() == Status().after(last, 0.0, wrong).reason == message
+        assert stated_reason(Verdict.UNKNOWN_FOCAL_LENGTH, wrong) == "unknown_focal_length"
 
 
 def test_an_adjusted_focal_length_gets_a_note_only_if_the_views_hardly_determine_it():

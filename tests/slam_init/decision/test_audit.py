@@ -14,7 +14,7 @@ from slam_init.window.motion import difference_deg
 
 
 def world(scene, seed=0, **options):
-    """The tracks of a drawn world, its camera, and its true poses by frame."""
+    """The tracks of a simulated world, its camera, and its true poses by frame."""
     source = point_source(scene, seed, **options)
     return list(source.observations()), source.camera, dict(enumerate(source.groundtruth.world_from_cam))
 
@@ -43,7 +43,7 @@ def test_a_true_map_is_sound(of_truth):
 
 
 def test_the_terms_add_up(of_truth):
-    names = ("direction", "rival", "rotation", "moving", "floor", "map")
+    names = ("direction", "competing", "rotation", "moving", "floor", "map")
     terms = [getattr(of_truth, f"risk_{name}") for name in names]
     assert all(0 <= term <= 1 for term in terms)
     assert of_truth.model_risk == pytest.approx(min(1.0, sum(terms)))
@@ -67,7 +67,7 @@ def test_a_camera_that_is_turned_by_20_degrees_makes_a_map_wrong(room, of_truth)
     assert found.better is not None and max(difference_deg(found.better, true)) < 5
 
 
-def test_a_further_camera_is_judged_as_well(room, of_truth):
+def test_a_further_camera_is_evaluated_as_well(room, of_truth):
     views, camera, poses = room
     further = of_truth.frames[len(of_truth.frames) // 2]
     assert further not in of_truth.pair
@@ -127,7 +127,7 @@ def other_rays(views, camera, poses):
 
 
 @pytest.mark.parametrize(
-    ("broken", "told"),
+    ("broken", "message"),
     [
         (at_one_place, "no baseline"),
         (one_pose, "two or more"),
@@ -145,9 +145,9 @@ def other_rays(views, camera, poses):
         (lambda views, camera, poses: (poses, views, camera, "config"), "slam_init.Config"),
     ],
 )
-def test_what_is_no_map_is_told_in_one_line(broken, told, room):
+def test_what_is_no_map_is_reported_in_one_line(broken, message, room):
     views, camera, poses = room
     assert isinstance(camera, Camera)
     with pytest.raises(SlamInitError) as error:
         audit(*broken(views, camera, poses))
-    assert told in str(error.value) and "\n" not in str(error.value)
+    assert message in str(error.value) and "\n" not in str(error.value)

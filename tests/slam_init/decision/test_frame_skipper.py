@@ -1,4 +1,4 @@
-"""Laws of the frames that are not judged."""
+"""Laws of the frames that are not evaluated."""
 
 from types import SimpleNamespace
 
@@ -8,7 +8,7 @@ from slam_init.decision.frame_skipper import FrameSkipper
 
 
 def window(views, total=1.0, sigma_deg=1.0):
-    """A stand-in for a judged window."""
+    """A stand-in for an evaluated window."""
     risk = SimpleNamespace(total=total, directions=SimpleNamespace(sigma_deg=sigma_deg))
     return SimpleNamespace(risk=risk, best=SimpleNamespace(rows=range(views)))
 
@@ -21,7 +21,7 @@ def after(frames):
 
 
 def left_out(skipper, last, score=1.0):
-    """The frames that are left out before the next judgement."""
+    """The frames that are left out before the next evaluation."""
     count = 0
     while skipper.skips(score, last):
         count += 1

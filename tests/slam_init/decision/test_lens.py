@@ -79,7 +79,7 @@ def test_a_map_without_a_calibration_has_the_true_focal_length_within_three_sigm
     assert rotation_deg < 5 and direction_deg < 15
 
 
-def test_a_camera_that_only_turns_has_no_map_and_tells_its_focal_length():
+def test_a_camera_that_only_turns_has_no_map_and_reveals_its_focal_length():
     source = point_source("rotation", 3, views=12)
     result = initialized(source, withheld(source, 1.4))
     assert result.map is None

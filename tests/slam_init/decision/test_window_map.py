@@ -1,4 +1,4 @@
-"""Laws of the map of a judged window: what bundle adjustment may change of the motion."""
+"""Laws of the map of an evaluated window: what bundle adjustment may change of the motion."""
 
 import numpy as np
 from make_window import WINDOW_CONFIG, errors_deg, finished, point_source

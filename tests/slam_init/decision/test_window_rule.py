@@ -36,7 +36,7 @@ def tried(source, views, config=WINDOW_CONFIG):
     seen = [observations[k] for k in views]
     preview = preview_of(seen, source.camera)
     rule = WindowRule(config, history_of(seen, source.camera), RollingShutter(source.camera))
-    return rule.judge(preview, [preview], seen[-1], Stopwatch())
+    return rule.evaluate(preview, [preview], seen[-1], Stopwatch())
 
 
 @dataclass(frozen=True)
@@ -48,13 +48,13 @@ class Followed:
     #: Each frame with its status and the provisional map, asked twice.
     steps: list[tuple]
     #: Frames of each window whose risk was asked for, and the risk of the direction of each view.
-    judged: list[tuple]
+    evaluated: list[tuple]
 
 
 @cache
 def followed(scene, seed, baseline):
     """A run that several laws read."""
-    source, judged, risk_of = (
+    source, evaluated, risk_of = (
         point_source(scene, seed, baseline=baseline, points=300 if scene == "room" else FEWER),
         [],
         window_rule.risk_of,
@@ -62,7 +62,7 @@ def followed(scene, seed, baseline):
 
     def noting_risk_of(hypotheses, max_risk):
         risk = risk_of(hypotheses, max_risk)
-        judged.append((hypotheses.motions[0].frames, risk.directions.of_views))
+        evaluated.append((hypotheses.motions[0].frames, risk.directions.of_views))
         return risk
 
     initializer, steps = Initializer(source.camera, WINDOW_CONFIG), []
@@ -74,7 +74,7 @@ def followed(scene, seed, baseline):
             steps.append((observed, status, initializer.provisional, initializer.provisional))
             if status:
                 break
-    return Followed(source, initializer, steps, judged)
+    return Followed(source, initializer, steps, evaluated)
 
 
 def with_limits(**limits):
@@ -104,15 +104,15 @@ def test_a_camera_that_does_not_translate_is_never_initialized(scene, seed, opti
 
 
 @pytest.mark.parametrize(("scene", "seed"), [("rotation", 71002), ("static", 71003)])
-def test_moving_bodies_before_a_camera_that_does_not_translate_are_no_near_objects(scene, seed):
-    """The rest of the tracks are at infinity, so that the bodies look like near objects of a translating camera."""
+def test_moving_objects_before_a_camera_that_does_not_translate_are_no_near_objects(scene, seed):
+    """The other tracks are at infinity: the moving objects look like near objects before a translating camera."""
     source = point_source(scene, seed, moving=0.3, noise_px=1.0, outliers=(0.05, 0.15, 0.3)[seed % 3])
     assert not finished(source)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "noise_px"), [(365010, 0.3), (365029, 0.6)])
-def test_a_few_tracks_on_moving_bodies_do_not_decide_between_the_motions_of_a_plane(seed, noise_px):
+def test_a_few_tracks_on_moving_objects_do_not_decide_between_the_motions_of_a_plane(seed, noise_px):
     """Both walls had a map with the wrong motion, by the votes of 22 and of 53 tracks off the plane."""
     source = point_source("wall", seed, moving=0.3, noise_px=noise_px, outliers=0.2)
     result = finished(source)
@@ -127,24 +127,23 @@ def test_a_few_tracks_on_moving_bodies_do_not_decide_between_the_motions_of_a_pl
 @pytest.mark.parametrize("world", WORLDS[1:])
 def test_each_attempt_with_a_motion_has_its_window_and_one_gate_on_the_risk(world):
     scene, result = world[0], followed(*world).initializer.finish()
-    judged = [attempt for attempt in result.attempts if attempt.window is not None]
-    assert judged
-    for attempt in judged:
+    evaluated = [attempt for attempt in result.attempts if attempt.window is not None]
+    assert evaluated
+    for attempt in evaluated:
         (gate,) = (gate for gate in attempt.gates if gate.name == GateName.RISK)
         assert gate.value == attempt.window.risk
         assert gate.passes() == (attempt.window.risk <= WINDOW_CONFIG.acceptance.max_risk)
         window = attempt.window
-        terms = (
-            window.risk_direction + window.risk_rival + window.risk_rotation + window.risk_moving + window.risk_floor
-        )
+        names = ("direction", "competing", "rotation", "moving", "floor")
+        terms = sum(getattr(window, f"risk_{name}") for name in names)
         # A map adds what bundle adjustment moved it to the term of the direction.
         assert window.risk == pytest.approx(min(1.0, terms))
         assert 2 <= window.views <= 12
         assert window.hypotheses >= 1
         assert window.focal_factor == pytest.approx(1, abs=0.1)
         assert 0 < window.depth_sigma < np.inf
-        assert window.noise_px == pytest.approx(0.7, rel=0.15)  # of the drawn worlds
-        assert 0 <= window.field_px <= 2
+        assert window.noise_px == pytest.approx(0.7, rel=0.15)  # of the simulated worlds
+        assert 0 <= window.correlated_px <= 2
     last = result.attempts[-1]
     assert (last.verdict, last.stage, last.progress) == (Verdict.ACCEPTED, None, 1.0)
     assert last.window.planar == (scene == "wall")
@@ -184,7 +183,7 @@ def test_an_ambiguous_plane_keeps_two_maps_and_one_of_them_is_right(seed):
 def test_a_pair_with_an_uncertain_direction_is_low_parallax():
     outcome = tried(point_source("wall", 16, baseline=0.08), (0, 2))
     window = outcome.attempt.window
-    assert window.risk_direction > max(window.risk_rival, window.risk_rotation)
+    assert window.risk_direction > max(window.risk_competing, window.risk_rotation)
     assert outcome.attempt.verdict == Verdict.LOW_PARALLAX
     assert outcome.hypotheses == ()
 
@@ -195,7 +194,7 @@ def test_a_pair_with_an_uncertain_direction_is_low_parallax():
 @pytest.mark.parametrize("world", WORLDS)
 def test_the_keyframes_are_the_pair_and_the_views_whose_own_baseline_is_certain(world):
     result = followed(*world).initializer.finish()
-    (reference, current, *others), (_, *risks) = followed(*world).judged[-1]
+    (reference, current, *others), (_, *risks) = followed(*world).evaluated[-1]
     limit = 5e-4  # the floor of the risk
     certain = [frame for frame, risk in zip(others, risks, strict=True) if risk <= limit]
     keyframes = [k.frame for k in result.map.keyframes]
@@ -286,7 +285,7 @@ def test_asking_for_the_provisional_map_does_not_change_the_result():
 # -- configuration and output ---------------------------------------------------------------------
 
 
-def test_each_frame_is_judged():
+def test_each_frame_is_evaluated():
     attempts = followed("wall", 0, 0.3).initializer.finish().attempts
     assert [attempt.frames[1] for attempt in attempts] == list(range(1, len(attempts) + 1))
     assert all(attempt.window is not None for attempt in attempts)
@@ -296,9 +295,9 @@ def test_without_a_third_view_the_window_holds_the_pair_alone():
     source = point_source("room", 2)
     result = finished(source, initializer=make_initializer("quest-two-view", source.camera, Config()))
     assert result, result.reason
-    judged = [attempt for attempt in result.attempts if attempt.stage is not Stage.MOTION]
-    assert {attempt.window.views for attempt in judged} == {2}
-    assert all(attempt.two_view is not None for attempt in judged)  # no motion of an earlier pair is judged
+    evaluated = [attempt for attempt in result.attempts if attempt.stage is not Stage.MOTION]
+    assert {attempt.window.views for attempt in evaluated} == {2}
+    assert all(attempt.two_view is not None for attempt in evaluated)  # no motion of an earlier pair is evaluated
     assert len(result.map.keyframes) == 2
     rotation, direction = errors_deg(source, result.map)
     assert rotation < 5
@@ -320,10 +319,10 @@ def test_the_inliers_of_an_accepted_pair_are_those_of_its_map_where_the_lens_was
 
 
 @pytest.mark.slow
-def test_the_maps_of_the_scene_and_of_a_large_body_are_kept_and_one_of_them_is_right():
-    source = point_source("room", 4, moving=0.6, bodies=1, baseline=0.2)
+def test_the_maps_of_the_scene_and_of_a_large_moving_object_are_kept_and_one_of_them_is_right():
+    source = point_source("room", 4, moving=0.6, objects=1, baseline=0.2)
     result = finished(source)
-    assert (result.reason, result.map, len(result.hypotheses)) == (Verdict.MOVING_BODIES, None, 2)
+    assert (result.reason, result.map, len(result.hypotheses)) == (Verdict.MOVING_OBJECTS, None, 2)
     moving = [np.mean(source.sequence.is_moving[one.track_ids]) for one in result.hypotheses]
     assert max(moving) > 0.9
     assert min(moving) < 0.1

@@ -39,7 +39,7 @@ def test_rays_in_other_axes_are_named(axes, named):
         Initializer(CAMERA).process_tracks(tracks(0, axes))
 
 
-def test_rays_of_another_camera_are_told():
+def test_rays_of_another_camera_are_reported():
     other = Camera("pinhole", 640, 480, 250.0, 250.0, 319.5, 239.5)
     observed = tracks(0)
     wrong = with_bearings(observed, lambda rays: rays.__setitem__(..., other.bearings(observed.pixels)))

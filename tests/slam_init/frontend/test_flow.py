@@ -108,7 +108,7 @@ def test_points_that_are_not_where_they_are_expected_are_sought_in_all_octaves()
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
-def test_the_trails_of_a_blurred_image_tell_the_exposure(share):
+def test_the_trails_of_a_blurred_image_determine_the_exposure(share):
     step_px = 16
     trail_px = round(share * step_px)
     _, found = followed(image(100, 60, 2.0, trail_px), image(100 + step_px, 60, 2.0, trail_px, seed=1))

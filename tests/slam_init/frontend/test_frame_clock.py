@@ -21,7 +21,7 @@ CAMERA = Camera("pinhole", 64, 48, 60, 60, 31.5, 23.5)
 
 @pytest.mark.parametrize(("method", "times_s"), [("quest", TIMES_S), ("quest", DATES_S), ("orb-slam3", DATES_S)])
 @pytest.mark.parametrize("unit", TimeUnit)
-def test_the_online_api_converts_each_unit_and_tells_it(unit, method, times_s):
+def test_the_online_api_converts_each_unit_and_reports_it(unit, method, times_s):
     initializer = make_initializer(method, CAMERA, Config())
     for time_s in times_s:
         initializer.process(IMAGE, round(time_s * unit.per_second, 3))

@@ -138,7 +138,7 @@ def test_an_initializer_with_a_matcher_finds_the_right_map():
     assert errors.rotation_error_deg < 5 and errors.direction_error_deg < 15
 
 
-def test_the_command_takes_a_matcher_of_the_user_and_tells_what_is_wrong_with_one(tmp_path, capsys):
+def test_the_command_takes_a_matcher_of_the_user_and_reports_what_is_wrong_with_one(tmp_path, capsys):
     (tmp_path / "mine.py").write_text(
         "import numpy as np\n"
         "def none(image1, image2):\n    return np.zeros((0, 2)), np.zeros((0, 2)), np.zeros(0)\n"

@@ -1,4 +1,4 @@
-"""Patches of tracks on a texture that a known map moves: where they end, what they refuse, when they are cut anew."""
+"""Patches of tracks on a texture that a known map moves: where they end, what they refuse, when they are cut again."""
 
 import cv2
 import numpy as np

@@ -18,7 +18,7 @@ def notes_on(images):
     return check.notes
 
 
-def test_each_finding_is_told_alone():
+def test_each_finding_is_reported_alone():
     ordinary = [texture(seed) for seed in range(6)]
     black = np.zeros((240, 480), np.uint8)
     # The right camera sees all a little to the left, and a near box farther.

@@ -153,7 +153,7 @@ def test_a_hand_held_rolling_shutter_is_found_together_with_the_map():
 
 
 @pytest.mark.slow
-def test_a_camera_that_only_turns_is_told_from_one_that_translates():
+def test_a_camera_that_only_turns_is_distinguished_from_one_that_translates():
     _, initializer = run(41, readout_ms=30.0, views=15)
     assert initializer.map is None
     assert initializer.result.reason == Verdict.PURE_ROTATION

@@ -63,7 +63,7 @@ def test_the_mask_ends_the_advice():
 
 
 @pytest.mark.parametrize("change", [stamped, behind_a_round_lens])
-def test_a_static_camera_tells_nothing(change):
+def test_a_static_camera_shows_no_overlay(change):
     assert notes_of(moving(change, step_px=0.0)) == ()
 
 

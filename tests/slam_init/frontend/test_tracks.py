@@ -106,7 +106,7 @@ def test_the_tracks_that_the_flow_kept_go_on_over_a_link_by_descriptors():
     assert (np.diff(linked.track_ids) > 0).all()
 
 
-def test_matches_tell_the_flow_where_to_look_so_that_tracks_go_on_over_a_jump():
+def test_matches_guide_the_flow_so_that_tracks_go_on_over_a_jump():
     """The flow alone loses all of them: the view moves by half an image at once."""
     _, (seen, jumped) = follow(frames_from((100, 60), (230, 60)))
     still_visible = seen.pixels[:, 0] > 140
@@ -193,5 +193,5 @@ def test_what_was_measured_of_a_frame_goes_with_it():
         history.put(observed(frame, [frame]))
         history.turned(frame, np.eye(3), 0.001)
     history.start_at(4)
-    assert all(history.attitude(frame) is None for frame in range(4))
-    assert history.attitude(7) is not None
+    assert all(history.relative_rotation(frame) is None for frame in range(4))
+    assert history.relative_rotation(7) is not None

@@ -51,9 +51,9 @@ def test_a_follower_locates_the_frames_of_an_initializer_one_by_one(room_fed):
     follower, (first, second, *_) = Follower(room_fed.result.map, room_fed.tracker), room_fed.following
     located = [follower.locate(first)]
     for wrong in (None, first.image, first, replace(second, image=second.image[::2, ::2])):
-        with pytest.raises(SlamInitError) as told:
+        with pytest.raises(SlamInitError) as message:
             follower.locate(wrong)
-        assert "\n" not in str(told.value)
+        assert "\n" not in str(message.value)
     located.append(follower.locate(second))
     assert follower.located == located and len(follower.survival) == 2 and follower.lost_at is None
     assert position_errors([*room_fed.result.map.keyframes, *located], room_fed.source.groundtruth).max() < 0.03

@@ -99,7 +99,7 @@ def test_poses_and_points_stay_and_pixels_and_their_errors_grow():
     assert (large.map.camera.width, large.map.camera.height) == (3 * 640 + 2, 3 * 480 + 1)
 
 
-def test_a_wrong_focal_length_is_told_in_original_pixels():
+def test_a_wrong_focal_length_is_reported_in_original_pixels():
     wrong = FreeFocal(615.0, 308.0, 11.0, contradicts=True)
     result = replace(
         make_result(None, Verdict.LOW_PARALLAX), wrong_focal=wrong, notes=("a", wrong.note), advice=wrong.note

@@ -43,7 +43,7 @@ def test_without_frames_to_grow_by_a_map_is_handed_over_at_once(room):
     assert initializer.map is accepted
 
 
-def test_the_number_of_frames_is_the_callers_and_the_pose_of_each_is_told_without_a_jump(room):
+def test_the_number_of_frames_is_the_callers_and_the_pose_of_each_is_reported_without_a_jump(room):
     initializer, frames, accepted = initialized(room, refine_frames=12)
     before, truth = initializer.status.pose, room.groundtruth
     first = truth.at(0.0)
@@ -62,7 +62,7 @@ def test_the_number_of_frames_is_the_callers_and_the_pose_of_each_is_told_withou
     assert initializer.map.keyframes[-1].frame > accepted.keyframes[-1].frame
 
 
-def test_an_end_hands_over_what_there_is_and_a_loss_is_told(room):
+def test_an_end_exports_what_there_is_and_a_loss_is_reported(room):
     initializer, frames, accepted = initialized(room, refine_frames=1000)
     for _ in range(10):
         last = next(frames)

@@ -69,7 +69,7 @@ def test_a_program_without_a_trajectory_has_no_map_and_may_say_why(tmp_path):
     assert result_of(script(tmp_path, "exit 0"), frames=1).reason == "too_few_frames"
 
 
-def test_what_a_program_does_wrong_is_told_in_one_line(tmp_path):
+def test_what_a_program_does_wrong_is_reported_in_one_line(tmp_path):
     for text, cause in (
         ("echo first >&2; echo the reason >&2; exit 3", "exited with 3: the reason"),
         ("kill -SEGV $$", "died"),

@@ -119,7 +119,7 @@ def test_inconsistent_arrays_are_an_error():
 
 
 @pytest.mark.parametrize(("scene", "seed"), [("room", 1), ("wall", 2), ("rotation", 3)])
-def test_the_window_judges_the_poses_of_poselib(scene, seed):
+def test_the_window_evaluates_the_poses_of_poselib(scene, seed):
     pytest.importorskip("poselib")
     source = point_source(scene, seed, baseline=0.2, points=150)
     initializer = make_initializer("poselib-window", source.camera, Config())

@@ -36,7 +36,7 @@ def test_all_arrays_and_no_others_are_documented():
     assert documented == list(handover_arrays(make_map()))
 
 
-def test_the_same_map_gives_the_same_bytes_and_the_unit_is_told():
+def test_the_same_map_gives_the_same_bytes_and_the_unit_is_reported():
     map_ = make_map()
     assert handover_bytes(map_) == handover_bytes(make_map())
     assert str(loaded(map_)["unit"]) == "median depth"
@@ -63,8 +63,8 @@ def test_risk_depths_covariances_and_the_tracks_without_a_point_are_handed_over(
     assert (float(data["risk"]), float(data["depth_sigma"])) == (map_.risk, np.median(data["point_depth_sigmas"]))
     assert data["point_covariances"].shape == (len(map_.points), 3, 3)
     np.testing.assert_array_equal(data["point_depth_sigmas"], map_.depth_sigmas)
-    assert data["unit_sigma"] == map_.unit_error.own
-    np.testing.assert_array_equal(data["unit_by_lens"], map_.unit_error.by_lens)
+    assert data["unit_sigma"] == map_.scale_uncertainty.own
+    np.testing.assert_array_equal(data["unit_by_lens"], map_.scale_uncertainty.by_lens)
     assert not np.isin(data["track_ids"], data["point_ids"]).any()
     rays = map_.camera.bearings(data["track_pixels"])
     np.testing.assert_allclose(data["track_bearings"], rays, atol=1e-12)

@@ -18,7 +18,7 @@ def written(folder, result):
     return folder
 
 
-def test_a_map_is_told_with_its_keyframes_and_files(tmp_path):
+def test_a_map_is_reported_with_its_keyframes_and_files(tmp_path):
     folder = written(tmp_path / "out", make_result(make_map()))
     assert is_result_folder(folder)
     facts = read_result(folder)
@@ -29,7 +29,7 @@ def test_a_map_is_told_with_its_keyframes_and_files(tmp_path):
     assert "4 (frames 10, 17, 24, 31)" in result_text(facts) and "graph.txt" in result_text(facts)
 
 
-def test_a_refusal_is_told_with_its_advice(tmp_path):
+def test_a_refusal_is_reported_with_its_advice(tmp_path):
     facts = read_result(written(tmp_path / "out", make_result(None, Verdict.PURE_ROTATION)))
     assert (facts["reason"], facts["keyframes"]) == ("pure_rotation", [])
     assert Verdict.PURE_ROTATION.advice in result_text(facts)

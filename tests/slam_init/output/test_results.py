@@ -132,15 +132,15 @@ def damaged(data, kind, name):
 
 
 @pytest.mark.slow
-def test_a_damaged_graph_is_told_in_one_line_and_ends_no_process(tmp_path):
+def test_a_damaged_graph_is_reported_in_one_line_and_ends_no_process(tmp_path):
     make_map().save(tmp_path)
     for name in ("graph.txt", "values.txt"):
         sound = (tmp_path / name).read_bytes()
         for kind in ("negative count", "huge count", "cut off", "bad bytes", "empty", "no archive"):
             (tmp_path / name).write_bytes(damaged(sound, kind, name))
-            with pytest.raises(SourceError, match="damaged") as told:
+            with pytest.raises(SourceError, match="damaged") as message:
                 load_graph(tmp_path)
-            assert "\n" not in str(told.value)
+            assert "\n" not in str(message.value)
         (tmp_path / name).write_bytes(sound)
 
 

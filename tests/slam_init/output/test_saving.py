@@ -51,10 +51,10 @@ def test_a_colmap_model_is_written_alone(result, tmp_path):
     assert files(tmp_path / "model") == {"cameras.txt", "images.txt", "points3D.txt"}
 
 
-def test_a_folder_of_somebody_else_is_refused(result, tmp_path):
+def test_a_folder_of_another_program_is_refused(result, tmp_path):
     (tmp_path / "map.ply").write_text("mine")
     for save in (result.save, result.map.save, lambda folder: slam_init.write_colmap(result.map, folder)):
-        with pytest.raises(OutputError) as told:
+        with pytest.raises(OutputError) as message:
             save(tmp_path)
-        assert "--" not in str(told.value)
+        assert "--" not in str(message.value)
     assert (tmp_path / "map.ply").read_text() == "mine"

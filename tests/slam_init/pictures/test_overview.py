@@ -66,19 +66,19 @@ def test_each_end_of_a_run_has_a_picture_of_its_own(story):
 
 
 @pytest.fixture
-def told(monkeypatch):
+def reported(monkeypatch):
     """The texts that are written into the picture."""
     texts = []
     monkeypatch.setattr("slam_init.pictures.overview.write", lambda axes, x, y, text, *_: texts.append(text))
     return texts
 
 
-def test_a_wrong_focal_length_is_written_into_the_picture_of_each_end(story, told):
+def test_a_wrong_focal_length_is_written_into_the_picture_of_each_end(story, reported):
     wrong = FreeFocal(1230.0, 616.0, 22.0, contradicts=True)
     for result in (make_result(make_map()), make_result(None, Verdict.LOW_PARALLAX)):
         draw(replace(result, wrong_focal=wrong), story)
-        assert any(" ".join(text.split()) == wrong.note for text in told)
-        told.clear()
+        assert any(" ".join(text.split()) == wrong.note for text in reported)
+        reported.clear()
 
 
 def test_a_run_without_a_frame_or_an_attempt_has_a_picture_and_names_are_no_mathematics():
@@ -131,7 +131,7 @@ def test_a_link_by_descriptors_draws_no_path():
     assert len(tails.get_segments()) == 2
 
 
-def test_a_run_that_started_anew_shows_each_map(story):
+def test_a_run_that_started_again_shows_each_map(story):
     map_ = make_map()
     segments = tuple(Segment(map_, 10 * k, 5, lost_at=9 + 10 * k) for k in range(3))
     shown = picture(draw(replace(make_result(map_), segments=segments), story)).max(axis=2) < 60
@@ -147,16 +147,16 @@ def test_a_map_is_seen_in_the_view_in_which_it_fills_most():
         assert widest_view(replace(map_, points=map_.points * stretch)) == view
 
 
-def test_the_head_states_the_focal_length_every_note_and_the_gate_that_refused(story, told):
+def test_the_head_states_the_focal_length_every_note_and_the_gate_that_refused(story, reported):
     result = make_result(None, Verdict.LOW_PARALLAX)
     notes = ("the first note", "the second note")
     gate = at_most(GateName.RISK, 0.42, 0.005, Verdict.LOW_PARALLAX)
     attempts = (*result.attempts[:-1], replace(result.attempts[0], gates=(gate,)))
     draw(replace(result, notes=notes, camera=make_map().camera, attempts=attempts), story)
-    text = "\n".join(told)
+    text = "\n".join(reported)
     assert all(f"note: {note}" in text for note in notes)
     assert "focal length stated 5" in text and "direction of the baseline" in text
-    assert "0.42" in told and "at most 0.005" in told
+    assert "0.42" in reported and "at most 0.005" in reported
 
 
 def test_every_verdict_has_a_colour_of_its_own():

@@ -110,12 +110,12 @@ def test_two_maps_are_drawn_while_they_are_kept_with_the_evidence_that_decides(p
         paths = column(path, f"/world/trajectory/hypothesis{k + 1}", "LineStrips3D:strips")
         assert len(paths) == count
         np.testing.assert_allclose(paths[0][0], [k.world_from_cam.t for k in map_.keyframes], atol=1e-6)
-        points = column(path, f"/twins/{'ab'[k]}/points", "Points3D:positions")[0]
+        points = column(path, f"/candidates/{'ab'[k]}/points", "Points3D:positions")[0]
         np.testing.assert_allclose(points, map_.points, atol=1e-6)
-    assert "one of the maps is right" in column(path, "/twins/evidence", "TextDocument:text")[0][0]
+    assert "one of the maps is right" in column(path, "/candidates/evidence", "TextDocument:text")[0][0]
 
 
-def test_tracks_on_moving_bodies_are_drawn_in_their_frame_only(path):
+def test_tracks_on_moving_objects_are_drawn_in_their_frame_only(path):
     attempt = make_attempts(make_map())[0]
     first, second, third, *_ = make_observations(make_map())
     with pinhole(path) as recorder:

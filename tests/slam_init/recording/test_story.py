@@ -28,7 +28,7 @@ def test_of_an_initialized_run_the_keyframes_and_the_pair_are_kept_and_nothing_o
     recorder.initialized(replace(map_, keyframes=map_.keyframes[:1]), ())
     assert [shown.index for shown in recorder.frames] == [keyframe.frame for keyframe in map_.keyframes]
     assert recorder.pair is pair and pair[2].frames == (10, 31)
-    assert pair[2].judged
+    assert pair[2].evaluated
 
 
 def test_a_pair_without_matches_is_not_kept():

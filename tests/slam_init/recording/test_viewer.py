@@ -98,7 +98,7 @@ def port():
         return free.getsockname()[1]
 
 
-def test_a_viewer_that_fails_is_told_and_one_that_is_closed_is_not(tmp_path, viewer):
+def test_a_viewer_that_fails_is_reported_and_one_that_is_closed_is_not(tmp_path, viewer):
     viewer("raise SystemExit(0)")
     show(tmp_path / "a.rrd")
     viewer("raise SystemExit(3)")

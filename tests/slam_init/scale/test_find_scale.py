@@ -62,7 +62,7 @@ def test_twice_the_side_is_twice_the_scale_and_the_deviation_of_the_side_counts(
     assert stated.sigma == pytest.approx(np.hypot(one.sigma, 0.1))
 
 
-def test_images_without_a_marker_or_without_keyframes_tell_nothing():
+def test_images_without_a_marker_or_without_keyframes_determine_nothing():
     request, images = parse_scale("marker:tag36h11:0.1"), ONE
     assert "no marker of tag36h11" in find_scale(MAP, request, images=images).reason
     assert find_scale(MAP, request).reason

@@ -54,7 +54,7 @@ def test_another_mount_of_the_same_sensor_changes_nothing():
     np.testing.assert_allclose(two.gravity.down, one.gravity.down, atol=1e-3)
 
 
-def test_a_constant_speed_tells_no_scale():
+def test_a_constant_speed_determines_no_scale():
     scale = scale_of(map_of(straight), recorded(straight))
     assert not scale
     assert "move the camera to and fro" in scale.reason

@@ -67,7 +67,7 @@ def test_a_depth_in_metres_is_as_uncertain_as_the_scale_at_least():
     assert np.isfinite(in_metres(MAP, Scale(ScaleOrigin.GROUNDTRUTH, 4.0, 0.0)).depth_sigmas).all()
 
 
-def test_priors_of_poses_do_not_tell_the_scale():
+def test_priors_of_poses_do_not_determine_the_scale():
     map_ = in_metres(adjusted_map(cloud(np.random.default_rng(2)), prior=PosePrior(0.002, 0.01)), SCALE)
     assert any(isinstance(map_.graph.at(i), gtsam.PriorFactorPose3) for i in range(map_.graph.size()))
     last = map_.keyframes[-1].world_from_cam

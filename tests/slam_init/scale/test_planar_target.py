@@ -50,11 +50,11 @@ def test_a_view_that_shows_another_place_is_left_out():
     assert np.exp(-size.log_units) == pytest.approx(true_scale(MAP), rel=2e-3)
 
 
-def test_a_target_that_moves_tells_nothing():
+def test_a_target_that_moves_determines_nothing():
     places = [sightings(MAP, target=Pose(TARGET.R, TARGET.t + np.array([0.0, 0.1 * k * k, 0.0]))) for k in range(5)]
     assert fit_target(MAP, [places[k][k] for k in range(5)]) is None
 
 
-def test_a_single_view_or_no_keyframe_tells_nothing():
+def test_a_single_view_or_no_keyframe_determines_nothing():
     assert fit_target(MAP, sightings(MAP)[:1]) is None
     assert fit_target(MAP, [replace(one, frame=one.frame + 1) for one in sightings(MAP)]) is None

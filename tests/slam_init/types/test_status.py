@@ -16,7 +16,7 @@ from slam_init.types.status import Status, frame_of
 WINDOW = WindowEvidence(**{field.name: 0 for field in fields(WindowEvidence)})
 
 
-def test_the_window_and_its_risk_stay_until_another_window_is_judged():
+def test_the_window_and_its_risk_stay_until_another_window_is_evaluated():
     windows = [replace(WINDOW, risk=risk) for risk in (0.4, 0.001)]
     attempts = [Attempt((0, k), Verdict.LOW_PARALLAX, window=window) for k, window in enumerate(windows, 1)]
     assert Status().risk is None

@@ -26,7 +26,7 @@ def test_the_unit_of_a_video_is_recognized_whatever_it_is_and_wherever_it_starts
 
 
 @pytest.mark.parametrize("unit", TimeUnit)
-def test_a_single_date_tells_its_unit_by_its_size(unit):
+def test_a_single_date_determines_its_unit_by_its_size(unit):
     assert time_unit(np.array([1_403_636_579.763 * unit.per_second])) == unit
 
 

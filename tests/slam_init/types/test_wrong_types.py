@@ -32,9 +32,9 @@ ONE = np.ones((1, 3))
     ],
 )
 def test_a_wrong_type_is_one_line(make, words):
-    with pytest.raises(SlamInitError, match=words) as told:
+    with pytest.raises(SlamInitError, match=words) as message:
         make()
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(message.value)
 
 
 def run_room(**options):
@@ -68,9 +68,9 @@ A_MAP, A_FOLDER = "the map is of the type", "is of the type .*: give text, or a 
 )
 def test_each_door_refuses_what_it_cannot_take(call, words, wrong, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(SlamInitError, match=words) as told:
+    with pytest.raises(SlamInitError, match=words) as message:
         call(wrong)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(message.value)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -97,7 +97,7 @@ def test_no_map_is_scaled_by_what_is_no_scale(metres, sigma, room_run):
 
 
 @pytest.mark.parametrize("further", [{"images": [1]}, {"groundtruth": "x"}, {"imu": "x"}, {"located": ["x"]}])
-def test_what_tells_the_scale_has_its_type(further, room_run):
+def test_the_request_of_a_scale_has_its_type(further, room_run):
     with pytest.raises(SlamInitError, match="is of the type"):
         slam_init.find_scale(room_run.result.map, slam_init.parse_scale("distance:1"), **further)
 

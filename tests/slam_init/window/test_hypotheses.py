@@ -161,7 +161,7 @@ def test_the_noise_has_a_lower_limit():
     assert fit_hypotheses(tracks, motions, PRIORS).tracks.noise_px == pytest.approx(0.25)
 
 
-# -- relief ---------------------------------------------------------------------------------------
+# -- depth variation ---------------------------------------------------------------------------------------
 
 
 def test_a_room_that_is_proposed_with_a_plane_is_fitted_without_one():
@@ -179,7 +179,7 @@ def test_a_room_that_is_proposed_with_a_plane_is_fitted_without_one():
 
 
 @pytest.mark.parametrize("scene", ["wall", "corridor"])
-def test_where_a_relief_would_not_show_nothing_is_held_on_a_plane(scene):
+def test_where_a_depth_variation_would_not_show_nothing_is_held_on_a_plane(scene):
     """With little parallax the points of any scene lie near a plane, within the noise."""
     source, views = window_of(scene, 2, 3, baseline=0.01, noise_px=0.7)
     pose, rays1, rays2 = pose_of_pair(source.camera, *views[:2])

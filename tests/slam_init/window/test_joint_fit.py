@@ -19,7 +19,7 @@ from make_window import (
 from sequences_synth.points import make_points
 from slam_init.bundle.focal import camera_with_focal_factor
 from slam_init.window.equations import WindowEquations
-from slam_init.window.joint_fit import costs_off_plane, fit_window, information_of_relief, start_noise_factor
+from slam_init.window.joint_fit import costs_off_plane, fit_window, information_off_plane, start_noise_factor
 from slam_init.window.optimizer import OFF_PLANE_COST
 from slam_init.window.state import Priors, start_at
 from slam_init.window.tracks import WindowTracks, gather_tracks
@@ -99,7 +99,7 @@ def test_points_behind_the_cameras_leave_the_plane():
     np.testing.assert_allclose(fit.track_costs[behind], OFF_PLANE_COST, atol=1e-6)
 
 
-def wall_with_relief(seed, relief):
+def wall_with_panels(seed, relief):
     """Noisy tracks of a wall; the points of every fifth track stand before it by a share of their depth."""
     flat = make_window("wall", seed, 5, 80, baseline=0.3)
     stands = np.arange(80 * 115 // 100) % 5 == 0
@@ -114,8 +114,8 @@ def wall_with_relief(seed, relief):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_relief_leaves_the_plane_and_the_rest_stays(seed):
-    window, plane, stands = wall_with_relief(seed, 0.4)
+def test_depth_variation_leaves_the_plane_and_the_rest_stays(seed):
+    window, plane, stands = wall_with_panels(seed, 0.4)
     fit = fit_window(window.tracks, window.start(seed, 1.01 * plane, 0.002), PRIORS)
     used = window.tracks.seen.sum(axis=0) >= 4
     off = ~fit.state.on_plane
@@ -123,7 +123,7 @@ def test_relief_leaves_the_plane_and_the_rest_stays(seed):
     assert off[used & ~stands].mean() < 0.05
     assert (fit.track_costs[off & used] >= OFF_PLANE_COST).all()
     assert window.direction_error(fit.state) < np.radians(3)
-    # A plane without relief costs its tracks more.
+    # A plane without depth variation costs its tracks more.
     costs = costs_off_plane(fit)
     np.testing.assert_allclose(costs[off], fit.track_costs[off] - OFF_PLANE_COST, atol=0.5)
 
@@ -131,7 +131,7 @@ def test_relief_leaves_the_plane_and_the_rest_stays(seed):
 # -- rotation only --------------------------------------------------------------------------------
 
 
-def test_a_rotation_only_camera_tells_its_focal_length():
+def test_a_rotation_only_camera_determines_its_focal_length():
     true = camera_of(make_points("rotation", 2))
     window = make_window("rotation", 2, 6, 150, noise_px=0.3, stated=camera_with_focal_factor(true, 1.05))
     t = np.outer(np.arange(6), [1e-9, 0, 0])
@@ -218,7 +218,7 @@ def test_too_few_residuals_leave_the_noise_as_assumed():
     assert fit_near_truth(window).noise_factor == 1
 
 
-def test_without_a_plane_there_is_no_relief():
+def test_without_a_plane_there_is_no_depth_variation():
     window = make_window("room", 1, 3, 40, noise_px=0.5, baseline=0.2)
     fit = fit_window(window.tracks, window.start(0), PRIORS)
-    assert not information_of_relief(fit).any()
+    assert not information_off_plane(fit).any()

@@ -1,4 +1,4 @@
-"""Laws of the expansion of a fit in all its unknowns and in the error fields of the views."""
+"""Laws of the expansion of a fit in all its unknowns and in the fields of correlated errors of the views."""
 
 import numpy as np
 import pytest

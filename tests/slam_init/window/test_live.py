@@ -21,7 +21,7 @@ def propose(live, source, views):
 
 
 @pytest.mark.parametrize(("scene", "seed", "baseline"), [("room", 0, 0.15), ("wall", 2, 0.3)])
-def test_a_carried_motion_is_that_of_the_last_window_fitted_from_its_own_pair(scene, baseline, seed):
+def test_a_warm_started_motion_is_that_of_the_last_window_fitted_from_its_own_pair(scene, baseline, seed):
     source = point_source(scene, seed, baseline=baseline)
     observations = list(source.observations())
     live = LiveHypotheses()
@@ -53,7 +53,7 @@ def test_a_motion_is_carried_to_another_reference():
     assert direction < 3
 
 
-def test_further_views_drop_the_twin_of_a_plane():
+def test_further_views_drop_the_second_motion_of_a_plane():
     source = point_source("wall", 0, baseline=0.4)
     observations = list(source.observations())
     live = LiveHypotheses()

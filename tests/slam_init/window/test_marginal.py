@@ -1,4 +1,4 @@
-"""Laws of the integral over the error fields: it is that of the full normal equations, and tracks tell the scale."""
+"""Laws of the integral over fields of correlated errors: it equals the full normal equations, and finds the scale."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from make_window import PRIORS, make_window, point_source
 
-from slam_init.types.error_fields import FIELD_SCALES_PX
+from slam_init.types.correlated_errors import FIELD_SCALES_PX
 from slam_init.window.joint_fit import fit_window
 from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.marginal import marginalize_fields
@@ -101,9 +101,9 @@ def test_the_evidence_is_the_gaussian_integral_over_all_unknowns(linearization):
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-4)
 
 
-def small_fit(scene, seed, field_px):
-    """The expansion of the fit of a drawn world from its truth, and the root mean square of its field coefficients."""
-    source = point_source(scene, seed, field_px=field_px, outliers=0.0, views=6, points=200, baseline=0.2)
+def small_fit(scene, seed, correlated_px):
+    """The expansion of the fit of a simulated world from its truth, and the root mean square of its fields."""
+    source = point_source(scene, seed, correlated_px=correlated_px, outliers=0.0, views=6, points=200, baseline=0.2)
     tracks = gather_tracks(source.camera, list(source.observations()), 0.7)
     poses = source.groundtruth.world_from_cam
     relative = [poses[k].inverse() @ poses[0] for k in tracks.frames]
@@ -124,15 +124,15 @@ def test_tracks_without_fields_prefer_none():
     assert evidence[FIELD_SCALES_PX >= 0.25].max() < -8
 
 
-@pytest.mark.parametrize(("seed", "field_px"), [(0, 0.2), (1, 0.5), (2, 1.0)])
-def test_tracks_that_share_smooth_fields_prefer_a_scale_of_about_the_true_one(seed, field_px):
-    linearization, true_px = small_fit("room", seed, field_px)
+@pytest.mark.parametrize(("seed", "correlated_px"), [(0, 0.2), (1, 0.5), (2, 1.0)])
+def test_tracks_that_share_smooth_fields_prefer_a_scale_of_about_the_true_one(seed, correlated_px):
+    linearization, true_px = small_fit("room", seed, correlated_px)
     found = exact(linearization)
-    assert found.log_evidence.max() > (20 if field_px >= 0.5 else 2)
+    assert found.log_evidence.max() > (20 if correlated_px >= 0.5 else 2)
     assert 0.4 < FIELD_SCALES_PX[np.argmax(found.log_evidence)] / true_px < 2.5
 
 
-def test_a_pull_beyond_chance_in_a_direction_that_the_tracks_do_not_tell_is_no_evidence(linearization):
+def test_a_pull_beyond_chance_in_a_direction_that_the_tracks_do_not_determine_is_no_evidence(linearization):
     """Tracks that are held at infinity pull at fields along their epipolar lines, where they have no information."""
     found = marginalize_fields(linearization)
     field, other = np.flatnonzero(linearization.is_field), ~linearization.is_field

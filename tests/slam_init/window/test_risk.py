@@ -11,7 +11,7 @@ from quest.robust.spatial_blocks import regions_of
 from sequences_synth.points import PointOptions, make_points
 from slam_init.config import AcceptanceConfig
 from slam_init.datasets.synth import PointSource
-from slam_init.window.levels import BODIES_MOVE, FLOOR, PRINCIPAL_SIGMA
+from slam_init.window.levels import FLOOR, OBJECTS_MOVE, PRINCIPAL_SIGMA
 from slam_init.window.motion import fit_motion
 from slam_init.window.risk import risk_of
 from slam_init.window.state import Priors
@@ -35,7 +35,7 @@ def clear():
 def test_the_terms_add_up(scene, views):
     for seed in range(2):
         risk = risk_of(hypotheses(scene, seed, views, baseline=0.08, points=150))
-        terms = (risk.direction, risk.rival, risk.rotation, risk.moving, FLOOR)
+        terms = (risk.direction, risk.competing, risk.rotation, risk.moving, FLOOR)
         assert all(0 <= term <= 1 for term in terms)
         assert risk.total == pytest.approx(min(1.0, sum(terms)))
         assert risk.total >= FLOOR > 0
@@ -49,25 +49,25 @@ def test_views_between_the_pair_lower_the_risk_of_a_room():
     assert most.total < MAX_RISK
 
 
-def test_a_single_motion_has_no_rival(undecided, clear):
+def test_a_single_motion_has_no_competing_motion(undecided, clear):
     assert len(clear.motions) == 1
     for single in (clear, replace(undecided, motions=undecided.motions[:1])):
         risk = risk_of(single)
-        assert risk.rival == 0
+        assert risk.competing == 0
         assert risk.margin is None
 
 
 @pytest.mark.parametrize("seed", [0, 8])
-def test_a_plane_in_two_views_has_a_rival_that_is_as_probable(seed):
+def test_a_plane_in_two_views_has_a_competing_motion_that_is_as_probable(seed):
     """All points lie within the horizon of the twin."""
     risk = risk_of(hypotheses("wall", seed, 2, baseline=0.3))
-    assert 0.2 < risk.rival <= 0.5
+    assert 0.2 < risk.competing <= 0.5
     assert risk.total > 0.2
     assert not risk.margin.decides()
 
 
 @pytest.mark.parametrize("seed", [3, 4])
-def test_points_beyond_the_horizon_of_the_twin_of_a_plane_count_against_it(seed):
+def test_points_beyond_the_horizon_of_the_second_motion_of_a_plane_count_against_it(seed):
     found = hypotheses("wall", seed, 2, baseline=0.3)
     best, twin = found.motions
     truth = true_motion(point_source("wall", seed, baseline=0.3), 0, 11)
@@ -75,22 +75,22 @@ def test_points_beyond_the_horizon_of_the_twin_of_a_plane_count_against_it(seed)
     rays = twin.fit.state.rays
     beyond = (rays @ twin.fit.state.plane <= 0) & (found.tracks.anchor == 0)
     assert np.median((twin.fit.track_costs - best.fit.track_costs)[beyond]) > 3
-    assert risk_of(found).rival < 0.01
+    assert risk_of(found).competing < 0.01
 
 
 @pytest.mark.parametrize("seed", [0, 3])
-def test_further_views_decide_against_the_twin_of_a_plane(seed):
+def test_further_views_decide_against_the_second_motion_of_a_plane(seed):
     risk = risk_of(hypotheses("wall", seed, 12, baseline=0.3))
-    assert risk.rival < 1e-4
+    assert risk.competing < 1e-4
     assert risk.total < MAX_RISK
 
 
-def with_rival_costs(found, extra):
-    """The same hypotheses where the rival has the costs of the best motion plus those of the argument."""
-    best, rival = found.motions
+def with_competing_costs(found, extra):
+    """The same hypotheses where the competing motion has the costs of the best motion plus those of the argument."""
+    best, competing = found.motions
     costs = np.full_like(best.fit.track_costs, 1.0)
     a = replace(best, fit=replace(best.fit, track_costs=costs))
-    b = replace(rival, fit=replace(rival.fit, track_costs=costs + extra))
+    b = replace(competing, fit=replace(competing.fit, track_costs=costs + extra))
     return replace(found, motions=(a, b))
 
 
@@ -98,11 +98,11 @@ def test_tracks_of_one_region_of_the_image_cannot_decide(undecided):
     rays = undecided.motions[0].fit.state.rays
     region = regions_of(np.arctan2(rays[:, :2], rays[:, 2:]))
     largest = np.argmax(np.bincount(region))
-    risk = risk_of(with_rival_costs(undecided, 5.0 * (region == largest)))
-    assert risk.rival == 0.5
+    risk = risk_of(with_competing_costs(undecided, 5.0 * (region == largest)))
+    assert risk.competing == 0.5
     assert risk.margin.log_likelihood == pytest.approx(0, abs=1e-9)
-    others = risk_of(with_rival_costs(undecided, 5.0 * (region != largest)))
-    assert others.rival < 1e-9
+    others = risk_of(with_competing_costs(undecided, 5.0 * (region != largest)))
+    assert others.competing < 1e-9
 
 
 def test_votes_that_are_as_good_as_symmetric_do_not_decide(undecided):
@@ -111,26 +111,26 @@ def test_votes_that_are_as_good_as_symmetric_do_not_decide(undecided):
     scattered = 4.0 * np.where(np.arange(count) % 2, 1, -1)
     ahead = 12.0 / count
     for votes, decided in ((2 * (scattered + ahead), False), (2 * ahead * np.ones(count), True)):
-        risk = risk_of(with_rival_costs(undecided, np.asarray(votes)))
-        assert (risk.rival < 0.05) == decided
+        risk = risk_of(with_competing_costs(undecided, np.asarray(votes)))
+        assert (risk.competing < 0.05) == decided
 
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_a_track_votes_by_three_nats_at_the_most(undecided, sign):
     count = len(undecided.motions[0].fit.track_costs)
     some = (np.arange(count) % 7 == 0).astype(float)
-    margin = risk_of(with_rival_costs(undecided, 1e6 * sign * some)).margin
+    margin = risk_of(with_competing_costs(undecided, 1e6 * sign * some)).margin
     assert 0 < sign * margin.log_likelihood <= 3 * some.sum()
 
 
-def test_a_rival_that_locates_fewer_views_pays_for_the_views_it_leaves_out():
+def test_a_competing_motion_that_locates_fewer_views_pays_for_the_views_it_leaves_out():
     found = hypotheses("wall", 0, 4, baseline=0.3)
-    best, rival = found.motions
-    equal = replace(rival, fit=replace(rival.fit, track_costs=best.fit.track_costs))
+    best, competing = found.motions
+    equal = replace(competing, fit=replace(competing.fit, track_costs=best.fit.track_costs))
     fewer = replace(equal, rows=(0, 1, 2))
     with_all, without = (risk_of(replace(found, motions=(best, one))) for one in (equal, fewer))
-    assert with_all.rival == 0.5
-    assert without.rival < 1e-6
+    assert with_all.competing == 0.5
+    assert without.competing < 1e-6
 
 
 def risk_with_noise(noise_px, stated_px):
@@ -161,7 +161,7 @@ def test_the_direction_of_the_pair_is_the_first_of_the_views_and_that_of_a_near_
 
 
 @pytest.mark.parametrize(("share", "doubtful"), [(0.15, True), (0.4, False)])
-def test_a_view_that_fewer_tracks_locate_than_a_body_holds_is_as_doubtful_as_bodies_are(share, doubtful):
+def test_a_view_that_fewer_tracks_locate_than_a_moving_object_holds_is_as_doubtful_as_such_objects_are(share, doubtful):
     """Of all other views it knows nothing, and the risk of the pair stays nearly the same."""
     found = hypotheses("room", 0, 6)
     row = 4
@@ -170,14 +170,14 @@ def test_a_view_that_fewer_tracks_locate_than_a_body_holds_is_as_doubtful_as_bod
     best = found.motions[0]
     few = fit_motion(replace(found.tracks, seen=seen), best.motion, found.priors)
     risk, before = (risk_of(replace(found, tracks=one.tracks, motions=(one,))) for one in (few, best))
-    assert (risk.directions.of_views[row - 1] > 0.9 * BODIES_MOVE) == doubtful
+    assert (risk.directions.of_views[row - 1] > 0.9 * OBJECTS_MOVE) == doubtful
     others = [view for view in range(5) if view != row - 1]
-    assert max(risk.directions.of_views[view] for view in others) < 0.1 * BODIES_MOVE
+    assert max(risk.directions.of_views[view] for view in others) < 0.1 * OBJECTS_MOVE
     assert risk.total < 2 * before.total
 
 
 def test_the_relative_errors_of_the_depths_have_the_stated_size():
-    """The focal length is known, since that of the drawn worlds has no error."""
+    """The focal length is known, since that of the simulated worlds has no error."""
     ratios = []
     for seed in range(8):
         found = hypotheses("wall", seed, 6, priors=Priors(1e-6), baseline=0.2, outliers=0.0, points=150)
@@ -197,18 +197,18 @@ def test_the_relative_errors_of_the_depths_have_the_stated_size():
 
 
 def test_the_stated_size_of_the_error_fields_grows_with_that_of_the_tracks():
-    none, some, large = (risk_of(hypotheses("room", 0, 8, field_px=field_px)).field_px for field_px in (0, 0.5, 1.5))
+    none, some, large = (risk_of(hypotheses("room", 0, 8, correlated_px=px)).correlated_px for px in (0, 0.5, 1.5))
     assert none < 0.12
     assert none < some < large
     assert large > 0.5
 
 
-def test_above_a_bound_the_term_of_the_rivals_is_a_lower_one():
-    """Fits with error fields only raise it, so that the decision is the same."""
+def test_above_a_bound_the_term_of_the_competing_motions_is_a_lower_one():
+    """Fits with fields of correlated errors only raise it, so that the decision is the same."""
     for seed in range(3):
         found = hypotheses("nadir", seed, 6, baseline=0.06)
         whole, bounded = risk_of(found), risk_of(found, 0.005)
-        assert bounded.rival <= whole.rival
+        assert bounded.competing <= whole.competing
         assert (bounded.total <= 0.005) == (whole.total <= 0.005)
         if bounded.total <= 0.005:
             assert bounded.total == whole.total

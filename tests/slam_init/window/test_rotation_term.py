@@ -9,9 +9,9 @@ from make_window import hypotheses_of_scene as hypotheses
 
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.config import AcceptanceConfig
-from slam_init.window.levels import ON_BODIES, UNDECIDED
+from slam_init.window.levels import ON_OBJECTS, UNDECIDED
 from slam_init.window.risk import risk_of
-from slam_init.window.rotation_term import bodies_probability, rotation_probability
+from slam_init.window.rotation_term import moving_objects_probability, rotation_probability
 from slam_init.window.state import Priors
 from slam_init.window.uncertainty import expand
 
@@ -40,7 +40,7 @@ def test_the_rotation_term_falls_with_the_gain_over_the_rotation_only_camera(cle
     np.testing.assert_allclose(gains, [0, 200, 400, 800, 2000])
 
 
-def test_a_gain_tells_less_where_the_image_moved_further_for_a_tracker_keeps_errors(clear):
+def test_a_gain_weighs_less_where_the_image_moved_further_for_a_tracker_keeps_errors(clear):
     cost, fit = clear.motions[0].fit.cost, clear.rotation_only
     views = len(fit.state.R)
 
@@ -57,12 +57,12 @@ def test_a_gain_tells_less_where_the_image_moved_further_for_a_tracker_keeps_err
     assert most > 0.9
 
 
-def turned_views(scene, seed, turn_deg, lasting_px=0.0, on_body=0.0, **options):
+def turned_views(scene, seed, turn_deg, lasting_px=0.0, on_object=0.0, **options):
     """Three views, of which the later ones are turned; a tracker keeps an error of each track in both of them."""
     source, rng = point_source(scene, seed, noise_px=0.1, **options), np.random.default_rng(seed)
     views = pair_and_further(list(source.observations())[::5][:3], 3)
     ids = np.unique(np.concatenate([view.track_ids for view in views]))
-    errors, moves = rng.normal(0, lasting_px, (len(ids), 2)), rng.random(len(ids)) < on_body
+    errors, moves = rng.normal(0, lasting_px, (len(ids), 2)), rng.random(len(ids)) < on_object
     nearness, turned = 10 * rng.uniform(0.5, 1.5, len(ids)), []
     for view in views:
         later = view.frame > views[0].frame
@@ -78,7 +78,7 @@ def turned_views(scene, seed, turn_deg, lasting_px=0.0, on_body=0.0, **options):
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_two_views_tell_a_translation_beyond_what_a_tracker_keeps(seed):
+def test_two_views_show_a_translation_beyond_what_a_tracker_keeps(seed):
     """With a noise of a third of these errors, chance would gain more than outliers gain at the most."""
     camera, views = turned_views("room", seed, 20.0, baseline=0.3)
     found = hypotheses_of(camera, views[:2], PRIORS)
@@ -89,9 +89,9 @@ def test_two_views_tell_a_translation_beyond_what_a_tracker_keeps(seed):
 
 
 @pytest.mark.parametrize(("seed", "views"), [(0, 2), (1, 3)])
-def test_bodies_before_a_turning_camera_are_no_translation_whatever_its_tracker_keeps(seed, views):
-    """A third of the tracks moves with a body; the errors that the others keep gain for a translation as well."""
-    camera, turned = turned_views("rotation", seed, 15.0, lasting_px=0.3, on_body=0.3)
+def test_moving_objects_before_a_turning_camera_are_no_translation_whatever_its_tracker_keeps(seed, views):
+    """A third of the tracks is on a moving object; the errors that the others keep gain for a translation as well."""
+    camera, turned = turned_views("rotation", seed, 15.0, lasting_px=0.3, on_object=0.3)
     found = hypotheses_of(camera, turned[:views], PRIORS)
     assert risk_of(found).rotation > 0.5
 
@@ -104,22 +104,22 @@ def test_a_rotation_only_camera_of_wrong_focal_length_never_has_a_small_risk():
 
 
 @pytest.mark.parametrize("seed", range(1, 3))
-def test_before_a_camera_that_turns_bodies_that_hold_two_fifths_of_the_tracks_are_no_translation(seed):
+def test_before_a_camera_that_turns_moving_objects_that_hold_two_fifths_of_the_tracks_are_no_translation(seed):
     """They pull the camera that only rotates, so that the tracks at rest seem to gain by the translation as well."""
     source, rng = point_source("rotation", seed, noise_px=0.3), np.random.default_rng(seed)
     views = pair_and_further(list(source.observations()), 8)
     depths, views_moved = rng.uniform(0.5, 1.5, 10_000), []
     for view in views:
-        on_body = (view.track_ids % 5 < 2)[:, None]
+        on_object = (view.track_ids % 5 < 2)[:, None]
         step = (view.frame - views[0].frame) * np.array([1.5, 0.5]) * depths[view.track_ids, None]
-        pixels = view.pixels + on_body * step
+        pixels = view.pixels + on_object * step
         views_moved.append(replace(view, pixels=pixels, bearings=source.camera.bearings(pixels)))
     found = hypotheses_of(source.camera, views_moved, PRIORS)
     assert risk_of(found).rotation > MAX_RISK
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_each_half_of_a_scene_shows_the_translation_of_the_camera_beside_a_body(seed):
-    source = point_source("room", seed, noise_px=0.3, points=150, moving=0.4, bodies=1)
+def test_each_half_of_a_scene_shows_the_translation_of_the_camera_beside_a_moving_object(seed):
+    source = point_source("room", seed, noise_px=0.3, points=150, moving=0.4, objects=1)
     found = hypotheses_of(source.camera, pair_and_further(list(source.observations()), 6), PRIORS)
-    assert bodies_probability(found, ON_BODIES) < 1e-6
+    assert moving_objects_probability(found, ON_OBJECTS) < 1e-6

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
-from slam_init.window.tails import at_any_look, chi_square_as_gaussian, three_directions, two_directions
+from slam_init.window.tails import at_any_time, chi_square_as_gaussian, three_directions, two_directions
 
 
 @pytest.mark.parametrize("limit", [0.5, 1.5, 3.0])
-def test_an_error_in_two_or_three_directions_exceeds_a_limit_as_often_as_drawn_errors_do(limit):
+def test_an_error_in_two_or_three_directions_exceeds_a_limit_as_often_as_simulated_errors_do(limit):
     errors = np.random.default_rng(1).normal(size=(200_000, 3))
     assert two_directions(limit, np.ones(1))[0] == pytest.approx(
         (np.linalg.norm(errors[:, :2], axis=1) > limit).mean(), abs=0.004
@@ -24,11 +24,11 @@ def test_a_statistic_that_is_looked_at_often_exceeds_a_level_at_most_as_often_as
     steps = rng.normal(size=(100_000, len(information))) * np.sqrt(np.diff(information, prepend=0.0))
     statistics = np.cumsum(steps, axis=1) / np.sqrt(information)
     exceeded = (statistics > z).any(axis=1).mean()
-    assert (statistics[:, -1] > z).mean() < exceeded <= at_any_look(z)
+    assert (statistics[:, -1] > z).mean() < exceeded <= at_any_time(z)
 
 
 def test_looking_often_never_lowers_a_tail():
-    levels = [at_any_look(z) for z in np.linspace(-3, 8, 50)]
+    levels = [at_any_time(z) for z in np.linspace(-3, 8, 50)]
     assert all(0 <= level <= 1 for level in levels)
     assert levels[-1] < 1e-12
 

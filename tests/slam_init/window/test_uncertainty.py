@@ -21,7 +21,7 @@ from slam_init.window.uncertainty import (
     rotation_covariances,
 )
 
-#: The focal length is known, since that of the drawn worlds has no error.
+#: The focal length is known, since that of the simulated worlds has no error.
 KNOWN_FOCAL = Priors(focal_sigma=1e-6)
 SCENES = {"general": "room", "plane": "wall"}
 
@@ -114,7 +114,8 @@ def test_errors_have_the_stated_size(kind):
     """The pair is the first and a middle view. The mean over 40 windows; 1 if the covariance is right.
 
     The bounds are wide: the standard deviation of the mean is 0.13 for the rotation, 0.16 for the direction, and up to
-    0.22 for distances that share one error. Error fields, which these worlds do not have, add to the stated size.
+    0.22 for distances that share one error. Fields of correlated errors, which these worlds do not have, add to the
+    stated size.
     """
     squares = np.array(
         [
@@ -157,7 +158,7 @@ def direction_squares(seed: int) -> tuple[float, float]:
 def test_information_by_chance_is_not_counted_where_the_parallax_is_no_larger_than_the_errors():
     """The median over 40 windows, over that of chi-square with two degrees of freedom: 1 if the covariance is right.
 
-    Error fields, which these worlds do not have, add to the stated size.
+    Fields of correlated errors, which these worlds do not have, add to the stated size.
     """
     counted, left_out = np.median([direction_squares(seed) for seed in range(40)], axis=0) / 1.386
     assert counted > 4

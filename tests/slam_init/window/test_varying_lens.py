@@ -19,20 +19,20 @@ def lens_of(found):
 
 
 @pytest.mark.parametrize("scene", ["room", "corridor", "wall"])
-def test_a_lens_that_is_the_same_in_all_views_is_told(scene):
+def test_a_lens_that_is_the_same_in_all_views_is_reported(scene):
     found = hypotheses(scene, baseline=0.1)
     lens = lens_of(found)
     assert lens.probabilities[0] > 0.9
 
 
 @pytest.mark.parametrize(("scene", "zoom", "shift"), [("room", 0.01, 0.0), ("wall", 0.01, 0.0), ("room", 0.0, 0.01)])
-def test_a_lens_that_changes_is_told(scene, zoom, shift):
+def test_a_lens_that_changes_is_reported(scene, zoom, shift):
     lens = lens_of(hypotheses(scene, zoom=zoom, shift=shift, baseline=0.1))
     assert lens.probabilities[0] < 0.01
 
 
 @pytest.mark.parametrize("baseline", [0.03, 0.05])
-def test_a_slow_zoom_is_told(baseline):
+def test_a_slow_zoom_is_reported(baseline):
     """It is one change and not one for each view: with independent zooms alone the lens seemed fixed (0.96, 0.86)."""
     plain, zoomed = (lens_of(hypotheses("room", ramp=ramp, baseline=baseline)) for ramp in (0.0, 0.01))
     assert plain.probabilities[0] > 0.99
@@ -56,7 +56,7 @@ def test_a_lens_that_is_said_to_be_fixed_has_no_other_modes():
 
 
 def test_the_direction_of_a_rigid_scene_knows_that_the_lens_may_change():
-    """Otherwise a lens that changes would be taken for moving bodies."""
+    """Otherwise a lens that changes would be taken for moving objects."""
     risk = risk_of(hypotheses("wall", zoom=0.02, baseline=0.05, points=300))
     assert risk.directions.if_lens_fixed < 0.2 * risk.directions.if_rigid
 

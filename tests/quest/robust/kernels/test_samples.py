@@ -39,7 +39,7 @@ def test_the_pool_holds_distinct_modes_ordered_by_cost(seed, wrong, size, planar
 def test_the_best_model_does_not_depend_on_the_order_of_the_matches(seed):
     _, _, m, n = pose_and_matches(seed, 120, wrong=40)
     samples = draw_samples(np.random.default_rng(seed), len(m), 5, 200)
-    # Sorted matches would be judged by the wrong ones alone, which come first.
+    # Sorted matches would be evaluated by the wrong ones alone, which come first.
     orders = [np.random.default_rng([seed, k]).permutation(len(m)) for k in range(2)]
     first, second = (searched(m[order], n[order], np.argsort(order)[samples]) for order in orders)
     assert second[2][0] == pytest.approx(first[2][0])

@@ -107,8 +107,8 @@ def test_times_increase_also_where_those_of_the_stream_do_not(stated):
     with LiveSource("test", lambda: iter(images(8, stated))) as source:
         frames = list(source.frames())
     assert (np.diff([frame.timestamp_s for frame in frames]) > 0).all()
-    told = ("the times of the stream do not increase: times of arrival are taken",) if stated(7) else ()
-    assert source.notes == told
+    message = ("the times of the stream do not increase: times of arrival are taken",) if stated(7) else ()
+    assert source.notes == message
 
 
 # -- the end --------------------------------------------------------------------------------------
@@ -178,6 +178,6 @@ def test_a_camera_has_a_number(text):
         open_live(text)
 
 
-def test_a_password_is_not_told():
+def test_a_password_is_not_reported():
     assert open_live("rtsp://me:secret@host/path").name == "rtsp://host/path"
     assert without_password("--out a@b http://u:p@h/x") == "--out a@b http://h/x"

@@ -50,7 +50,7 @@ def test_the_transforms_bring_the_rates_to_the_camera(tmp_path, kind):
         ({"topics": ("/imu", "/imu2")}, "several"),
     ],
 )
-def test_a_gyroscope_that_cannot_be_used_is_told(tmp_path, options, note):
+def test_a_gyroscope_that_cannot_be_used_is_reported(tmp_path, options, note):
     source = open_source(with_imu("mcap", **options).write(tmp_path / "bag"))
     assert gyroscope_of(source) is None
     assert any(note in each for each in source.notes)

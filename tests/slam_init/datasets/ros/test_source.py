@@ -170,7 +170,7 @@ def test_a_bag_with_late_images_is_thinned_by_the_frames_that_it_gives(tmp_path,
         assert [frame.timestamp_s for frame in source.frames()] == expected == source.timestamps_s.tolist()
 
 
-def test_images_that_the_index_names_and_the_bag_lacks_are_told(tmp_path):
+def test_images_that_the_index_names_and_the_bag_lacks_are_reported(tmp_path):
     messages = Messages("mcap")
     for time_s in (5.0, 5.1, 5.2):
         messages.image("/cam/image_raw", time_s, GREY[0], "mono8")
@@ -223,7 +223,7 @@ def test_a_camera_that_is_recorded_twice_and_a_depth_image_need_no_choice(tmp_pa
     assert any("/cam/image_raw/compressed" in note for note in source.notes)
 
 
-def test_a_bag_without_images_tells_what_it_holds(tmp_path):
+def test_a_bag_without_images_lists_what_it_holds(tmp_path):
     messages = Messages("ros1")
     messages.camera_info("/cam/camera_info", 1.0, CAMERA)
     with pytest.raises(SourceError, match="but /cam/camera_info"):

@@ -1,4 +1,4 @@
-"""A judged window, and what follows from it: the gates on its risk, its reason, the next lens, and its evidence.
+"""An evaluated window, and what follows from it: the gates on its risk, its reason, the next lens, and its evidence.
 
 All of it is a function of the window. Nothing here looks at the history or remembers an earlier window.
 """
@@ -12,8 +12,8 @@ import numpy as np
 
 from quest.geometry.epipolar import depths_from_pose
 from quest.noise import GATE_SIGMAS
+from slam_init.decision.current_pose import WindowMotion
 from slam_init.decision.lens import advice_on, followed
-from slam_init.decision.pose_so_far import WindowMotion
 from slam_init.decision.two_views import MatchedPair
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.evidence import WindowEvidence
@@ -50,7 +50,7 @@ def off_plane(pose: Pose, rays1: Floats, rays2: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
-class JudgedWindow:
+class EvaluatedWindow:
     """A window: its pair, its hypotheses and the risk of the best one."""
 
     pair: MatchedPair
@@ -79,9 +79,9 @@ class JudgedWindow:
             R = self.hypotheses.rotation_only.state.R
             poses = {frame: Pose(R[k], np.zeros(3)) for k, frame in enumerate(self.hypotheses.tracks.frames)}
         pair, directions = (self.best.frames[0], self.best.frames[1]), self.risk.directions
-        rivals_deg = [self.best.difference_deg(one) for one in self.hypotheses.motions[1:]]
-        # The motion may be that of a rival.
-        rotation_deg, direction_deg = math.sqrt(self.risk.rival) * np.max([(0.0, 0.0), *rivals_deg], axis=0)
+        differences_deg = [self.best.difference_deg(one) for one in self.hypotheses.motions[1:]]
+        # A competing motion may be right.
+        rotation_deg, direction_deg = math.sqrt(self.risk.competing) * np.max([(0.0, 0.0), *differences_deg], axis=0)
         sigmas_deg = (
             math.hypot(directions.rotation_sigma_deg, rotation_deg),
             math.hypot(directions.sigma_deg, direction_deg),
@@ -132,7 +132,7 @@ class JudgedWindow:
             planar=hypotheses.planar,
             risk=risk.total,
             risk_direction=risk.direction,
-            risk_rival=risk.rival,
+            risk_competing=risk.competing,
             risk_rotation=risk.rotation,
             risk_moving=risk.moving,
             risk_floor=FLOOR,
@@ -140,7 +140,7 @@ class JudgedWindow:
             rotation_sigma_deg=risk.directions.rotation_sigma_deg,
             depth_sigma=risk.depth_sigma,
             noise_px=hypotheses.tracks.noise_px,
-            field_px=risk.field_px,
+            correlated_px=risk.correlated_px,
             rotation_log_likelihood=risk.rotation_log_likelihood,
             focal_factor=math.exp(lens.log_scale + found.mean.log_scale),
             focal_sigma=found.focal_sigma,
@@ -179,7 +179,7 @@ class JudgedWindow:
     def _held_by_lens(self, reason: Verdict, max_risk: float) -> bool:
         """Whether the direction would be known well enough if the focal length were."""
         risk = self.risk
-        by_direction = reason in (Verdict.LOW_PARALLAX, Verdict.MOVING_BODIES) and risk.direction >= risk.rival
+        by_direction = reason in (Verdict.LOW_PARALLAX, Verdict.MOVING_OBJECTS) and risk.direction >= risk.competing
         wide = self.focal_sigma > MAX_FOCAL_SIGMA
         return by_direction and wide and risk.directions.with_known_lens <= max_risk
 
@@ -187,15 +187,15 @@ class JudgedWindow:
         """The verdict and the advice: no translation if it is not significant, else the largest term of the risk."""
         planar, risk = self.hypotheses.planar, self.risk
         # A rotation with a wrong focal length looks like a plane with two motions: then neither motion may be right.
-        unlikely = max_risk if planar and risk.rival >= risk.direction else UNDECIDED
-        if risk.rotation > unlikely or risk.rotation >= max(risk.rival, risk.direction):
+        unlikely = max_risk if planar and risk.competing >= risk.direction else UNDECIDED
+        if risk.rotation > unlikely or risk.rotation >= max(risk.competing, risk.direction):
             noise_px = self.hypotheses.tracks.noise_px
             if noise_px > _CHANCE_PX:
                 return Verdict.NO_CONSISTENT_MOTION, _CHANCE.format(noise_px)
             return Verdict.PURE_ROTATION, None
-        if risk.moving >= max(risk.rival, risk.directions.if_rigid):
-            return Verdict.MOVING_BODIES, None
-        if risk.rival >= risk.direction:
+        if risk.moving >= max(risk.competing, risk.directions.if_rigid):
+            return Verdict.MOVING_OBJECTS, None
+        if risk.competing >= risk.direction:
             if planar:
                 return Verdict.AMBIGUOUS_PLANE, None
             return Verdict.LOW_PARALLAX, "two motions explain the tracks: translate further, best sideways"
@@ -204,4 +204,4 @@ class JudgedWindow:
         if not self.lens.is_unknown and risk.directions.if_lens_right <= max_risk:
             return Verdict.LOW_PARALLAX, None
         # A rigid scene with these tracks would be known well enough.
-        return (Verdict.LOW_PARALLAX if risk.directions.if_rigid > max_risk else Verdict.MOVING_BODIES), None
+        return (Verdict.LOW_PARALLAX if risk.directions.if_rigid > max_risk else Verdict.MOVING_OBJECTS), None

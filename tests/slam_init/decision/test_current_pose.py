@@ -9,7 +9,7 @@ from make_window import point_source
 
 from quest.geometry.quaternion import rotation_angle
 from slam_init import Initializer
-from slam_init.decision.pose_so_far import PoseSoFar
+from slam_init.decision.current_pose import CurrentPose
 from slam_init.types.history import History
 from slam_init.types.status import PoseKind
 
@@ -73,7 +73,7 @@ def test_the_deviation_knows_that_a_wall_has_two_motions():
 
 def test_after_a_cut_there_is_no_pose_and_the_first_camera_stays_the_first():
     source = point_source("rotation", 0, views=12)
-    history, pose, seen = History(source.camera, 2), PoseSoFar(), list(source.observations())
+    history, pose, seen = History(source.camera, 2), CurrentPose(), list(source.observations())
     found = []
     for k, observed in enumerate(seen):
         after = replace(observed, track_ids=observed.track_ids + (0 if k < 5 else 10_000))

@@ -19,7 +19,7 @@ from slam_init.types.result import MAX_SEGMENTS, Attempt, Result, Segment
 from slam_init.types.stopwatch import StageTimes
 
 if TYPE_CHECKING:
-    from slam_init.decision.pose_so_far import WindowMotion
+    from slam_init.decision.current_pose import WindowMotion
     from slam_init.mapping.growing import Located
     from slam_init.mapping.map_building import MapWithViews
     from slam_init.mapping.refinement import Refinement
@@ -35,18 +35,18 @@ class Outcome:
     accepted: MapWithViews | None = None
     #: The maps of two motions that the tracks do not decide between, the better one first.
     hypotheses: tuple[InitialMap, ...] = ()
-    #: The vote between the best motion and its nearest rival; None without a rival.
+    #: The vote between the best motion and its nearest competing motion; None without a competing motion.
     margin: Margin | None = None
-    #: The poses of the cameras of the judged window; None where no window was judged.
+    #: The poses of the cameras of the evaluated window; None where no window was evaluated.
     motion: WindowMotion | None = None
-    #: The lens to go on with; None where no window was judged.
+    #: The lens to go on with; None where no window was evaluated.
     lens: LensInUse | None = None
 
 
-class MapsSoFar:
+class MapCandidates:
     """The maps of the attempts up to now: an accepted map, or two undecided maps, and the segments before a restart.
 
-    Two maps are undecided where they are those of both motions of a plane, or of the scene at rest and a large body.
+    Two maps are undecided where they are those of both motions of a plane, or of the scene at rest and a large object.
     An accepted map may grow by further frames. From the end of its growth on it is handed over.
 
     * ``recorder``: Receives a report when a map is accepted or has grown, and when the undecided maps change.
@@ -74,7 +74,7 @@ class MapsSoFar:
         self._first = frame if self._first is None else self._first
 
     def restart(self) -> None:
-        """Start anew; an accepted map becomes a segment."""
+        """Restart; an accepted map becomes a segment."""
         self._earlier.extend(self._current_segment())
         self._forget()
 
@@ -103,7 +103,7 @@ class MapsSoFar:
             self._recorder.undecided(self.hypotheses)
 
     @property
-    def handed_over(self) -> bool:
+    def is_final(self) -> bool:
         """Whether there is an accepted map that does not grow any more."""
         return self._refinement is not None and self._refinement.done
 
@@ -127,7 +127,7 @@ class MapsSoFar:
             self._replace(self._refinement.map)
         return located
 
-    def hand_over(self) -> None:
+    def finalize(self) -> None:
         """Take the accepted map, if there is one, as it has grown."""
         if self._refinement is not None and not self._refinement.done:
             self._refinement.end()

@@ -1,8 +1,8 @@
 """The pose of the newest camera before the map and while it grows.
 
-Where a window was judged, its best motion, or the camera that only rotates, tells the rotation of its newest frame.
+Where a window was evaluated, its best motion, or the camera that only rotates, tells the rotation of its newest frame.
 From there the rotation is carried on: the tracks that a frame shares with an anchor are aligned by a rotation. Frames
-that were not judged mostly have little parallax to all candidates.
+that were not evaluated mostly have little parallax to all candidates.
 """
 
 from __future__ import annotations
@@ -41,18 +41,18 @@ _SHARED_PARALLAX = 6.0
 
 @dataclass(frozen=True, eq=False)
 class WindowMotion:
-    """What a judged window says of its cameras: those of the best motion, or of the camera that only rotates."""
+    """What an evaluated window says of its cameras: those of the best motion, or of the camera that only rotates."""
 
     #: By absolute frame index.
     cam_from_world: dict[int, Pose]
-    #: Reference, and the frame that was judged.
+    #: Reference, and the frame that was evaluated.
     frames: tuple[int, int]
     rotates_only: bool
     rotation_sigma_deg: float
     direction_sigma_deg: float
 
 
-class PoseSoFar:
+class CurrentPose:
     """Keeps the rotation of each frame of the history from the first frame, and tells the pose of the newest."""
 
     def __init__(self) -> None:
@@ -63,7 +63,7 @@ class PoseSoFar:
     def update(
         self, history: History, current: Observations, window: WindowMotion | None, map_: InitialMap | None
     ) -> CameraPose | None:
-        """Go on with a frame, what its judgement says, and the map if it was accepted; return the pose of the frame.
+        """Go on with a frame, what its evaluation says, and the map if it was accepted; return the pose of the frame.
 
         * Returns: None for the first frame, and where too few tracks link a frame without a map to it.
         """
@@ -94,18 +94,18 @@ class PoseSoFar:
         )
 
     def _fix(self, history: History, window: WindowMotion) -> None:
-        """Take the rotation of the judged frame from that of the reference, where this is known."""
-        reference, judged = window.frames
+        """Take the rotation of the evaluated frame from that of the reference, where this is known."""
+        reference, evaluated = window.frames
         start = self._known.get(reference)
-        if start is None or judged not in history or judged not in window.cam_from_world:
+        if start is None or evaluated not in history or evaluated not in window.cam_from_world:
             return
-        turned = window.cam_from_world[judged].R @ window.cam_from_world[reference].R.T
+        turned = window.cam_from_world[evaluated].R @ window.cam_from_world[reference].R.T
         sigma_rad = math.radians(window.rotation_sigma_deg)
         if window.rotates_only and reference in history:
-            i, j = common_tracks(history[reference], history[judged])
-            sigma_rad = _sigma_rad(turned, history[reference].bearings[i], history[judged].bearings[j])
-        self._known[judged] = (turned @ start[0], start[1] + sigma_rad**2)
-        self._anchor = judged
+            i, j = common_tracks(history[reference], history[evaluated])
+            sigma_rad = _sigma_rad(turned, history[reference].bearings[i], history[evaluated].bearings[j])
+        self._known[evaluated] = (turned @ start[0], start[1] + sigma_rad**2)
+        self._anchor = evaluated
 
     def _from_anchor(self, history: History, current: Observations) -> tuple[Floats, float] | None:
         """The rotation of a frame by the tracks that it shares with the anchor, or with the frame before."""

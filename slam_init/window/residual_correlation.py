@@ -1,7 +1,7 @@
 """Errors that neighbouring tracks have in common.
 
 The covariance of a fit assumes that the errors of the tracks are independent. Where the model does not hold in a part
-of the view, the residuals of neighbours have the same direction: a moving body that the fit explains in part, a lens
+of the view, the residuals of neighbours have the same direction: a moving object that the fit explains in part, a lens
 that the calibration does not describe, a tracker that prefers one side. The sum of N errors of variance 1 with
 correlations ``rho_ij`` has the variance ``N + sum rho_ij`` over all pairs. Beyond the neighbourhood the correlations
 vanish, so that each variance of a fit is too small by the factor ``1 + sum_j rho_ij``: the sum over the neighbours of a
@@ -17,13 +17,13 @@ from slam_init.window.joint_fit import NEAR_SIGMAS, JointFit
 from slam_init.window.kernels import TUKEY_GATES
 from slam_init.window.levels import NEIGHBOURHOOD
 
-#: Neighbours that a track is compared with: a body holds four tracks or more, or pulls little. The bound is exceeded by
-#: chance once in twenty, that many standard deviations beyond the mean.
+#: Neighbours that a track is compared with: a moving object holds four tracks or more, or pulls little. The bound is
+#: exceeded by chance once in twenty, that many standard deviations beyond the mean.
 #: Class: level.
 _COMPARED, _BOUND_SIGMAS = 3, 1.645
 
 
-def variance_by_neighbours(fit: JointFit, places: Floats) -> float:
+def variance_by_correlation(fit: JointFit, places: Floats) -> float:
     """Factor on each variance of a fit for the errors that neighbouring tracks share.
 
     Shapes: ``places`` (T, 2).
@@ -40,10 +40,10 @@ def variance_by_neighbours(fit: JointFit, places: Floats) -> float:
     return 1.0 + max(float(np.sum(errors * (near @ errors))) / total, 0.0) if total > 0 else 1.0
 
 
-def agreement_of_neighbours(fit: JointFit, of: Bools, places: Floats) -> float:
+def residual_agreement(fit: JointFit, of: Bools, places: Floats) -> float:
     """How far the residuals of some tracks agree with those of their neighbours among them: at most, from 0 to 1.
 
-    Tracks on a body that moves agree (0.7 to 1), wrong matches and tracks with more noise than others do not.
+    Tracks on a moving object agree (0.7 to 1), wrong matches and tracks with more noise than others do not.
 
     Shapes: ``of`` (T,), ``places`` (T, 2).
     """

@@ -1,4 +1,4 @@
-"""Smooth error fields: what the tracks of a view share, of the lens model, of the shutter, of the tracker.
+"""Smooth fields of correlated errors of the tracks of a view: errors of lens model, shutter and tracker.
 
 A field moves both coordinates of the pixels of a view by six polynomials each. How large the twelve coefficients are is
 not known beforehand, and the tracks tell: errors that neighbours share do not average out. So the scale of the fields
@@ -31,7 +31,7 @@ FIELD_SCALES_PX.setflags(write=False)
 FIELD_PRIOR.setflags(write=False)
 
 
-class ErrorFields(NamedTuple):
+class CorrelatedErrors(NamedTuple):
     """The fields that a quadratic expansion tells, along the eigenvectors of the information about them."""
 
     #: (F,) Eigenvalues of the information.
@@ -46,7 +46,7 @@ class ErrorFields(NamedTuple):
     log_evidence: Floats
 
     @staticmethod
-    def of(information: Floats, gradient: Floats, largest_pull_sigmas: float = LARGEST_PULL_SIGMAS) -> ErrorFields:
+    def of(information: Floats, gradient: Floats, largest_pull_sigmas: float = LARGEST_PULL_SIGMAS) -> CorrelatedErrors:
         """The fields by the information (F, F) that other unknowns leave, and the gradient (F,).
 
         * ``largest_pull_sigmas``: A larger pull of the fields counts as this number of its standard deviations;
@@ -58,7 +58,7 @@ class ErrorFields(NamedTuple):
         pull = np.clip(axes.T @ gradient, -largest, largest)
         spread = squares / (1 + squares * strength)
         log_evidence = 0.5 * (spread @ pull**2 - np.log1p(squares * strength).sum(axis=1))
-        return ErrorFields(strength, pull, axes, spread, log_evidence)
+        return CorrelatedErrors(strength, pull, axes, spread, log_evidence)
 
     @property
     def mean_square(self) -> float:

@@ -22,7 +22,7 @@ _FAR = 1e4
 
 
 @dataclass(frozen=True, eq=False)
-class CarriedPoints:
+class WarmStart:
     """The points of the tracks of a fit."""
 
     #: (T,) In ascending order.
@@ -34,7 +34,7 @@ class CarriedPoints:
     explained: Bools
 
     @staticmethod
-    def of(tracks: WindowTracks, state: WindowState, explained: Bools) -> CarriedPoints:
+    def of(tracks: WindowTracks, state: WindowState, explained: Bools) -> WarmStart:
         """The points of a state.
 
         Shapes: ``explained`` (T,).
@@ -44,9 +44,9 @@ class CarriedPoints:
         R, t, rho = state.R[anchor], state.t[anchor], state.distances_by_plane(tracks.anchor)[used]
         on_plane = state.on_plane[used] & (state.plane is not None)
         points = np.einsum("tji,tj->ti", R, rays - rho[:, None] * t)
-        return CarriedPoints(tracks.track_ids[used], np.column_stack([points, rho]), on_plane, explained[used])
+        return WarmStart(tracks.track_ids[used], np.column_stack([points, rho]), on_plane, explained[used])
 
-    def moved(self, new_from_old: Pose) -> CarriedPoints:
+    def moved(self, new_from_old: Pose) -> WarmStart:
         """The same points in another world."""
         X, w = self.points[:, :3], self.points[:, 3]
         moved = X @ new_from_old.R.T + w[:, None] * new_from_old.t

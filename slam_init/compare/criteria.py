@@ -1,11 +1,11 @@
-"""How each sequence is judged: how far its ground truth can be trusted, and within which bounds a map is correct.
+"""How each sequence is evaluated: how far its ground truth can be trusted, and within which bounds a map is correct.
 
 ==================  ===================================================================================
 truth               a map is correct if every keyframe is within
 ==================  ===================================================================================
 ``sound``           5 degrees in rotation and 15 degrees in the direction of its baseline
 ``coarse``          5 degrees in rotation and 25 degrees in direction: the truth itself is off by up to ten
-``rotations only``  the bound of its rotation; the direction is not judged
+``rotations only``  the bound of its rotation; the direction is not evaluated
 ``none``            no bound: nothing is known about the map
 ==================  ===================================================================================
 
@@ -13,7 +13,7 @@ If the camera does not translate, every map is false, because no baseline exists
 for a panorama it says that the camera did not translate.
 
 A sequence is recognized by the name of its folder (:data:`SEQUENCES`), and a synthetic world by its scene. All other
-sequences are judged as sound if they have a ground truth.
+sequences are evaluated as sound if they have a ground truth.
 """
 
 from __future__ import annotations
@@ -44,29 +44,29 @@ class Criteria:
     #: A correct map has a smaller error of the rotation, in degrees.
     rotation_deg: float = 5.0
     #: A correct map has a smaller error of the direction of the baseline, in degrees. None if the direction is not
-    #: judged.
+    #: evaluated.
     direction_deg: float | None = 15.0
     #: The reason that a method should give if it finds no map; None if no reason is expected.
     expected_reason: str | None = None
-    #: Why the sequence is not judged by the defaults; empty otherwise.
+    #: Why the sequence is not evaluated by the defaults; empty otherwise.
     note: str = ""
 
     @property
     def rule(self) -> str:
-        """Return the criteria in words, as in the column ``judged_by`` of ``results.csv``.
+        """Return the criteria in words, as in the column ``evaluated_by`` of ``results.csv``.
 
         * Returns: For example ``rotation within 5 deg, direction within 15 deg``.
         """
         if self.no_translation:
             return "every map is false"
         if self.truth is Truth.NONE:
-            return "not judged"
+            return "not evaluated"
         rotation = f"rotation within {self.rotation_deg:g} deg"
         return rotation if self.direction_deg is None else f"{rotation}, direction within {self.direction_deg:g} deg"
 
 
 #: For sequences without ground truth.
-NOT_JUDGED = Criteria(truth=Truth.NONE, direction_deg=None)
+NOT_EVALUATED = Criteria(truth=Truth.NONE, direction_deg=None)
 
 #: Synthetic scenes whose camera does not translate.
 _ONLY_TURNING = Criteria(no_translation=True, expected_reason="pure_rotation")

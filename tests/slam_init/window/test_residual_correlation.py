@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from make_window import fitted_window
 
-from slam_init.window.neighbours import agreement_of_neighbours, variance_by_neighbours
+from slam_init.window.residual_correlation import residual_agreement, variance_by_correlation
 
 
 def factor(fit, residuals):
-    return variance_by_neighbours(replace(fit, residuals=residuals), fit.tracks.pixels[0])
+    return variance_by_correlation(replace(fit, residuals=residuals), fit.tracks.pixels[0])
 
 
 @pytest.fixture(scope="module")
@@ -47,17 +47,17 @@ def agreement(fit, residuals, of=None):
     tracks = fit.tracks
     of = np.ones(len(tracks.anchor), bool) if of is None else of
     everywhere = replace(tracks, seen=np.ones_like(tracks.seen))
-    return agreement_of_neighbours(replace(fit, tracks=everywhere, residuals=residuals), of, tracks.pixels[0])
+    return residual_agreement(replace(fit, tracks=everywhere, residuals=residuals), of, tracks.pixels[0])
 
 
-def test_tracks_on_a_body_agree_and_noise_does_not(fitted):
+def test_tracks_on_a_moving_object_agree_and_noise_does_not(fitted):
     rng = np.random.default_rng(2)
     shape = (*fitted.tracks.seen.shape, 2)
     of_noise = [agreement(fitted, 8 * rng.normal(size=shape)) for _ in range(20)]
     assert max(of_noise) < 0.2
     moved = 8 * rng.normal(size=(shape[0], 1, 2)) + rng.normal(size=shape)
     assert agreement(fitted, moved) > 0.9
-    # Two bodies on both sides of the image move as each of them does.
+    # Two moving objects on both sides of the image move as each of them does.
     left = fitted.tracks.pixels[0, :, 0] < fitted.tracks.camera.width / 2
     two = np.where(left[:, None], moved, -moved)
     assert agreement(fitted, two) > 0.8

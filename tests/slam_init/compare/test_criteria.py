@@ -1,8 +1,8 @@
-"""How sequences are judged: each bound separates correct maps from false ones."""
+"""How sequences are evaluated: each bound separates correct maps from false ones."""
 
 import pytest
 
-from slam_init.compare.judging import Criteria, criteria_of, group_of_scene
+from slam_init.compare.criteria import Criteria, criteria_of, group_of_scene
 from slam_init.compare.measures import PoseErrors, is_correct, is_strict
 
 
