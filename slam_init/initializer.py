@@ -1,6 +1,6 @@
 """The pipeline, to be read from top to bottom.
 
-For each frame (:meth:`Initializer._step`). The stages have the names of their times (``Result.timing_ms``):
+For each frame (:meth:`Initializer._step`). Each stage is timed under its name (``Result.timing_ms``):
 
 =============  ======================================================================================================
 stage          what it does
@@ -11,11 +11,11 @@ stage          what it does
 ``evaluate``   :mod:`slam_init.decision.screening` refuses the frame if no pair shows enough tracks or motion; else
                :mod:`slam_init.decision.window_rule` evaluates the window: the pair and further views
 ``two_view``   inside ``evaluate``: :mod:`quest` proposes motions from the best pair
-``map``        inside ``evaluate``: all views are fitted for each motion. :mod:`slam_init.decision.evaluated_window`
-               states the risk that the best one is wrong, the reason, and the lens to go on with;
-               :mod:`slam_init.decision.window_map` builds the map of an accepted motion, or of the two motions that
-               the views do not decide between; :mod:`slam_init.decision.depths` asks whether a tracker can go on from
-               its landmarks
+``map``        inside ``evaluate``: all views are fitted for each motion. :mod:`slam_init.window.risk` states the risk
+               that the best one is wrong. :mod:`slam_init.decision.evaluated_window` names the reason, and the lens to
+               go on with. :mod:`slam_init.decision.window_map` builds the map of an accepted motion, or of the two
+               motions that the views do not decide between. :mod:`slam_init.decision.depths` asks whether a tracker
+               can go on from its landmarks
 ``refine``     in place of ``pairs`` and ``evaluate`` once a map is accepted: :mod:`slam_init.mapping.refinement`
                locates the frame in the map, which grows
 =============  ======================================================================================================

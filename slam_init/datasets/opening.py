@@ -102,6 +102,7 @@ _FILES: tuple[Layout, ...] = (
     _file("ros1", "a ROS 1 bag", (".bag",), ROS1, RosSource),
     _file("ros2", "a ROS 2 bag", STORAGE_SUFFIXES, MCAP, RosSource),
     _file("colmap-database", "a database of COLMAP", (".db",), SQLITE, open_colmap_database),
+    # The last one: any other file is tried as a video.
     Layout("video", "a video", lambda _: True, lambda path, _: open_video(path)),
 )
 

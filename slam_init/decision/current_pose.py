@@ -47,7 +47,7 @@ class WindowMotion:
     cam_from_world: dict[int, Pose]
     #: Reference, and the frame that was evaluated.
     frames: tuple[int, int]
-    rotates_only: bool
+    only_rotates: bool
     rotation_sigma_deg: float
     direction_sigma_deg: float
 
@@ -83,7 +83,7 @@ class CurrentPose:
         if found is None:
             return None
         R, variance = found
-        if window is None or window.rotates_only or current.frame not in window.cam_from_world:
+        if window is None or window.only_rotates or current.frame not in window.cam_from_world:
             return CameraPose(PoseKind.ROTATION, R, math.degrees(math.sqrt(variance)))
         reference = window.frames[0]
         pose = window.cam_from_world[current.frame] @ window.cam_from_world[reference].inverse()
@@ -101,7 +101,7 @@ class CurrentPose:
             return
         turned = window.cam_from_world[evaluated].R @ window.cam_from_world[reference].R.T
         sigma_rad = math.radians(window.rotation_sigma_deg)
-        if window.rotates_only and reference in history:
+        if window.only_rotates and reference in history:
             i, j = common_tracks(history[reference], history[evaluated])
             sigma_rad = _sigma_rad(turned, history[reference].bearings[i], history[evaluated].bearings[j])
         self._known[evaluated] = (turned @ start[0], start[1] + sigma_rad**2)

@@ -187,8 +187,8 @@ class EvaluatedWindow:
         """The verdict and the advice: no translation if it is not significant, else the largest term of the risk."""
         planar, risk = self.hypotheses.planar, self.risk
         # A rotation with a wrong focal length looks like a plane with two motions: then neither motion may be right.
-        unlikely = max_risk if planar and risk.competing >= risk.direction else UNDECIDED
-        if risk.rotation > unlikely or risk.rotation >= max(risk.competing, risk.direction):
+        largest = max_risk if planar and risk.competing >= risk.direction else UNDECIDED
+        if risk.rotation > largest or risk.rotation >= max(risk.competing, risk.direction):
             noise_px = self.hypotheses.tracks.noise_px
             if noise_px > _CHANCE_PX:
                 return Verdict.NO_CONSISTENT_MOTION, _CHANCE.format(noise_px)

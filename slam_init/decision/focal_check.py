@@ -72,7 +72,7 @@ class FocalCheck:
         self._contradicted = False
         self._unchecked: EvaluatedWindow | None = None
 
-    def __call__(self, window: EvaluatedWindow, *, accepted: bool) -> FreeFocal | None:
+    def check(self, window: EvaluatedWindow, *, accepted: bool) -> FreeFocal | None:
         """The free fit of a window; None where no check is due.
 
         * ``accepted``: Whether nothing else refuses a map of the window.

@@ -33,7 +33,7 @@ class FrameSkipper:
         self._score = 0.0
         self._skipped, self._frames = 0, 0
 
-    def skips(self, score: float, last: EvaluatedWindow | None) -> bool:
+    def count_and_skip(self, score: float, last: EvaluatedWindow | None) -> bool:
         """Whether a frame is left out; called once a frame.
 
         * ``score``: The best score of its pairs (:attr:`~slam_init.frontend.keyframes.PairPreview.direction_score`).

@@ -91,13 +91,13 @@ class WindowRule:
         self._history = history
         self._shutter = shutter
         self._third_view = third_view
-        self._estimate = propose or pose_at_fitting_threshold
+        self._propose_pose = propose or pose_at_fitting_threshold
         self._live = LiveHypotheses(config.map.min_noise_px)
         self._focal_check = FocalCheck()
         self._skipper = FrameSkipper()
         self._threshold_rad = config.two_view.threshold_px / history.camera.focal_px
         self._reference: int | None = None
-        self._rotates = False
+        self._only_rotated = False
         self._last: EvaluatedWindow | None = None
         # The motion of other tracks in the last window that was searched for one.
         self._other = OtherMotion()
@@ -105,7 +105,7 @@ class WindowRule:
     def renewed(self) -> WindowRule:
         """A rule with the same options that has evaluated nothing."""
         return WindowRule(
-            self._config, self._history, self._shutter, third_view=self._third_view, propose=self._estimate
+            self._config, self._history, self._shutter, third_view=self._third_view, propose=self._propose_pose
         )
 
     def evaluate(
@@ -118,10 +118,11 @@ class WindowRule:
         """Judge a frame.
 
         * ``chosen``: The pair that quest proposes new motions from; None where no pair is worth it.
-        * Returns: None where no pair was chosen, and no motion is known or the window holds the pair alone; or where
-          the last window was so far from a map that this frame cannot be enough.
+        * Returns: None where the frame is not evaluated. That is so where the last window was so far from a map that
+          this frame cannot be enough. It is also so where no pair was chosen and no known motion can go on: there is
+          none, the window holds the pair alone, or its last reference is no candidate now.
         """
-        if self._skipper.skips(max((pair.direction_score for pair in pairs), default=0.0), self._last):
+        if self._skipper.count_and_skip(max((pair.direction_score for pair in pairs), default=0.0), self._last):
             return None
         preview = chosen or next((pair for pair in pairs if pair.reference == self._reference), None)
         # Without further views, an earlier motion has only the reference in common with the window.
@@ -130,7 +131,7 @@ class WindowRule:
             return None
         views = self._views(preview, current)
         attempt = self._attempt(views.pair)
-        if self._rotates and all(one.parallax_share < LEAST_PARALLAX_SHARE for one in pairs):
+        if self._only_rotated and all(one.parallax_share < LEAST_PARALLAX_SHARE for one in pairs):
             # The joint fit of a rotation-only camera takes the most steps, and no pair tells anything new.
             outcome = Outcome(attempt.refused_at(Verdict.PURE_ROTATION, Stage.MOTION))
         else:
@@ -169,7 +170,7 @@ class WindowRule:
         if chosen is not None:
             self._reference = chosen.reference
             with stopwatch("two_view"):
-                pose, self._threshold_rad = self._estimate(self._history.camera, self._config, views.pair)
+                pose, self._threshold_rad = self._propose_pose(self._history.camera, self._config, views.pair)
                 gravities = self._history.gravities
                 pose = upright_or(pose, views.pair, gravities, self._threshold_rad, self._config.seed)
             attempt = self._proposed(views.pair, pose, attempt)
@@ -180,9 +181,12 @@ class WindowRule:
             return self._fit_and_state_risk(attempt, views)
 
     def _fit_and_state_risk(self, attempt: Attempt, views: _Views) -> Outcome:
-        """Fit the motions to the window, state the risk, and build the map where it is small."""
+        """Fit the motions to the window, state the risk, and build the map where it is small.
+
+        The check of the focal length may still refuse an accepted window.
+        """
         try:
-            found = self._estimated(views)
+            found = self._hypotheses_and_risk(views)
         except np.linalg.LinAlgError as error:
             # A degenerate window: its motions must not be the start of the next one.
             self._live.forget()
@@ -192,12 +196,12 @@ class WindowRule:
             self._last = None
             return Outcome(attempt.refused_at(Verdict.NO_CONSISTENT_MOTION, Stage.MAP))
         hypotheses, risk = found
-        pair = self._with_readout(views.pair, risk)
+        pair = self._adopt_readout(views.pair, risk)
         window = EvaluatedWindow(pair, hypotheses, risk, self._history.lens, self._threshold_rad)
         # A camera that merely rotates is evaluated again once a pair shows parallax.
-        self._last, self._rotates = window, window.only_rotates
+        self._last, self._only_rotated = window, window.only_rotates
         outcome = self._accept_or_refuse(window, window.with_evidence(attempt))
-        free = self._focal_check(window, accepted=outcome.accepted is not None)
+        free = self._focal_check.check(window, accepted=outcome.accepted is not None)
         outcome = replace(outcome, attempt=replace(outcome.attempt, free_focal=free))
         if outcome.accepted is not None and free is not None and free.contradicts:
             refused = outcome.attempt.refused_at(Verdict.WRONG_FOCAL_LENGTH, Stage.MAP)
@@ -205,7 +209,7 @@ class WindowRule:
         self._live.change_lens(window.lens, outcome.lens or window.lens)
         return replace(outcome, motion=window.motion, margin=risk.margin)
 
-    def _estimated(self, views: _Views) -> tuple[WindowHypotheses, WindowRisk] | None:
+    def _hypotheses_and_risk(self, views: _Views) -> tuple[WindowHypotheses, WindowRisk] | None:
         """The hypotheses of a window and the risk of the best one; None without hypotheses."""
         lens, history = self._history.lens, self._history
         measured = [history.relative_rotation(view.frame) for view in views.all]
@@ -310,7 +314,7 @@ class WindowRule:
             return attempt.refused_at(Verdict(pose.reason), Stage.TWO_VIEWS)
         return refuse_rotation(self._history.camera, self._config, attempt, pose)
 
-    def _with_readout(self, pair: MatchedPair, risk: WindowRisk) -> MatchedPair:
+    def _adopt_readout(self, pair: MatchedPair, risk: WindowRisk) -> MatchedPair:
         """Correct the rays of the history for the readout that the window found; return the pair with these rays."""
         is_known = risk.lens.readout_sigma_s == 0
         if is_known or not self._shutter.adopt(self._history, significant_readout_s(risk.lens)):

@@ -18,7 +18,7 @@ from slam_init.types.initial_map import InitialMap
 class Refinement:
     """An accepted map that grows.
 
-    * ``map``: The map as it was handed over: the accepted one until :attr:`done`, and the grown one from then on.
+    * ``map``: The accepted map until :attr:`done`, and the grown one from then on.
     * ``done``: Whether it is handed over.
     * ``frames``: Number of frames since the acceptance.
     """

@@ -56,7 +56,7 @@ class TwoViewEvidence:
 
 @dataclass(frozen=True)
 class FreeFocal:
-    """The focal length by the tracks of a window alone, where they contradict the stated one."""
+    """The focal length by the tracks of a window alone."""
 
     #: stated_px, estimated_px: The stated focal length and that of the tracks.
     stated_px: float
@@ -97,9 +97,8 @@ class WindowEvidence:
     risk : float
         Probability that the map is wrong; the sum of the five terms below, at most 1.
     risk_direction, risk_competing, risk_rotation, risk_moving, risk_floor : float
-        By the uncertainty of direction and rotation, by another motion, by a camera that only rotates, by moving
-        objects (tracks with a rigid motion of their own, or a half of the view that prefers another motion), and by
-        what is not modelled.
+        By the uncertainty of direction and rotation, by a competing motion, by a camera that only rotates, by moving
+        objects (tracks with a rigid motion of their own), and by what is not modelled.
     direction_sigma_deg, rotation_sigma_deg : float
         Largest standard deviations of the direction of the baseline and of the rotation of the pair.
     depth_sigma : float

@@ -60,7 +60,8 @@ class Attempt(Described):
     two_view : TwoViewEvidence or None
         Figures of the relative pose; None if the pair was refused before.
     free_focal : FreeFocal or None
-        The focal length by the tracks alone; None if they do not contradict the stated one, or it was not fitted.
+        The focal length by the tracks alone, where it was fitted; ``contradicts`` says whether it contradicts the
+        stated one.
     window : WindowEvidence or None
         Figures of the joint estimate of all views; None if no motion was known, and for the rules of another method.
     map : MapEvidence or None

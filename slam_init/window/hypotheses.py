@@ -347,7 +347,7 @@ def _fit_turning(tracks: WindowTracks, start: WindowState | Motion, priors: Prio
 
 
 def _with_stated_focal(lens: Lens) -> Lens:
-    """The distortion and the readout of a lens."""
+    """A lens with the stated focal length and principal point."""
     return Lens(k1=lens.k1, readout_s=lens.readout_s)
 
 

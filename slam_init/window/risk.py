@@ -77,8 +77,8 @@ class WindowRisk:
 
     @property
     def seeks_objects(self) -> bool:
-        """Whether another motion was looked for: it is not where the camera or its direction is open anyway."""
-        return not _is_open(self.rotation, self.direction)
+        """Whether another motion was looked for: it is not where rotation or direction alone exclude a map."""
+        return not _is_undecided(self.rotation, self.direction)
 
     @property
     def total(self) -> float:
@@ -108,13 +108,13 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
     direction = directions.of_pair
     by_rotation = _rotation_risk(hypotheses, expanded, direction)
     rotation = by_rotation.probability
-    other, is_open = OtherMotion(), _is_open(rotation, direction)
-    if not is_open:
+    other, is_undecided = OtherMotion(), _is_undecided(rotation, direction)
+    if not is_undecided:
         # Another motion is sought where the window has a map without it; one that was found before is followed.
         seeks = direction + rotation + FLOOR <= max_risk
         other = other_motion(hypotheses, directions.rotation_sigma_deg, directions.sigma_deg, seeks=seeks)
     # Fits with fields take half of a frame that waits: before a camera that turns, .36 s without this condition.
-    competing, nearest = competing_term(hypotheses, expanded, directions.sigma_deg, with_fits=not is_open)
+    competing, nearest = competing_term(hypotheses, expanded, directions.sigma_deg, with_fits=not is_undecided)
     return WindowRisk(
         direction=direction,
         competing=competing,
@@ -145,7 +145,7 @@ def with_zooming_rotation(hypotheses: WindowHypotheses, risk: WindowRisk) -> Win
         return replace(risk, rotation=min(1.0, risk.rotation + zooming_probability(hypotheses)))
 
 
-def _is_open(rotation: float, direction: float) -> bool:
+def _is_undecided(rotation: float, direction: float) -> bool:
     """Whether a window has no map even without the terms of competing motions and objects, which need further fits."""
     return max(rotation, direction) > UNDECIDED
 

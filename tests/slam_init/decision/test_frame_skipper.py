@@ -16,14 +16,14 @@ def window(views, total=1.0, sigma_deg=1.0):
 def after(frames):
     """A skipper after some frames."""
     skipper = FrameSkipper()
-    assert not any(skipper.skips(1.0, None) for _ in range(frames))
+    assert not any(skipper.count_and_skip(1.0, None) for _ in range(frames))
     return skipper
 
 
 def left_out(skipper, last, score=1.0):
     """The frames that are left out before the next evaluation."""
     count = 0
-    while skipper.skips(score, last):
+    while skipper.count_and_skip(score, last):
         count += 1
     return count
 
@@ -32,7 +32,7 @@ def left_out(skipper, last, score=1.0):
 def test_a_tenth_of_the_frames_so_far_is_left_out_at_most(frames, sigma_deg, most):
     """Or one frame after a window at even odds, and three where the direction is unknown."""
     assert left_out(after(frames), window(12, sigma_deg=sigma_deg)) == most
-    assert not after(frames).skips(20.0, window(12, sigma_deg=sigma_deg))
+    assert not after(frames).count_and_skip(20.0, window(12, sigma_deg=sigma_deg))
 
 
 def test_no_frame_is_left_out_before_the_first_window_and_after_one_that_is_nearly_a_map_or_has_few_views():
