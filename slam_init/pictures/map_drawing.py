@@ -28,8 +28,8 @@ _MOST_FRUSTA = 12
 
 
 def widest_view(map_: InitialMap) -> str:
-    """Choose the view in which a map fills most area."""
-    low, high = _extent(map_)
+    """Choose the view along the axis in which the landmarks spread least: a plane is never seen edge-on."""
+    low, high = np.quantile(map_.points, _QUANTILES, axis=0)
     return max(_VIEWS, key=lambda name: float(np.prod((high - low)[list(_VIEWS[name][:2])])))
 
 
