@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from slam_init.cli.parser import (
     DONE,
     NOT_INITIALIZED,
+    OUT_HELP,
     Commands,
     UsageError,
     add_command,
@@ -50,9 +51,7 @@ def add_run(commands: Commands) -> None:
         "'command:PROGRAM {images} {times} {camera} {out}'",
     )
     add_list_methods(decision)
-    decision.add_argument(
-        "--seed", type=number(0), metavar="N", help="of random draws and synthetic worlds (default: 0)"
-    )
+    decision.add_argument("--seed", type=number(0), metavar="N", help="of draws and synthetic worlds (default: 0)")
     decision.add_argument("--config", metavar="FILE", help="options in TOML, as in DIR/config.toml")
     decision.add_argument(
         "--matcher",
@@ -101,12 +100,12 @@ def add_run(commands: Commands) -> None:
         type=number(0),
         metavar="N",
         dest="continue_frames",
-        help="then resect the next N frames with the map; with --restart: frames to read after the first map",
+        help="then locate the next N frames in the map; with --restart: read N frames after the first map",
     )
     after.add_argument(
         "--restart",
         action="store_true",
-        help="follow the frames after the map and start anew where it is lost: one map a segment",
+        help="follow the frames after the map, start anew where it is lost: a map a segment, frame numbers of SOURCE",
     )
     after.add_argument(
         "--scale",
@@ -132,12 +131,7 @@ def add_run(commands: Commands) -> None:
         "--live=rerun+http://HOST:9876/proxy uses one that runs",
     )
     results = run.add_argument_group("results")
-    results.add_argument(
-        "--out",
-        metavar="DIR",
-        default=_DEFAULT_OUT,
-        help="results: a new or empty folder, or one of an earlier run (default: %(default)s)",
-    )
+    results.add_argument("--out", metavar="DIR", default=_DEFAULT_OUT, help=OUT_HELP)
     results.add_argument("--no-overview", action="store_true", help="do not draw DIR/overview.png")
     results.add_argument("--json", action="store_true", help="print the summary as JSON and nothing else")
     results.add_argument("--quiet", action="store_true", help="print nothing but errors (and --json)")
