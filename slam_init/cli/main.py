@@ -32,6 +32,7 @@ def entry_point() -> NoReturn:
     """The console script."""
     fill_closed_streams()
     silence_native_stderr()
+    os.environ.setdefault("TQDM_NROWS", "24")  # a terminal that states no size, as of script(1), would get no bar
     code = main()
     if code > INTERRUPTED:
         # Where an interrupt comes inside ``exec``, Python ends by SIGINT later, whatever the exit code.
@@ -100,12 +101,9 @@ def make_parser() -> Parser:
         allow_abbrev=False,
         formatter_class=_Help,
     )
-    parser.add_argument("--version", action=Tells, nargs=0, const=_version_text, help="print the version and exit")
+    version = f"slam-init {slam_init.__version__}\n"
+    parser.add_argument("--version", action=Tells, nargs=0, const=lambda: version, help="print the version and exit")
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     for add in (add_run, add_view, add_info, add_compare, add_calibrate, add_audit, add_synth):
         add(commands)
     return parser
-
-
-def _version_text() -> str:
-    return f"slam-init {slam_init.__version__}\n"

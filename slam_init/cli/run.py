@@ -19,7 +19,7 @@ from slam_init.cli.parser import (
     refuse_changed,
 )
 from slam_init.cli.source_options import BY_IMU, SENSORS, add_source, chosen_camera, opened_source, with_gravity
-from slam_init.system.process_io import tell
+from slam_init.system.process_io import complain, tell
 from slam_init.system.regular_file import user_path
 
 if TYPE_CHECKING:
@@ -143,15 +143,16 @@ def _run(arguments: argparse.Namespace) -> int:
     from slam_init.scale.requests import parse_scale
 
     arguments.export = arguments.export.split(",") if arguments.export is not None else ()
-    if arguments.scale is not None:
-        arguments.scale = parse_scale(arguments.scale)
-    if arguments.config is not None:
-        arguments.config = user_path(arguments.config)
+    arguments.scale = arguments.scale and parse_scale(arguments.scale)
+    arguments.config = arguments.config and user_path(arguments.config)
     read = (arguments.images, arguments.camera, arguments.mask, arguments.imu, arguments.config, arguments.gravity)
     inputs = [arguments.source, *(file for file in read if file not in (None, True, BY_IMU))]
     out = chosen_folder(arguments.out, "run", inputs)
 
-    from slam_init.datasets.live import is_live
+    from slam_init.datasets.live import is_live, without_password
+
+    if not arguments.quiet and sys.stderr.isatty():  # the libraries take seconds to load, before there is a bar
+        complain(f"reading {without_password(arguments.source)}")
     from slam_init.output.plain_json import json_text
     from slam_init.output.report import report_text
     from slam_init.output.result_folder import earlier_result
