@@ -74,7 +74,7 @@ def draw_cameras(axes: Axes, map_: InitialMap, view: str, truth: Floats | None =
     _draw_path(axes, map_, view, truth)
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.12)
-    axes.set_facecolor("none")
+    axes.set_facecolor(GROUND)
     axes.set_title("the cameras alone", loc="left", color="white", fontsize=9, pad=3)
     axes.tick_params(labelsize=7, colors=FAINT, length=0)
     axes.locator_params(nbins=4)
