@@ -190,7 +190,7 @@ class Config(Described):
 
     method: str = "quest"
     seed: int = _within(0, 0, 2**63 - 1, "it is stored in 64 bits")
-    refine_frames: int | None = _within(None, 0, 1_000_000, "frames")
+    refine_frames: int | None = _within(None, 0, 1_000_000, "frames; None grows until the depths are known")
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
     keyframes: KeyframeConfig = field(default_factory=KeyframeConfig)
     two_view: TwoViewConfig = field(default_factory=TwoViewConfig)

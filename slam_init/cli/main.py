@@ -8,6 +8,7 @@ Whatever is wrong is reported in one line on stderr.
 
 from __future__ import annotations
 
+import argparse
 import os
 import signal
 import sys
@@ -31,6 +32,7 @@ def entry_point() -> NoReturn:
     """The console script."""
     fill_closed_streams()
     silence_native_stderr()
+    os.environ.setdefault("TQDM_NROWS", "24")  # a terminal that states no size, as of script(1), would get no bar
     code = main()
     if code > INTERRUPTED:
         # Where an interrupt comes inside ``exec``, Python ends by SIGINT later, whatever the exit code.
@@ -80,6 +82,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     return code
 
 
+class _Help(argparse.HelpFormatter):
+    """A column of names that is wide enough for those of the commands, which stand deeper than options."""
+
+    def add_argument(self, action: argparse.Action) -> None:
+        """Measure an option, or the list of the commands."""
+        super().add_argument(action)
+        self._action_max_length += 2 * (action.nargs == argparse.PARSER)
+
+
 def make_parser() -> Parser:
     """Make the parser of all commands; the page of the command line is made from it."""
     parser = Parser(
@@ -88,13 +99,11 @@ def make_parser() -> Parser:
         epilog="Exit codes: 0 initialized or done, 2 bad input, 3 never initialized (audit: doubtful), 4 audit: wrong, "
         "130 interrupted (128 + signal).",
         allow_abbrev=False,
+        formatter_class=_Help,
     )
-    parser.add_argument("--version", action=Print, nargs=0, const=_version_text, help="print the version and exit")
-    commands = parser.add_subparsers(metavar="COMMAND")
-    for add in (add_run, add_view, add_info, add_synth, add_compare, add_calibrate, add_audit):
+    version = f"slam-init {slam_init.__version__}\n"
+    parser.add_argument("--version", action=Print, nargs=0, const=lambda: version, help="print the version and exit")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND")
+    for add in (add_run, add_view, add_info, add_compare, add_calibrate, add_audit, add_synth):
         add(commands)
     return parser
-
-
-def _version_text() -> str:
-    return f"slam-init {slam_init.__version__}\n"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from slam_init.cli.parser import (
     DONE,
     NOT_INITIALIZED,
+    OUT_HELP,
     Commands,
     UsageError,
     add_command,
@@ -18,7 +19,7 @@ from slam_init.cli.parser import (
     refuse_changed,
 )
 from slam_init.cli.source_options import BY_IMU, SENSORS, add_source, chosen_camera, opened_source, with_gravity
-from slam_init.system.process_io import emit
+from slam_init.system.process_io import complain, emit
 from slam_init.system.regular_file import user_path
 
 if TYPE_CHECKING:
@@ -50,9 +51,7 @@ def add_run(commands: Commands) -> None:
         "'command:PROGRAM {images} {times} {camera} {out}'",
     )
     add_list_methods(decision)
-    decision.add_argument(
-        "--seed", type=number(0), metavar="N", help="of random draws and synthetic worlds (default: 0)"
-    )
+    decision.add_argument("--seed", type=number(0), metavar="N", help="of draws and synthetic worlds (default: 0)")
     decision.add_argument("--config", metavar="FILE", help="options in TOML, as in DIR/config.toml")
     decision.add_argument(
         "--matcher",
@@ -101,12 +100,12 @@ def add_run(commands: Commands) -> None:
         type=number(0),
         metavar="N",
         dest="continue_frames",
-        help="then resect the next N frames with the map; with --restart: frames to read after the first map",
+        help="then locate the next N frames in the map; with --restart: read N frames after the first map",
     )
     after.add_argument(
         "--restart",
         action="store_true",
-        help="follow the frames after the map and restart where it is lost: one map a segment",
+        help="follow the frames after the map, restart where it is lost: a map a segment, frame numbers of SOURCE",
     )
     after.add_argument(
         "--scale",
@@ -132,12 +131,7 @@ def add_run(commands: Commands) -> None:
         "--live=rerun+http://HOST:9876/proxy uses one that runs",
     )
     results = run.add_argument_group("results")
-    results.add_argument(
-        "--out",
-        metavar="DIR",
-        default=_DEFAULT_OUT,
-        help="results: a new or empty folder, or one of an earlier run (default: %(default)s)",
-    )
+    results.add_argument("--out", metavar="DIR", default=_DEFAULT_OUT, help=OUT_HELP)
     results.add_argument("--no-overview", action="store_true", help="do not draw DIR/overview.png")
     results.add_argument("--json", action="store_true", help="print the summary as JSON and nothing else")
     results.add_argument("--quiet", action="store_true", help="print nothing but errors (and --json)")
@@ -149,15 +143,16 @@ def _run(arguments: argparse.Namespace) -> int:
     from slam_init.scale.requests import parse_scale
 
     arguments.export = arguments.export.split(",") if arguments.export is not None else ()
-    if arguments.scale is not None:
-        arguments.scale = parse_scale(arguments.scale)
-    if arguments.config is not None:
-        arguments.config = user_path(arguments.config)
+    arguments.scale = arguments.scale and parse_scale(arguments.scale)
+    arguments.config = arguments.config and user_path(arguments.config)
     read = (arguments.images, arguments.camera, arguments.mask, arguments.imu, arguments.config, arguments.gravity)
     inputs = [arguments.source, *(file for file in read if file not in (None, True, BY_IMU))]
     out = chosen_folder(arguments.out, "run", inputs)
 
-    from slam_init.datasets.live import is_live
+    from slam_init.datasets.live import is_live, without_password
+
+    if not arguments.quiet and sys.stderr.isatty():  # the libraries take seconds to load, before there is a bar
+        complain(f"reading {without_password(arguments.source)}")
     from slam_init.output.plain_json import json_text
     from slam_init.output.report import report_text
     from slam_init.output.result_folder import earlier_result

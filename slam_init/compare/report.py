@@ -89,7 +89,7 @@ def main_table(summary: Figures) -> str:
             rows[f"{method_label(method)}, risk all"] |= {
                 name: reliability[name]["rate"] for name in ("direction", "rotation")
             }
-        tables.append(_table(LEVELS[level], rows, _RELIABILITY))
+        tables.append(_table(f"stated risk, {LEVELS[level]}", rows, _RELIABILITY))
     return "\n\n".join(tables)
 
 
@@ -148,7 +148,7 @@ def _charts(table: DataFrame, methods: Sequence[str]) -> dict[str, str]:
             ("Direction error", table["direction_error_deg"], errors, {"xlabel": "degrees (5, 15)", "xscale": "log"}),
         ):
             by_method = [values[table["method"] == method] for method in methods]
-            charts[title] = _svg(_curves(by_method, edges, methods), ylabel="share of trials", **axis)
+            charts[title] = _svg(_curves(by_method, edges, methods), ylabel="share of trials", ylim=(0, None), **axis)
     ended = table[outcome.isin(["none", "error"])]
     shares = 100 * ended.groupby(["method", "reason"]).size() / table.groupby("method").size()
     bars = shares.unstack().reindex(list(methods)[::-1]).rename(index=method_label, columns=in_words)
@@ -172,8 +172,9 @@ def _svg(draw: Callable[[Axes], object], **axes: Any) -> str:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    style: Any = dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), _GREY)
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": str(axes), "font.size": 8, **style}):
+    grey: Any = dict.fromkeys(("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), _GREY)
+    # Without a margin the drop to 0 behind the last value of a curve lies on the frame.
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": str(axes), "font.size": 8, "axes.xmargin": 0, **grey}):
         figure = Figure(figsize=(5.2, 3.2), layout="constrained")
         plot = figure.subplots()
         draw(plot)

@@ -164,7 +164,7 @@ def _stretch(
     result = initializer.finish()
     if result.reason == Verdict.UNKNOWN_FOCAL_LENGTH:
         count = last.index - first.index + 1
-        found = by_all_frames(source, first.index, count, initializer.motion, camera, config)
+        found = by_all_frames(source, first.index, count, initializer.motion, camera, config, False)
         if found is not None:
             return found, result
     windows = [attempt.window for attempt in result.attempts if attempt.window is not None]
@@ -177,7 +177,7 @@ def _stretch(
 
 
 def by_all_frames(
-    source: Source, start: int, count: int, motion: FittedPoses | None, camera: Camera, config: Config
+    source: Source, start: int, count: int, motion: FittedPoses | None, camera: Camera, config: Config, bar: bool
 ) -> StretchEstimate | None:
     """The lens by one bundle adjustment of all frames of a stretch; None where it does not tell the focal length.
 
@@ -186,12 +186,15 @@ def by_all_frames(
 
     * ``motion``: The poses of some of the frames, and the camera that was fitted with them, as a start.
     * ``camera``: What is known before.
+    * ``bar``: Whether to show the progress.
     """
+    from tqdm import tqdm
+
     if motion is None or camera.model not in ("pinhole", "radtan") or any(camera.distortion[2:]):
         return None
     poses, begun = motion
     tracker = make_tracker(begun, replace(config.tracking, matcher=_MATCHER))
-    for frame in source.frames(start, count):
+    for frame in tqdm(source.frames(start, count), "all frames", count, leave=False, unit="frame", disable=not bar):
         if isinstance(source, TrackProvider):
             tracker.history.put(source.observed(frame, begun))
         else:

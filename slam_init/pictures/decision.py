@@ -84,7 +84,7 @@ def _draw_terms(axes: Axes, frames: Floats, attempts: Sequence[Attempt]) -> None
         lines = ~np.isnan(values[1:] + values[:-1])  # a single value makes no line
         if lines.any() and np.nanmax(values) > _LEAST_RISK:
             shown = np.clip(values, _LEAST_RISK, 1.0)
-            axes.plot(frames, shown, linestyle=dashes, color=FAINT, linewidth=1.0, label=f"part of it: {label}")
+            axes.plot(frames, shown, linestyle=dashes, color=FAINT, linewidth=1.0, label=f"part: {label}")
 
 
 def _draw_risk(axes: Axes, frames: Floats, attempts: Sequence[Attempt]) -> None:
@@ -100,7 +100,7 @@ def _draw_risk(axes: Axes, frames: Floats, attempts: Sequence[Attempt]) -> None:
     axes.plot(frames[known], shown[known], "-", color=INK, linewidth=1.2, label="risk")  # a frame with one has a dot
     colors = [VERDICT_COLORS[attempt.verdict] for attempt in attempts]
     size = float(np.clip(300 / len(frames), 2.5, 7))
-    axes.scatter(frames, shown, s=size**2, c=colors, linewidths=0, zorder=3)
+    axes.scatter(frames, shown, s=size**2, c=colors, linewidths=0, zorder=3, clip_on=False)
     axes.add_artist(axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.02)))  # the strip has another one
 
 

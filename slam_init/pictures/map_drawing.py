@@ -28,8 +28,8 @@ _MOST_FRUSTA = 12
 
 
 def widest_view(map_: InitialMap) -> str:
-    """Choose the view in which a map fills most area."""
-    low, high = _extent(map_)
+    """Choose the view along the axis in which the landmarks spread least: a plane is never seen edge-on."""
+    low, high = np.quantile(map_.points, _QUANTILES, axis=0)
     return max(_VIEWS, key=lambda name: float(np.prod((high - low)[list(_VIEWS[name][:2])])))
 
 
@@ -74,7 +74,7 @@ def draw_cameras(axes: Axes, map_: InitialMap, view: str, truth: Floats | None =
     _draw_path(axes, map_, view, truth)
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.12)
-    axes.set_facecolor("none")
+    axes.set_facecolor(GROUND)
     axes.set_title("the cameras alone", loc="left", color="white", fontsize=9, pad=3)
     axes.tick_params(labelsize=7, colors=FAINT, length=0)
     axes.locator_params(nbins=4)

@@ -131,14 +131,15 @@ def _facts(result: Result) -> list[str]:
     evidence, stated = window.window, result.camera
     depth_sigma = evidence.depth_sigma if map_ is None else map_.depth_sigma
     risk = evidence.risk if map_ is None else map_.model_risk or evidence.risk
-    known = "unknown" if stated.source == "prior" else f"stated {stated.focal_px:.0f} px ({stated.source})"
-    estimate = f"{evidence.focal_factor * stated.focal_px:.0f} px +- {evidence.focal_sigma:.1%}"
+    # Where the tracks contradict a stated focal length, a line of its own says so.
+    fitted = f"not stated, fitted {evidence.focal_factor * stated.focal_px:.0f} px +- {evidence.focal_sigma:.1%}"
+    focal = fitted if stated.source == "prior" else f"{stated.focal_px:.0f} px ({stated.source})"
     direction = f"+- {evidence.direction_sigma_deg:.2g} deg" if evidence.direction_sigma_deg < 90 else "unknown"
     depths = f"+- {depth_sigma:.1%}" if depth_sigma < 1 else "unknown"
     return [
         *facts,
         "  |  ".join([f"risk {risk_in_words(risk)}", *parts]),
-        f"focal length {known}, fitted {estimate}  |  direction of the baseline {direction}  |  depths {depths}",
+        f"focal length {focal}  |  direction of the baseline {direction}  |  depths {depths}",
     ]
 
 
@@ -160,8 +161,8 @@ def _draw_column(figure: Figure, top: float, result: Result, summary: Summary, s
         known = None if result.map is None else np.isin(shown.track_ids, result.map.track_ids)
         axes = axes_at(figure, _LEFT + k * (width + gap), top, width, height)
         draw_frame(axes, shown, frames[k - 1] if k else None, camera.width, known)
-    words = "yellow: tracks, and how they moved since the frame on the left"
-    words += "; green: landmarks of the map" if result.map is not None else ""
+    words = "yellow: tracks and their motion since the frame on the left"
+    words += "; green: landmarks" if result.map is not None else ""
     words = words if frames else "no frame was read"
     write(blank(axes_at(figure, _LEFT, top + height, _LEFT_WIDTH, 20)), 0.0, 0.8, words, 9, FAINT)
     top += height + 50

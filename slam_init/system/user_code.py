@@ -38,7 +38,7 @@ def _module_of(file: Path) -> ModuleType:
         return sys.modules[name]
     spec = spec_from_file_location(name, path)
     if spec is None or spec.loader is None or not path.is_file():
-        raise ImportError(f"{file} is not a Python file")
+        raise ImportError(f"there is no file {file}")
     module = sys.modules[name] = module_from_spec(spec)
     try:
         spec.loader.exec_module(module)

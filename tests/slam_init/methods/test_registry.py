@@ -52,5 +52,5 @@ def test_a_method_in_a_file_is_made_by_its_path_and_labelled_by_its_name(tmp_pat
     name = f"{file}:MedianParallax"
     assert type(make_two_view(name)) is type(make_two_view(name))  # the file is executed once
     assert method_label(name) == "add_a_method:MedianParallax"
-    with pytest.raises(ConfigError, match=r"nothing\.py is not a Python file"):
+    with pytest.raises(ConfigError, match=r"there is no file .*nothing\.py"):
         make_two_view("nothing.py:MedianParallax")

@@ -81,7 +81,7 @@ class Tracks:
 
 
 def lens_from(tracks, poses, camera):
-    return by_all_frames(tracks, 0, 10, (poses, camera), PRIOR, Config())
+    return by_all_frames(tracks, 0, 10, (poses, camera), PRIOR, Config(), bar=False)
 
 
 def test_three_poses_and_a_poor_lens_lead_to_the_lens_of_all_frames_and_a_wrong_motion_to_none():
@@ -93,7 +93,7 @@ def test_three_poses_and_a_poor_lens_lead_to_the_lens_of_all_frames_and_a_wrong_
     assert (found.k1, found.k2) == pytest.approx(BENT.distortion[:2], abs=0.03)
     backwards = {k: tracks.poses[9 - k] for k in (0, 5, 9)}
     assert lens_from(tracks, backwards, BENT) is None
-    assert by_all_frames(tracks, 0, 10, None, PRIOR, Config()) is None
+    assert by_all_frames(tracks, 0, 10, None, PRIOR, Config(), bar=False) is None
     # A lens that is no polynomial of two coefficients stays.
     wide = Camera("fisheye", 640, 480, 300.0, 300.0, 319.5, 239.5, (0.0, 0.0, 0.0, 0.0), focal_sigma=0.3)
-    assert by_all_frames(tracks, 0, 10, (tracks.poses, BENT), wide, Config()) is None
+    assert by_all_frames(tracks, 0, 10, (tracks.poses, BENT), wide, Config(), bar=False) is None
