@@ -54,8 +54,8 @@ _ROUNDING_PX = 1e-9
 _SETTLED = 1e-4
 #: Largest step of an unknown: in radians, or of the logarithm of the focal length.
 _LONGEST_STEP = 0.3
-#: Smallest ratio of the eigenvalues of the information, scaled to a diagonal of ones, with which it tells the focal
-#: length: rounding errors of the derivatives are smaller by a thousand.
+#: Smallest ratio of the eigenvalues of the information, scaled to a diagonal of ones, with which it determines the
+#: focal length: rounding errors of the derivatives are smaller by a thousand.
 _LEAST_INFORMATION = 1e-11
 #: (3, 3, 3) The matrices of the cross products with the three axes.
 _CROSS = np.cross(np.eye(3)[None], np.eye(3)[:, None])

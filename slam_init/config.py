@@ -171,7 +171,7 @@ class Config(Described):
     seed : int
         Seed of all random draws and of synthetic worlds.
     refine_frames : int or None
-        Number of frames after the acceptance by which the map grows before it is handed over; 0 for none. None: a run
+        Number of frames after the acceptance by which the map grows before it is exported; 0 for none. None: a run
         hands it over at once, and an initializer that gets further frames as soon as the median deviation of its
         depths, with all errors, is at most ``acceptance.max_depth_sigma`` (:mod:`slam_init.mapping.refinement`).
     tracking : TrackingConfig

@@ -43,7 +43,7 @@ class Turn(NamedTuple):
 
 
 class Intake:
-    """Takes images and tracks. What is wrong with them is told before anything changes.
+    """Takes images and tracks. What is wrong with them is reported before anything changes.
 
     * ``given``: The calibration of the images, or its matrix K, or None. The size of the first image completes a
       matrix, and None.
@@ -55,7 +55,7 @@ class Intake:
 
     def __init__(self, given: GivenCamera, config: TrackingConfig, matcher: Matcher | None = None) -> None:
         check_given(given)
-        # Until the first frame tells the size of the images, a camera that is not given in full has an ordinary one.
+        # Until the first frame shows the size of the images, a camera that is not given in full has an ordinary one.
         self._given, self._waits_for_size = given, not isinstance(given, Camera)
         camera = given if isinstance(given, Camera) else prior_camera((640, 480))
         self.tracker = make_tracker(camera, config, matcher)
@@ -120,7 +120,7 @@ class Intake:
         """Check tracks from elsewhere: observations, or the ids and the pixels of the next frame."""
         self._check_source("tracks")
         if self._waits_for_size:
-            raise SlamInitError("tracks tell no size of the images: give the Initializer a Camera (Camera.from_K)")
+            raise SlamInitError("tracks state no size of the images: give the Initializer a Camera (Camera.from_K)")
         if isinstance(tracks, Observations) and pixels is None and timestamp_s is None:
             return tracks
         if isinstance(tracks, Observations) or pixels is None:
@@ -194,8 +194,8 @@ class Intake:
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes about the time stamps, an estimated readout, and what is in the image and not in the scene."""
-        told = "gravity is left out: its directions in the frames contradict the rotations of the map"
-        gravity = (told,) if self._gravity_contradicts else ()
+        note = "gravity is left out: its directions in the frames contradict the rotations of the map"
+        gravity = (note,) if self._gravity_contradicts else ()
         images = (*self._overlay.notes, *self._pictures.notes)
         return (*self._clock.notes, *self._shutter_notes(), *images, *gravity)
 

@@ -250,7 +250,7 @@ def _video_statement(film_mm: float, size: tuple[int, int]) -> _Statement:
     return crop * mean, sigma
 
 
-# -- values of strangers ---------------------------------------------------------------------------
+# -- untrusted values ------------------------------------------------------------------------------
 
 
 def _number(value: Any) -> float | None:

@@ -347,7 +347,7 @@ def _is_video(paths: list[Path], root: Path) -> bool:
     try:
         firsts = evenly_spaced(max(len(paths) - 2, 0), _TRIPLES).tolist()
         return _steps_are_even([read_pixels(path, root) for path in paths[k : k + 3]] for k in firsts)
-    except SourceError:  # of an image that cannot be read, which is told when its frame is asked for
+    except SourceError:  # of an image that cannot be read, which is reported when its frame is asked for
         return False
 
 

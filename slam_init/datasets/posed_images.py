@@ -140,7 +140,7 @@ def common_camera(cameras: Sequence[Camera | None], what: str) -> tuple[Camera |
     """Find one calibration for images that state one each.
 
     The images must be of one camera. Calibrations that differ by less than one per cent of the longer side, as those
-    of a telephone that focuses, are replaced by their median; the note tells how much they differ.
+    of a telephone that focuses, are replaced by their median; the note states how much they differ.
     """
     stated = [camera for camera in cameras if camera is not None]
     if not stated:

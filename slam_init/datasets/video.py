@@ -195,7 +195,7 @@ class VideoSource:
     rate_hz: float
     #: (int, int) Width and height of the upright frames in pixels.
     size: tuple[int, int]
-    #: What the header tells the user: whether the frame rate is assumed, or the frames are turned.
+    #: Notes about the header for the user: whether the frame rate is assumed, or the frames are turned.
     header_notes: tuple[str, ...] = ()
     kind: str = "video"
     #: camera, groundtruth: A video holds neither.

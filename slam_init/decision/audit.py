@@ -166,7 +166,7 @@ def _motion_of(world_from_cam: Mapping[int, Pose]) -> Motion:
 
 
 def _chosen(known: Mapping[int, Pose], history: History, config: Config) -> tuple[MatchedPair, Sequence[Observations]]:
-    """The pair that tells most about its direction, and the further views of its window."""
+    """The most informative pair about its direction, and the further views of its window."""
     frames = sorted(frame for frame in known if frame in history)
     if len(frames) < 2:
         raise SlamInitError(f"{len(frames)} of the poses belong to a frame with tracks: give two or more of one camera")

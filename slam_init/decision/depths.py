@@ -18,7 +18,7 @@ little. Three figures tell whether a tracker can go on.
   is that of a depth.
 
 The deviations here are those of the noise of single tracks. What the tracks share (the lens, smooth errors of a view)
-is in the covariances that are handed over, and not here: the next view has the same lens, and neighbours err alike, so
+is in the covariances that are exported, and not here: the next view has the same lens, and neighbours err alike, so
 that a prediction by landmarks is off by less. With it in the gates, a camera that moves straight ahead had no map in 20
 frames where it has one now.
 """

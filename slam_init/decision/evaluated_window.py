@@ -32,7 +32,7 @@ from slam_init.window.risk import WindowRisk
 from slam_init.window.uncertainty import suspected_k1
 
 _LENS_MAY_CHANGE = (
-    "the tracks do not tell this motion from a lens that focuses, or from images that are stabilized: translate "
+    "the tracks do not distinguish this motion from a lens that focuses, or from images that are stabilized: translate "
     "further, best sideways, or set acceptance.lens_changes to 0 if focus and image are fixed"
 )
 _CHANCE = "the matches scatter by {:.0f} px about any motion: the images are noise, or show different scenes"

@@ -14,7 +14,7 @@ from slam_init.window.levels import PRINCIPAL_SIGMA, READOUT_SIGMA_S
 from slam_init.window.state import Priors
 
 #: A lens in use with a wider field than 90 degrees, or that bends the corners by a tenth, is one of an action camera.
-#: The pinhole model with k1 does not describe such a lens, so that no motion tells its focal length.
+#: The pinhole model with k1 does not describe such a lens, so that no motion determines its focal length.
 #: Class: assumption, in sides of the image and as k1.
 _WIDE_FOCAL, _WIDE_K1 = 0.5, -0.1
 #: Factor on the probability that the lens of a machine's camera changes, as its data set states it: its focus is fixed

@@ -1,4 +1,4 @@
-"""The frames and the maps of a video up to now."""
+"""The frames of a video up to now, and the maps that are candidates of its result."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class MapCandidates:
     """The maps of the attempts up to now: an accepted map, or two undecided maps, and the segments before a restart.
 
     Two maps are undecided where they are those of both motions of a plane, or of the scene at rest and a large object.
-    An accepted map may grow by further frames. From the end of its growth on it is handed over.
+    An accepted map may grow by further frames. At the end of its growth it is final.
 
     * ``recorder``: Receives a report when a map is accepted or has grown, and when the undecided maps change.
     * ``frames``: Number of frames since the start.

@@ -9,7 +9,7 @@ A map from anywhere is right or wrong, whichever motion the window likes best. W
   covariance and the largest deviation that the risk of this motion states. The map is a distance away from the fit, so
   it is wrong where the truth lies outside of the disc of 15 degrees about the map, or of the ball of 5 degrees.
 * **P(rotation)**: the camera only rotates. The test gives a tail probability p, which is no posterior. The Bayes factor
-  for the rotation is at least ``-e p ln p`` (Sellke, Bayarri and Berger 2001), and 1 where p tells nothing.
+  for the rotation is at least ``-e p ln p`` (Sellke, Bayarri and Berger 2001), and 1 where p is no evidence.
 
 A risk that accepts a map bounds these probabilities from above, which is safe for a system that can wait. Here a bound
 from above calls right maps wrong.

@@ -103,8 +103,8 @@ def fitting_reading(
     first, *frames = (frame for frame in found.frames if frame in poses)
     turned = [(one[first].inverse() @ one[frame]).R for frame in frames for one in (poses, others)]
     angles = [rotation_angle(a @ b.T) for a, b in zip(turned[::2], turned[1::2], strict=True)]
-    told = np.degrees(max(angles)) > _SIGNIFICANT_SIGMAS * found.rotation_sigma_deg
-    return FittingReading(reading, found) if found and told else None
+    significant = np.degrees(max(angles)) > _SIGNIFICANT_SIGMAS * found.rotation_sigma_deg
+    return FittingReading(reading, found) if found and significant else None
 
 
 def _misfit_px(poses: Mapping[int, Pose], views: Mapping[int, Observations], camera: Camera) -> float:

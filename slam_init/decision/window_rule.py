@@ -70,7 +70,7 @@ class _Views:
 
 
 class WindowRule:
-    """Judges the frames of a video by the joint estimate of their window.
+    """Evaluates the frames of a video by the joint estimate of their window.
 
     * ``history``: Holds the candidate references and the frames between them, and knows the lens in use.
     * ``shutter``: Corrects the rays of the history; the window estimates an unknown readout.
@@ -115,7 +115,7 @@ class WindowRule:
         current: Observations,
         stopwatch: Stopwatch,
     ) -> Outcome | None:
-        """Judge a frame.
+        """Evaluate a frame.
 
         * ``chosen``: The pair that quest proposes new motions from; None where no pair is worth it.
         * Returns: None where no pair was chosen, and no motion is known or the window holds the pair alone; or where
@@ -131,7 +131,7 @@ class WindowRule:
         views = self._views(preview, current)
         attempt = self._attempt(views.pair)
         if self._rotates and all(one.parallax_share < LEAST_PARALLAX_SHARE for one in pairs):
-            # The joint fit of a rotation-only camera takes the most steps, and no pair tells anything new.
+            # The joint fit of a rotation-only camera takes the most steps, and no pair adds information.
             outcome = Outcome(attempt.refused_at(Verdict.PURE_ROTATION, Stage.MOTION))
         else:
             outcome = self._propose_and_fit(chosen, views, attempt, stopwatch)

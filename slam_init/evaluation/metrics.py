@@ -223,7 +223,7 @@ def _angle_deg(a: Floats, b: Floats) -> float:
 
 
 def _position_sigma_m(truth: Trajectory) -> float:
-    """Standard deviation of the true positions; 0 where nothing tells that they are measured.
+    """Standard deviation of the true positions; 0 where nothing states that they are measured.
 
     A rendered trajectory is smooth to the last digits. A measured one is noisy from pose to pose. This noise is a small
     part of its error: the clocks, the calibration of the camera and a rolling shutter add errors that change slowly.

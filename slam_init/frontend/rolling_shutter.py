@@ -25,7 +25,7 @@ from slam_init.types.history import History, common_tracks
 from slam_init.types.lens import LensInUse
 
 #: A hand changes its turning several times in a second. With frames farther apart than this, the turning between two
-#: frames tells nothing about the turning in the time of a readout.
+#: frames has no information about the turning in the time of a readout.
 VIDEO_INTERVAL_S = 0.15
 #: A hand swings a camera at up to 0.8 Hz, so its turning changes by about five times itself in a second. The turning of
 #: a single step is that at its middle, and both frames are half a step away from it.

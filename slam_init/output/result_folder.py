@@ -1,6 +1,6 @@
-"""Tells what a folder of results holds, from its files alone.
+"""Shows what a folder of results holds, from its files alone.
 
-The folder may come from somebody else: it is read within bounds, and a file that is not what it should be is an error
+The folder may come from another machine: it is read within bounds, and a file that is not what it should be is an error
 of one line.
 """
 

@@ -70,7 +70,7 @@ def _power(figure: Callable[[Attempt], float | None]) -> Callable[[Attempt], flo
 
 
 #: What the correction of a rolling shutter moves: the measured pixels, the corrected ones, and arrows. The arrows are
-#: drawn this many times as long, since most are some pixels.
+#: shown this many times as long, since most are some pixels.
 ARROWS, ARROW_FACTOR = "world/camera/image/readout", 4
 #: The two maps of an undecided plane, and the evidence that has to decide between them.
 CANDIDATES = "candidates"
@@ -100,7 +100,7 @@ SERIES = (
 )
 
 
-#: What is drawn on the flat image only. On the frustum it would hide the image.
+#: What is shown on the flat image only. On the frustum it would hide the image.
 _FLAT = ("keypoints", "motion", "moving")
 
 

@@ -17,7 +17,7 @@ from slam_init.types.initial_map import InitialMap
 from slam_init.types.scale import Scale, ScaleOrigin
 
 #: The positions of three frames give two velocities, and their difference is fitted by gravity and the scale: a wrong
-#: record would not be told from a right one.
+#: record could not be distinguished from a right one.
 #: Class: geometry.
 _LEAST_KEYFRAMES = 4
 #: A scale that is known worse than this is none. The deviation is that of linearized equations: a scale of half of the

@@ -17,7 +17,7 @@ from slam_init.types.camera import Camera
 #: Relative standard deviation of the focal length of a calibration: they are better than two per cent.
 #: Class: assumption.
 CALIBRATED_SIGMA = 0.02
-#: A map without a calibration is handed over, and a calibration is written, once the focal length is about as well
+#: A map without a calibration is accepted, and a calibration is written, once the focal length is about as well
 #: known as by a data sheet (5 %). A focal length that is off by this much changes a rotation of 20 degrees by one, and
 #: the depths by as much as itself; what it does to the direction is in the risk.
 #: Class: geometry.
@@ -59,7 +59,7 @@ class Lens(NamedTuple):
     principal_px: tuple[float, float] = (0.0, 0.0)
 
     def centred(self) -> Lens:
-        """The same lens with the stated principal point, of which one window tells little."""
+        """The same lens with the stated principal point, of which one window has little information."""
         return self._replace(principal_px=(0.0, 0.0))
 
     def from_moved(self, log_scale: float, k1: float) -> Lens:

@@ -91,7 +91,7 @@ class Status(Described):
         The pose of the newest camera from the first one: its rotation from the second frame on, and its centre where a
         motion is known. None for the first frame, where too few tracks go on, and for methods without a window.
     refining : bool
-        Whether the accepted map grows by further frames before it is handed over.
+        Whether the accepted map grows by further frames before it is final.
     lost_at : int or None
         Absolute index of the first frame in which the accepted map was lost, if it was lost while it grew.
     """

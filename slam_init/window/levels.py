@@ -99,8 +99,9 @@ LARGEST_VOTE = 6.0
 # -- nuisances -------------------------------------------------------------------------------------------
 
 #: Standard deviation of the principal point of a calibration, over the width of the image: two pixels of 640, as a
-#: chessboard tells it. Optical axes that nobody calibrated are off by a hundredth; with that, level flight with a turn
-#: had no map in 12 worlds, since a turn about the optical axis moves the image by the error of the principal point.
+#: chessboard measures it. Optical axes that nobody calibrated are off by a hundredth; with that, level flight with a
+#: turn had no map in 12 worlds, since a turn about the optical axis moves the image by the error of the principal
+#: point.
 #: Class: assumption, over the width.
 PRINCIPAL_SIGMA = 0.003
 
