@@ -70,7 +70,7 @@ class SharedFocal:
     focal_px : float
         The focal length, in pixels.
     sigma_px : float
-        Its standard deviation, from the curvature of the residuals; infinite where the matches do not tell it.
+        Its standard deviation, from the curvature of the residuals; infinite where the matches do not determine it.
     pose : RelativePose
         The pose at this focal length. Its covariance takes the focal length as known.
     """
@@ -211,7 +211,7 @@ class _Pixels:
         return motion
 
     def sigma_of_log(self, focal_px: float, pose: RelativePose) -> float:
-        """Standard deviation of the logarithm of the focal length; infinite where the residuals do not tell it.
+        """Standard deviation of the logarithm of the focal length; infinite where the residuals do not determine it.
 
         The residuals need not have one scale: the points at the border of a wide image have larger errors.
 

@@ -338,7 +338,7 @@ class Initializer:
 
     @property
     def camera(self) -> Camera:
-        """The camera with the lens in use: the stated one, or an estimate."""
+        """The camera with the current lens: the stated one, or an estimate."""
         return self.history.camera
 
     @property

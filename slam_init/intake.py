@@ -26,7 +26,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import MOST_NUMBERS, Frame, Observations
 from slam_init.types.inertial import Gravity, checked_rotation
 from slam_init.types.initial_map import InitialMap
-from slam_init.types.lens import LensInUse
+from slam_init.types.lens import CurrentLens
 from slam_init.types.status import frame_of
 
 
@@ -48,7 +48,7 @@ class Intake:
     * ``given``: The calibration of the images, or its matrix K, or None. The size of the first image completes a
       matrix, and None.
     * ``tracker``: Follows the tracks of images.
-    * ``history``: The observations of the last frames. It knows the lens in use.
+    * ``history``: The observations of the last frames. It knows the current lens.
     * ``shutter``: Corrects the rays of a rolling shutter.
     * ``masked``: Share of the last image that a mask ignores.
     """
@@ -138,7 +138,7 @@ class Intake:
     def check_tracks(
         self, current: Observations, revised: Sequence[Observations]
     ) -> tuple[Observations, Sequence[Observations]]:
-        """Check the time and the rays of tracks from elsewhere; return them with the rays of the lens in use."""
+        """Check the time and the rays of tracks from elsewhere; return them with the rays of the current lens."""
         check_type(revised, (list, tuple), "revised", "a list of Observations of earlier frames")
         for one in revised:
             check_type(one, Observations, "one of the revised frames", "slam_init.Observations")
@@ -187,7 +187,7 @@ class Intake:
         self.history.start_at(newest if since is None else min(since, newest))
         return [observed.frame for observed in self.history]
 
-    def change_lens(self, lens: LensInUse) -> None:
+    def change_lens(self, lens: CurrentLens) -> None:
         """Go on with another estimate of the lens: the history gets the rays of all its frames again."""
         self.shutter.change_lens(self.history, lens)
 
@@ -199,13 +199,13 @@ class Intake:
         images = (*self._overlay.notes, *self._pictures.notes)
         return (*self._clock.notes, *self._shutter_notes(), *images, *gravity)
 
-    def _completed_lens(self, image: Image | Frame) -> LensInUse:
+    def _completed_lens(self, image: Image | Frame) -> CurrentLens:
         """The lens of the given camera with the size of the first image; what is no image is refused by its frame."""
         pixels = image.image if isinstance(image, Frame) else image
         shape: tuple[int, ...] = getattr(pixels, "shape", ())
         if len(shape) < 2 or min(shape[:2]) <= 0:
             return self.history.lens
-        return LensInUse.of(camera_of_size(self._given, (shape[1], shape[0])))
+        return CurrentLens.of(camera_of_size(self._given, (shape[1], shape[0])))
 
     def _shutter_notes(self) -> tuple[str, ...]:
         """A note about an estimated readout, for people who know their camera."""

@@ -351,7 +351,7 @@ class _Run:
         """Process the frames, and summarize the run."""
         job, parts = self.job, self._parts()
         result = _whole(parts, job.restart)
-        # What a source has to tell may change with each frame.
+        # The notes of a source may change with each frame.
         notes = (*job.notes, *notes_of(job.source), *job.camera.notes, *self.reduction.notes)
         focal_notes = (*_metadata_notes(job.source, job.camera), *_focal_notes(result, job.camera))
         notes = (*notes, *focal_notes, *self.turns.notes, *result.notes)
@@ -406,8 +406,8 @@ class _Run:
         # A run hands its map over at once, but for frames that are asked for.
         grows = self.job.config.refine_frames is not None
         total = min((limit for limit in (available, max_frames) if limit is not None), default=None)
-        # No time that is left: nobody knows the frame of the map, and the first frames may compile. They tell so within
-        # the first second, before there is a bar.
+        # No time that is left: nobody knows the frame of the map, and the first frames may compile. They report it
+        # within the first second, before there is a bar.
         shown = "{l_bar}{bar}| {n_fmt}/{total_fmt} [{elapsed}]"
         with tqdm(total=total, disable=not self.job.progress, leave=False, bar_format=shown, delay=1.0) as bar:
             for frame in self.frames:

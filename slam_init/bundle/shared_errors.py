@@ -110,7 +110,7 @@ class _Equations:
         H, scores = self._poses[6:, 6:], self._scores[:, 6:]  # the first pose is held
         units = np.sqrt(np.maximum(np.diag(H), 1e-300))
         strength, axes = np.linalg.eigh(H / np.outer(units, units))
-        # The images do not tell the scale, whose information is the smallest.
+        # The images do not determine the scale, whose information is the smallest.
         along = scores / units @ axes[:, 1:] / np.sqrt(np.maximum(strength[1:], 1e-12))
         # The poses follow the tracks, which lowers scores and residuals alike; the estimate of the noise knows it.
         return float(np.mean(np.sum(along**2, axis=0)))

@@ -37,7 +37,7 @@ class Layout:
 
     #: What :func:`slam_init.datasets.opening.detect_kind` returns.
     kind: str
-    #: The files that tell it, and its name in brackets, for the message where nothing fits.
+    #: The files that state it, and its name in brackets, for the message where nothing fits.
     looked_for: str
     #: Finds the files that a path of this kind has; None or False for another path. It reads no large file.
     find: Callable[[Path], Any]

@@ -14,8 +14,9 @@ from slam_init.window.levels import EVEN_ODDS, WRONG_DIRECTION_DEG
 #: Class: geometry, in frames, views and degrees.
 _LONGEST_REST, _MANY_VIEWS, _FAR_DEG = 3, 6, 2 * WRONG_DIRECTION_DEG
 #: After a window whose map is wrong at even odds or worse, this number of frames is not evaluated while the score has
-#: grown by less than this factor: the tracks tell less than half as much again. With more frames left out, motions are
-#: lost between two windows: of four simulated worlds without a map after three such frames, two have one after one.
+#: grown by less than this factor: the tracks have less than half as much information again. With more frames left out,
+#: motions are lost between two windows: of four simulated worlds without a map after three such frames, two have one
+#: after one.
 #: Class: level, as a factor and in frames.
 _MORE_INFORMATIVE, _REST_AT_EVEN_ODDS = 1.2, 1
 #: A camera that turns for long shows as little after a hundred frames as after ten. So either number may grow to this

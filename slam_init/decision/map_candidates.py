@@ -1,4 +1,4 @@
-"""The frames of a video up to now, and the maps that are candidates of its result."""
+"""The frames of a video, and the maps that are candidates of its result."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.evidence import Margin
 from slam_init.types.frame import Observations
 from slam_init.types.initial_map import InitialMap
-from slam_init.types.lens import LensInUse
+from slam_init.types.lens import CurrentLens
 from slam_init.types.result import MAX_SEGMENTS, Attempt, Result, Segment
 from slam_init.types.stopwatch import StageTimes
 
@@ -40,7 +40,7 @@ class Outcome:
     #: The poses of the cameras of the evaluated window; None where no window was evaluated.
     motion: WindowMotion | None = None
     #: The lens to go on with; None where no window was evaluated.
-    lens: LensInUse | None = None
+    lens: CurrentLens | None = None
 
 
 class MapCandidates:

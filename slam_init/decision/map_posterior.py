@@ -65,7 +65,7 @@ class MapPosterior:
     floor: float
     #: The best motion is right, and the map is wrong because it is away from its fit.
     map: float
-    #: Whether the tracks tell no translation from a camera that only rotates.
+    #: Whether the tracks do not distinguish a translation from a camera that only rotates.
     only_rotates: bool
 
     @property

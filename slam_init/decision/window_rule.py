@@ -72,7 +72,7 @@ class _Views:
 class WindowRule:
     """Evaluates the frames of a video by the joint estimate of their window.
 
-    * ``history``: Holds the candidate references and the frames between them, and knows the lens in use.
+    * ``history``: Holds the candidate references and the frames between them, and knows the current lens.
     * ``shutter``: Corrects the rays of the history; the window estimates an unknown readout.
     * ``third_view``: Whether further views join the window. Without them the window holds reference and current alone.
     * ``propose``: Estimates the relative pose of a chosen pair; by default quest does.
@@ -214,7 +214,7 @@ class WindowRule:
         if hypotheses is None:
             return None
         hypotheses = replace(hypotheses, overlay=views.overlay)
-        # What was undecided stays a question in the next windows, whose pairs may not tell it again.
+        # What was undecided stays a question in the next windows, whose pairs may not show it again.
         if self._other.probability > FLOOR:
             hypotheses = replace(hypotheses, other_before=self._other)
         max_risk = self._config.acceptance.max_risk

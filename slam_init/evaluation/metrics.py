@@ -46,7 +46,7 @@ _NOISY = 0.01
 #: Poses further apart in time are those of photographs: their steps differ by the motion, and not by noise.
 #: Class: assumption, in seconds.
 _SLOWEST_S = 0.2
-#: Fewer poses do not tell the noise.
+#: Fewer poses do not determine the noise.
 #: Class: level.
 _FEWEST = 8
 #: Median length of the third differences of positions whose coordinates have a noise of 1: the variance is 20, and the

@@ -189,7 +189,7 @@ def _plots() -> Any:
     """Make the plots: the risk in front, its parts, the time of a frame, and the rest side by side.
 
     The parts of the risk are a tab of their own: over a hundred frames without a map they hide the risk. A legend would
-    hide a part of a plot of this size. The names of the lines tell the colours.
+    hide a part of a plot of this size. The names of the lines have their colours.
     """
     import rerun.blueprint as rrb
 

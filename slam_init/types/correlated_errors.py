@@ -24,7 +24,7 @@ FIELD_SCALES_PX: Floats = np.array([0.0, 0.03, 0.06, 0.125, 0.25, 0.5, 1.0, 2.0]
 #: Class: assumption.
 FIELD_PRIOR: Floats = np.array([0.2, 0.2, 0.2, 0.2, 0.12, 0.05, 0.02, 0.01])
 #: Fields of the largest scale pull by chance farther than this number of their standard deviations six times in
-#: ten million. Tracks that are held at infinity pull although they tell nothing about a field.
+#: ten million. Tracks that are held at infinity pull although they have no information about a field.
 #: Class: level.
 LARGEST_PULL_SIGMAS = 5.0
 FIELD_SCALES_PX.setflags(write=False)

@@ -77,7 +77,7 @@ class FreeFocal:
 
     @property
     def note(self) -> str:
-        """What to tell the user where both contradict one another."""
+        """The note for the user where both contradict one another."""
         estimate = f"{self.estimated_px:.0f} +- {self.sigma_px:.0f}"
         return f"stated f = {self.stated_px:.0f} does not fit these tracks; free estimate {estimate}: check --camera"
 

@@ -189,7 +189,7 @@ class RelativeRotation:
     start: int
 
     def after(self, rotation: Floats, sigma_rad: float) -> RelativeRotation:
-        """The attitude in the next frame.
+        """The relative rotation of the next frame.
 
         Shapes: ``rotation`` (3, 3).
         """

@@ -6,7 +6,7 @@ The unit is in the name or after the class, or the number has none. The classes:
 * geometry: it follows from the geometry of views.
 * level: a statistical level; the comment says how often chance exceeds it.
 * measured: on data that the comment names.
-* assumption: no data tell it; the comment says why this value.
+* assumption: no data determine it; the comment says why this value.
 * budget: it bounds time or memory.
 
 ``python docs/make/numbers_page.py`` lists all of them from the comments, with those that stay in other modules: gates
