@@ -22,9 +22,7 @@ if TYPE_CHECKING:
     import cv2
 
 
-def initialize_from_capture(
-    capture: cv2.VideoCapture, camera: Camera, say: Callable[[str], object] = print
-) -> Result:
+def initialize_from_capture(capture: cv2.VideoCapture, camera: Camera, say: Callable[[str], object] = print) -> Result:
     """Read images until a map is found or the capture ends.
 
     * ``say``: Is called with a line of text each time the reason or the progress (in steps of 10 %) changes.
