@@ -18,7 +18,7 @@ _LONGEST_REST, _MANY_VIEWS, _FAR_DEG = 3, 6, 2 * WRONG_DIRECTION_DEG
 #: motions are lost between two windows: of four simulated worlds without a map after three such frames, two have one
 #: after one.
 #: Class: level, as a factor and in frames.
-_MORE_INFORMATIVE, _REST_AT_EVEN_ODDS = 1.2, 1
+_MORE_INFORMATIVE, _SKIPPED_AT_EVEN_ODDS = 1.2, 1
 #: A camera that turns for long shows as little after a hundred frames as after ten. So either number may grow to this
 #: share of the frames so far, and a map comes later by that share at the most. Before a camera that turns in the hand
 #: (TUM fr1/rpy) a frame takes 43 ms in the median, and 227 if all are evaluated.
@@ -55,5 +55,5 @@ class FrameSkipper:
         if last.risk.directions.sigma_deg * self._score > _FAR_DEG * score:
             return max(_LONGEST_REST, share)
         if last.risk.total > EVEN_ODDS and score < _MORE_INFORMATIVE * self._score:
-            return max(_REST_AT_EVEN_ODDS, share)
+            return max(_SKIPPED_AT_EVEN_ODDS, share)
         return 0

@@ -35,7 +35,7 @@ class Outcome:
     accepted: MapWithViews | None = None
     #: The maps of two motions that the tracks do not decide between, the better one first.
     hypotheses: tuple[InitialMap, ...] = ()
-    #: The vote between the best motion and its nearest competing motion; None without a competing motion.
+    #: The vote between the best motion and its nearest competing motion; None without one.
     margin: Margin | None = None
     #: The poses of the cameras of the evaluated window; None where no window was evaluated.
     motion: WindowMotion | None = None

@@ -35,7 +35,7 @@ from slam_init.window.tracker_errors import with_lasting_errors
 from slam_init.window.uncertainty import direction_uncertainty, expand
 
 #: Probability that the camera of a map only rotates, before any track is seen. Of .5, .2 and .1 the last one stated
-#: best how many maps were false: 66 of 287 maps of competing motions, where 63 were (docs/measurements/accuracy.md).
+#: best how many maps were false: 66 of 287 maps with competing motions, where 63 were (docs/measurements/accuracy.md).
 #: Class: measured.
 _ROTATES = 0.1
 #: A smaller tail of the test for a rotation adds nothing: its posterior is below 1e-4.

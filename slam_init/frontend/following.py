@@ -27,7 +27,7 @@ _SAMPLES, _LEAST_SAMPLES = 48, 24
 #: its centre in the finest octave, so that the octave above it finds them in any case.
 _NEAR_PX = 5.0
 #: The other points are sought near their places where this share of the few are found near theirs: some few are lost,
-#: or lie on a moving object otherwise.
+#: or lie on a moving object.
 _NEAR_SHARE = 0.8
 #: An alignment that begins this close to the place, px, mostly ends there: on four videos 0 to 3 % of the tracks end
 #: elsewhere from up to half a pixel, and 1 to 14 % from half a pixel to one.

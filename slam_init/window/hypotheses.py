@@ -106,7 +106,7 @@ class WindowHypotheses:
         return np.asarray(motion.fit.track_costs + self.priors.gate_sigmas**2 * missing)
 
     def votes(self, motion: FittedMotion, other: FittedMotion) -> Floats:
-        """The votes of the tracks for a motion against a competing motion: differences of bounded costs.
+        """The votes of the tracks for a motion against another one: differences of bounded costs.
 
         Shapes: returns (T,).
         """

@@ -38,7 +38,7 @@ _LENS_TOLERANCE, _LENS_ROUNDS = 0.01, 3
 #: Gaussian has this share of its variance.
 _NOISE_ROUNDS, _INSIDE_THREE_SIGMAS = 5, 0.949
 #: An observation is near its projection within this number of standard deviations: some pixels. Wrong matches lie
-#: anywhere in the image; tracks on moving objects slowly stay near.
+#: anywhere in the image; tracks on slowly moving objects stay near.
 #: Class: assumption.
 NEAR_SIGMAS = 30.0
 #: Median of the squared length of a 2-D Gaussian of variance 1, and the largest noise at a start over the assumed one.
