@@ -115,7 +115,7 @@ def false_alarms_of_rotation(
 
     Shapes: ``R`` (3, 3), ``inliers`` (N,).
 
-    * ``inliers``: The matches that the rotation explains; they tell where the patch is.
+    * ``inliers``: The matches that the rotation explains; they show where the patch is.
     """
     total, threshold_rad = len(problem), problem.threshold_rad
     # One component of the residual has the size of a Sampson error.

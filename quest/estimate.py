@@ -7,8 +7,8 @@
    (:mod:`quest.uncertainty.parallax`)? If not, the kind is "rotation" where a rotation explains more matches than
    chance would, outside each patch of the view too; otherwise there is no pose.
 3. Do the points spread beyond a line? If not, there is no pose.
-4. Do the points lie on a plane, and does the second motion of the plane (its twin) explain them as well? If so, the
-   twin is an alternative. Any other mode of RANSAC that explains the matches as well is an alternative too
+4. Do the points lie on a plane, and does the second motion of the plane explain them as well? If so, the second
+   motion is an alternative. Any other mode of RANSAC that explains the matches as well is an alternative too
    (:mod:`quest.alternatives`).
 """
 
@@ -131,11 +131,11 @@ def estimate_relative_pose(
         Bound on the number of samples, hence on the time: three to ten microseconds each. 50 000 samples find a motion
         among 80 % of outliers.
     scores : (N,) array_like, optional
-        Quality of the matches, higher is better (for example minus the descriptor distance). Better matches are drawn
+        Quality of the matches, higher is better (for example minus the descriptor distance). Better matches are sampled
         first.
     initial_pose : (q_or_R, t), optional
         A pose cam2_from_cam1 to begin with, as from a motion model: its rotation as a quaternion wxyz or a matrix, and
-        its translation of any norm but zero. Samples are drawn until a better one would have been found, so a good
+        its translation of any norm but zero. Samples are taken until a better one would have been found, so a good
         start saves most of them. :func:`quest.refine_relative_pose` draws none.
 
     Returns

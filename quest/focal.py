@@ -54,8 +54,8 @@ _ROUNDING_PX = 1e-9
 _SETTLED = 1e-4
 #: Largest step of an unknown: in radians, or of the logarithm of the focal length.
 _LONGEST_STEP = 0.3
-#: Smallest ratio of the eigenvalues of the information, scaled to a diagonal of ones, with which it tells the focal
-#: length: rounding errors of the derivatives are smaller by a thousand.
+#: Smallest ratio of the eigenvalues of the information, scaled to a diagonal of ones, with which it determines the
+#: focal length: rounding errors of the derivatives are smaller by a thousand.
 _LEAST_INFORMATION = 1e-11
 #: (3, 3, 3) The matrices of the cross products with the three axes.
 _CROSS = np.cross(np.eye(3)[None], np.eye(3)[:, None])
@@ -70,7 +70,7 @@ class SharedFocal:
     focal_px : float
         The focal length, in pixels.
     sigma_px : float
-        Its standard deviation, from the curvature of the residuals; infinite where the matches do not tell it.
+        Its standard deviation, from the curvature of the residuals; infinite where the matches do not determine it.
     pose : RelativePose
         The pose at this focal length. Its covariance takes the focal length as known.
     """
@@ -211,7 +211,7 @@ class _Pixels:
         return motion
 
     def sigma_of_log(self, focal_px: float, pose: RelativePose) -> float:
-        """Standard deviation of the logarithm of the focal length; infinite where the residuals do not tell it.
+        """Standard deviation of the logarithm of the focal length; infinite where the residuals do not determine it.
 
         The residuals need not have one scale: the points at the border of a wide image have larger errors.
 

@@ -263,7 +263,7 @@ class NoPose(Described):
         "too_few_matches" (fewer than ten distinct ones) or "no_consistent_motion" (no motion explains more matches than
         chance would, or the points lie on a line, so that a family of motions explains them).
     evidence : PoseEvidence
-        The numbers on which the decision rests.
+        The numbers behind the decision.
     """
 
     reason: str

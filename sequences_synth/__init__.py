@@ -1,6 +1,6 @@
 """Synthetic sequences with exact ground truth: rendered images of textured worlds, or tracks without images.
 
-A sequence is a world of textured planes, a smooth camera path and a sensor, all drawn from one seed. Poses are
+A sequence is a world of textured planes, a smooth camera path and a sensor, all by one seed. Poses are
 ``world_from_cam`` in metres; camera frames are optical (x right, y down, z forward); pixel centres lie at integers ::
 
     sequence = make_sequence("room", seed=3)

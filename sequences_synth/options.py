@@ -40,7 +40,7 @@ class EffectOptions:
         The stated focal length is the true one times ``1 + focal_error``.
     principal_error : float
         Error of the stated principal point: horizontally over the width, vertically over the height. The signs are
-        drawn.
+        random.
     k1 : float
         Coefficient of radial distortion of the true camera, which the stated camera lacks.
     readout_ms : float

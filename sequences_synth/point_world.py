@@ -261,7 +261,7 @@ def _spread_points(
 ) -> Floats:
     """Points (M, 3) that are spread evenly over what the views see, about ``options.points`` of them in each view.
 
-    A candidate that n views see is drawn n times as often as one that a single view sees. It is therefore taken with
+    A candidate that n views see is sampled n times as often as one that a single view sees. It is therefore taken with
     the probability 1 / n.
     """
     poses = poses[np.unique(np.linspace(0, len(poses) - 1, _SPREAD_VIEWS).round().astype(int))]

@@ -1,6 +1,6 @@
 """Tracks without images: points of a known scene seen by a moving camera, thousands of sequences per minute.
 
-The scenes have the names of the rendered ones, and depth, planes and motion of the same kind, drawn from a seed. Tracks
+The scenes have the names of the rendered ones, and depth, planes and motion of the same kind, by a seed. Tracks
 have Gaussian noise. Some tracks are outliers, and on request some lie on moving objects. On request the
 tracks of a view also have a smooth error in common (:class:`TrackingError`), and the camera has a
 rolling shutter (:mod:`sequences_synth.camera`) or a wrong calibration. Poses are ``world_from_cam`` of the middle row.

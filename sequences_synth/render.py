@@ -36,7 +36,7 @@ from sequences_synth.quads import Quad
 NEAR_M = 0.05
 #: The id of a pixel that shows no quad.
 NOTHING = -1
-# A camera nearer than this (metres) to the plane of a quad sees the quad edge-on, and the quad is not drawn.
+# A camera nearer than this (metres) to the plane of a quad sees the quad edge-on, and the quad is not rendered.
 _EDGE_ON_M = 1e-6
 # The level of detail is smooth. It is computed on a coarse grid with this many nodes per side, then interpolated.
 _GRID = 16
@@ -363,7 +363,7 @@ class _LineQuad:
     def enter(self, facing: Bools, identity: int, depth_samples: Floats32, id_samples: Ids) -> None:
         """Enter the quad into the depth buffer."""
         part = self.rows, self.columns
-        G, drawn = self.texel_from_sight[self.rows][:, None], facing[self.rows][:, None]
+        G, shown = self.texel_from_sight[self.rows][:, None], facing[self.rows][:, None]
         u, v, w = (one[part] for one in all_sights(self.camera, 2))
 
         def texels(row: int) -> Floats32:
@@ -374,7 +374,7 @@ class _LineQuad:
 
         inverse_depth = texels(2)
         window = depth_samples[part]
-        wins = (inverse_depth > window) & (inverse_depth < 1 / NEAR_M) & drawn
+        wins = (inverse_depth > window) & (inverse_depth < 1 / NEAR_M) & shown
         for row, size in ((0, self.quad.texture.width - 1), (1, self.quad.texture.height - 1)):
             scaled = texels(row)
             wins &= (scaled >= 0) & (scaled <= np.float32(size) * inverse_depth)
@@ -421,7 +421,7 @@ def render_lines(
 def _see(camera: SynthCamera, quad: Quad, cam_from_texel: Floats, facing: Bools) -> _LineQuad | None:
     """Find the window of a quad; None if it is not in view."""
     K = camera.K if camera.is_pinhole else np.eye(3)
-    # A line in which the quad is edge-on has no inverse; it is not drawn there.
+    # A line in which the quad is edge-on has no inverse; it is not rendered there.
     texel_from_sight = np.asarray(np.linalg.inv(np.where(facing[:, None, None], K @ cam_from_texel, np.eye(3))))
     size = np.array([quad.texture.width - 1, quad.texture.height - 1], float)
     lines = (round(instant * (len(facing) - 1)) for instant in _INSTANTS)

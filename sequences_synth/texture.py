@@ -23,7 +23,7 @@ Color = tuple[float, float, float]
 _TEXELS_PER_MARK = 450
 # Smallest and largest radius of a mark in texels.
 _RADII = (2.0, 140.0)
-# Marks are drawn at positions with 4 binary places below the texel.
+# Marks are painted at positions with 4 binary places below the texel.
 _SHIFT = 4
 _GLYPHS = "ABCDEFGHJKLMNPQRSTUVWXYZ0123456789&%?#@"
 
@@ -32,7 +32,7 @@ _GLYPHS = "ABCDEFGHJKLMNPQRSTUVWXYZ0123456789&%?#@"
 class Look:
     """Appearance of a kind of surface."""
 
-    #: One of them, drawn at random, is the ground colour of a surface.
+    #: One of them, chosen at random, is the ground colour of a surface.
     base: tuple[Color, ...]
     #: Each mark has one of these colours, changed a little at random.
     accents: tuple[Color, ...]

@@ -60,7 +60,7 @@ def _write_png(path: Path, image: Image) -> None:
     import cv2
 
     # Compression level 1: noise cannot be compressed, and the default level takes three times as long.
-    # OpenCV's own writer does not tell a full disk from another failure.
+    # OpenCV's own writer does not distinguish a full disk from another failure.
     encoded, png = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     if not encoded:
         raise OSError(f"cannot encode {path}")

@@ -2,7 +2,7 @@
 
 The public names stand in ``__init__.pyi``, for people, type checkers and this module (SPEC 1). They
 are loaded when they are first used, so that ``import slam_init`` and the command line stay quick.
-Attempts and refusals are told to the logger ``slam_init`` at the levels INFO and DEBUG; the library prints nothing.
+Attempts and refusals are reported to the logger ``slam_init`` at the levels INFO and DEBUG; the library prints nothing.
 """
 
 from __future__ import annotations

@@ -135,9 +135,9 @@ class AcceptanceConfig(_Section, name="acceptance"):
     #: model has comes on top (:data:`slam_init.types.initial_map.UNMODELLED_RISK`), and nothing lowers it.
     max_risk: float = _within(0.005, 0.0011, 1, "a probability; 0.001 of it is for what is not modelled")
     #: Factor on the probability that focus or a stabilizer changes the lens from view to view, which short baselines
-    #: before a plane do not tell from a motion. 0: the focus is fixed and nothing stabilizes the images.
+    #: before a plane do not distinguish from a motion. 0: the focus is fixed and nothing stabilizes the images.
     lens_changes: float = _within(1.0, 0, 5, "0 for a lens that is fixed; with 5 every second lens changes")
-    #: Least number of landmarks: COLMAP registers an image by 30 of them. Whether they tell a pose is another gate
+    #: Least number of landmarks: COLMAP registers an image by 30 of them. Whether they determine a pose is another gate
     #: (:mod:`slam_init.decision.depths`).
     min_landmarks: int = _within(30, 4, 100_000, "three points fix a pose, and one more tests it")
     #: A depth is known up to this relative standard deviation, and three quarters of the landmarks need known depths
@@ -171,7 +171,7 @@ class Config(Described):
     seed : int
         Seed of all random draws and of synthetic worlds.
     refine_frames : int or None
-        Number of frames after the acceptance by which the map grows before it is handed over; 0 for none. None: a run
+        Number of frames after the acceptance by which the map grows before it is exported; 0 for none. None: a run
         hands it over at once, and an initializer that gets further frames as soon as the median deviation of its
         depths, with all errors, is at most ``acceptance.max_depth_sigma`` (:mod:`slam_init.mapping.refinement`).
     tracking : TrackingConfig

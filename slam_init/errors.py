@@ -75,7 +75,7 @@ class ViewerError(SlamInitError):
 def check_type(
     value: object, wanted: type | tuple[type, ...], what: str, give: str, error: type[SlamInitError] = SlamInitError
 ) -> None:
-    """Refuse an argument of a wrong type: an attribute that it has not would be told far from the call.
+    """Refuse an argument of a wrong type: an attribute that it has not would be reported far from the call.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ stage          what it does
                locates the frame in the map, which grows
 =============  ======================================================================================================
 
-A map is **accepted** if its risk is small enough and its depths are known. It is **handed over** when it does not
+A map is **accepted** if its risk is small enough and its depths are known. It is **final** when it does not
 change any more: at once, or after it has grown by further frames (``Config.refine_frames``). A refusal has a reason and
 its evidence. If the views cannot decide between two motions, those of a plane or those of the scene and a
 large object, both maps are kept.
@@ -146,7 +146,7 @@ class Initializer:
             name and time.
         timestamp_s : float, optional
             In seconds, for the trajectory and a rolling shutter. Without it the time of an image is its index. Stamps
-            in milliseconds, microseconds or nanoseconds are recognized by size and step, converted, and told in the
+            in milliseconds, microseconds or nanoseconds are recognized by size and step, converted, and reported in the
             notes of the result (:mod:`slam_init.types.time_stamps`).
         mask : (H, W) uint8 or bool, optional
             Pixels that are 0 are ignored: neither an attempt nor the map uses them. By default a frame's own mask.
@@ -165,7 +165,7 @@ class Initializer:
         -------
         Status
             Truthy once a map is accepted. While ``status.refining``, further frames are located in the map
-            (``status.pose``), and it grows. Once the map is handed over, this method ignores frames and returns the
+            (``status.pose``), and it grows. Once the map is final, this method ignores frames and returns the
             last status.
 
         Raises
@@ -270,7 +270,7 @@ class Initializer:
         return self.status
 
     def _screen_and_evaluate(self, pairs: list[PairPreview], current: Observations) -> Outcome | None:
-        """Judge a frame; None without an attempt: no pair is worth trying, and no earlier motion goes on."""
+        """Evaluate a frame; None without an attempt: no pair is worth trying, and no earlier motion goes on."""
         refused = screen(self.camera, self.config, current, pairs, self.intake.masked)
         if refused is not None:
             return Outcome(refused)
@@ -338,7 +338,7 @@ class Initializer:
 
     @property
     def camera(self) -> Camera:
-        """The camera with the lens in use: the stated one, or an estimate."""
+        """The camera with the current lens: the stated one, or an estimate."""
         return self.history.camera
 
     @property
@@ -364,7 +364,7 @@ class Initializer:
         return self._maps.result(self._attempts, self.history.lens.stated, notes, timing_ms)
 
     def finish(self) -> Result:
-        """End the sequence. No map is accepted only because the sequence ends; one that grows is handed over.
+        """End the sequence. No map is accepted only because the sequence ends; one that grows becomes final.
 
         Returns
         -------

@@ -26,7 +26,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import MOST_NUMBERS, Frame, Observations
 from slam_init.types.inertial import Gravity, checked_rotation
 from slam_init.types.initial_map import InitialMap
-from slam_init.types.lens import LensInUse
+from slam_init.types.lens import CurrentLens
 from slam_init.types.status import frame_of
 
 
@@ -43,19 +43,19 @@ class Turn(NamedTuple):
 
 
 class Intake:
-    """Takes images and tracks. What is wrong with them is told before anything changes.
+    """Takes images and tracks. What is wrong with them is reported before anything changes.
 
     * ``given``: The calibration of the images, or its matrix K, or None. The size of the first image completes a
       matrix, and None.
     * ``tracker``: Follows the tracks of images.
-    * ``history``: The observations of the last frames. It knows the lens in use.
+    * ``history``: The observations of the last frames. It knows the current lens.
     * ``shutter``: Corrects the rays of a rolling shutter.
     * ``masked``: Share of the last image that a mask ignores.
     """
 
     def __init__(self, given: GivenCamera, config: TrackingConfig, matcher: Matcher | None = None) -> None:
         check_given(given)
-        # Until the first frame tells the size of the images, a camera that is not given in full has an ordinary one.
+        # Until the first frame shows the size of the images, a camera that is not given in full has an ordinary one.
         self._given, self._waits_for_size = given, not isinstance(given, Camera)
         camera = given if isinstance(given, Camera) else prior_camera((640, 480))
         self.tracker = make_tracker(camera, config, matcher)
@@ -120,7 +120,7 @@ class Intake:
         """Check tracks from elsewhere: observations, or the ids and the pixels of the next frame."""
         self._check_source("tracks")
         if self._waits_for_size:
-            raise SlamInitError("tracks tell no size of the images: give the Initializer a Camera (Camera.from_K)")
+            raise SlamInitError("tracks state no size of the images: give the Initializer a Camera (Camera.from_K)")
         if isinstance(tracks, Observations) and pixels is None and timestamp_s is None:
             return tracks
         if isinstance(tracks, Observations) or pixels is None:
@@ -138,7 +138,7 @@ class Intake:
     def check_tracks(
         self, current: Observations, revised: Sequence[Observations]
     ) -> tuple[Observations, Sequence[Observations]]:
-        """Check the time and the rays of tracks from elsewhere; return them with the rays of the lens in use."""
+        """Check the time and the rays of tracks from elsewhere; return them with the rays of the current lens."""
         check_type(revised, (list, tuple), "revised", "a list of Observations of earlier frames")
         for one in revised:
             check_type(one, Observations, "one of the revised frames", "slam_init.Observations")
@@ -187,25 +187,25 @@ class Intake:
         self.history.start_at(newest if since is None else min(since, newest))
         return [observed.frame for observed in self.history]
 
-    def change_lens(self, lens: LensInUse) -> None:
+    def change_lens(self, lens: CurrentLens) -> None:
         """Go on with another estimate of the lens: the history gets the rays of all its frames again."""
         self.shutter.change_lens(self.history, lens)
 
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes about the time stamps, an estimated readout, and what is in the image and not in the scene."""
-        told = "gravity is left out: its directions in the frames contradict the rotations of the map"
-        gravity = (told,) if self._gravity_contradicts else ()
+        note = "gravity is left out: its directions in the frames contradict the rotations of the map"
+        gravity = (note,) if self._gravity_contradicts else ()
         images = (*self._overlay.notes, *self._pictures.notes)
         return (*self._clock.notes, *self._shutter_notes(), *images, *gravity)
 
-    def _completed_lens(self, image: Image | Frame) -> LensInUse:
+    def _completed_lens(self, image: Image | Frame) -> CurrentLens:
         """The lens of the given camera with the size of the first image; what is no image is refused by its frame."""
         pixels = image.image if isinstance(image, Frame) else image
         shape: tuple[int, ...] = getattr(pixels, "shape", ())
         if len(shape) < 2 or min(shape[:2]) <= 0:
             return self.history.lens
-        return LensInUse.of(camera_of_size(self._given, (shape[1], shape[0])))
+        return CurrentLens.of(camera_of_size(self._given, (shape[1], shape[0])))
 
     def _shutter_notes(self) -> tuple[str, ...]:
         """A note about an estimated readout, for people who know their camera."""

@@ -178,7 +178,7 @@ def run(
 def _finished(
     job: Job, folder: OutputFolder | None, viewer: str | None, *, overview: bool
 ) -> tuple[Finished, bytes | None]:
-    """Run a job, and once more with the camera that all its frames tell, where no window tells the focal length.
+    """Run a job, and once more with the camera by all its frames, where no window determines the focal length.
 
     * Returns: The run and its picture, where it is wanted.
     """
@@ -197,9 +197,9 @@ def _recorded(
     with RerunRecorder(folder.staging / RECORDING, seen, job.source.name, truth, config.seed, viewer) as recorder:
         done = _Run(job, recorder).finished()
         recorder.summary(done.summary)
-    # An external program tells neither tracks nor attempts: there is no story to draw.
-    drawn = overview and not is_external(config.method)
-    return done, _drawn(done.result, done.summary, recorder.story, truth) if drawn else None
+    # An external program reports neither tracks nor attempts: there is no story to show.
+    wanted = overview and not is_external(config.method)
+    return done, _overview(done.result, done.summary, recorder.story, truth) if wanted else None
 
 
 def _stage_exports(folder: OutputFolder, done: Finished, export: Collection[str], source: Source) -> None:
@@ -210,12 +210,12 @@ def _stage_exports(folder: OutputFolder, done: Finished, export: Collection[str]
         stage(folder, "", done.result.map, export, source, done.located)
 
 
-def _drawn(result: Result, summary: Summary, story: StoryRecorder, truth: Trajectory | None) -> bytes | None:
+def _overview(result: Result, summary: Summary, story: StoryRecorder, truth: Trajectory | None) -> bytes | None:
     """Draw the overview; None with a warning where this fails, since the results of a run must not be lost by it."""
     try:
         return overview_png(result, summary, story, truth)
     except Exception as error:
-        warnings.warn(f"{OVERVIEW} was not drawn: {error}", RuntimeWarning, stacklevel=2)
+        warnings.warn(f"{OVERVIEW} was not made: {error}", RuntimeWarning, stacklevel=2)
         return None
 
 
@@ -351,7 +351,7 @@ class _Run:
         """Process the frames, and summarize the run."""
         job, parts = self.job, self._parts()
         result = _whole(parts, job.restart)
-        # What a source has to tell may change with each frame.
+        # The notes of a source may change with each frame.
         notes = (*job.notes, *notes_of(job.source), *job.camera.notes, *self.reduction.notes)
         focal_notes = (*_metadata_notes(job.source, job.camera), *_focal_notes(result, job.camera))
         notes = (*notes, *focal_notes, *self.turns.notes, *result.notes)
@@ -406,8 +406,8 @@ class _Run:
         # A run hands its map over at once, but for frames that are asked for.
         grows = self.job.config.refine_frames is not None
         total = min((limit for limit in (available, max_frames) if limit is not None), default=None)
-        # No time that is left: nobody knows the frame of the map, and the first frames may compile. They tell so within
-        # the first second, before there is a bar.
+        # No time that is left: nobody knows the frame of the map, and the first frames may compile. They report it
+        # within the first second, before there is a bar.
         shown = "{l_bar}{bar}| {n_fmt}/{total_fmt} [{elapsed}]"
         with tqdm(total=total, disable=not self.job.progress, leave=False, bar_format=shown, delay=1.0) as bar:
             for frame in self.frames:
@@ -494,10 +494,10 @@ class _Run:
 
 
 def calibrated_by_motion(job: Job, done: Finished) -> Job | None:
-    """The same job with the camera that all its frames tell together, where no window told the focal length.
+    """The same job with the camera by all its frames together, where no window determined the focal length.
 
-    * Returns: None where there is a map or another reason, where the frames do not tell the focal length, or where they
-      cannot be read again.
+    * Returns: None where there is a map or another reason, where the frames do not determine the focal length, or where
+      they cannot be read again.
     """
     if done.result.reason != Verdict.UNKNOWN_FOCAL_LENGTH or (length := length_of(job.source)) is None:
         return None

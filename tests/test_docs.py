@@ -28,7 +28,7 @@ def blocks(page):
 
 
 def run_command(line, monkeypatch):
-    """Run a line of a shell block; ``# exit code N`` at its end tells what it should return."""
+    """Run a line of a shell block; ``# exit code N`` at its end states what it should return."""
     words = shlex.split(line, comments=True)
     if words[0] == "PYTHONPATH=.":
         monkeypatch.syspath_prepend(".")

@@ -8,8 +8,8 @@ The class need not be registered. Every command accepts its import path: ::
 The example shows a poster on a wall. The camera slides past the poster and rotates a little, so each frame is a
 homography of the poster. For ``slam-init run``, ``camera`` and ``groundtruth`` may be None.
 
-If your data are folders, write a reader: a :class:`~slam_init.datasets.posed_images.Layout` tells a folder of this kind
-and opens it. An installed package announces it by an entry point: ::
+If your data are folders, write a reader: a :class:`~slam_init.datasets.posed_images.Layout` recognizes a folder of this
+kind and opens it. An installed package announces it by an entry point: ::
 
     [project.entry-points."slam_init.readers"]
     poster = "add_a_data_set:LAYOUT"

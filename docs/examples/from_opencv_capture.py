@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     import cv2
 
 
-def initialize_from_capture(capture: cv2.VideoCapture, camera: Camera, tell: Callable[[str], object] = print) -> Result:
+def initialize_from_capture(capture: cv2.VideoCapture, camera: Camera, say: Callable[[str], object] = print) -> Result:
     """Read images until a map is found or the capture ends.
 
-    * ``tell``: Is called with a line of text each time the reason or the progress (in steps of 10 %) changes.
+    * ``say``: Is called with a line of text each time the reason or the progress (in steps of 10 %) changes.
     """
     import cv2
 
@@ -38,7 +38,7 @@ def initialize_from_capture(capture: cv2.VideoCapture, camera: Camera, tell: Cal
         status = initializer.process(np.asarray(image, np.uint8), time_s)
         news = status.reason or "", int(10 * status.progress)
         if news != last_news:
-            tell(f"{time_s:7.2f} s  {status.progress:4.0%}  {status.state}  {status.advice}")
+            say(f"{time_s:7.2f} s  {status.progress:4.0%}  {status.state}  {status.advice}")
             last_news = news
         if status:
             return initializer.result

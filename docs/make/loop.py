@@ -22,7 +22,7 @@ from slam_init.recording.recorder import Recorder
 Floats = NDArray[np.float64]
 
 SOURCE = "synth:rotate-then-move?slow_start=60&frames=130"
-# The initializer sees all frames; the first ones, which only turn, are not drawn.
+# The initializer sees all frames; the first ones, which only turn, are not shown.
 START, FRAMES, FRAME_MS, MAP_MS, TAIL = 30, 100, 200, 2500, 7
 MAX_BYTES = 3_000_000
 BLUE, GREY, RED, GREEN = "#1f5fa8", "#9aa0a8", "#b3261e", "#2e8b57"
@@ -58,7 +58,7 @@ def _pictures() -> list[Any]:
         canvas.show_frame(frame.image, tails)
         if status.attempt is not None and status.window is not None:
             canvas.add_risk(frame.index, status.window.risk)
-            # A rotation has no map; its best translation is drawn by chance.
+            # A rotation has no map; its best translation is random.
             provisional = initializer.provisional if status.window.risk_rotation < 1 else None
             if provisional is not None and not status:
                 canvas.show_map(provisional.map, f"best candidate: risk {provisional.risk:.2g}", accepted=False)

@@ -2,7 +2,7 @@
 
 A plane with ``k . X = 1`` in camera 1 turns ``u R m + t = v n`` into ``n ~ (R + t k^T) m``. The inverse depth of a
 point on the plane is linear in its bearing, ``1/u = k . m``. Two sets of R, t (up to scale) and k with points in front
-of both cameras belong to one homography H [1]_. The second pose is called the planar twin here.
+of both cameras belong to one homography H [1]_. The second pose is called the second motion of the plane here.
 
 References
 ----------

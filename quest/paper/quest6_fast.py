@@ -13,8 +13,8 @@ combinations of the 20 quartics ::
 
     C x1 = 0,     C B_x x1 = C B_y x1 = C B_z x1 = 0
 
-Of these 20 equations 18 are independent for general points. Two solutions remain: the true rotation and its twisted
-twin. For points on a plane 8 equations are independent, and 12 solutions remain. With V an orthonormal basis of the 12
+Of these 20 equations 18 are independent for general points. Two solutions remain: the two rotations of the twisted
+pair. For points on a plane 8 equations are independent, and 12 solutions remain. With V an orthonormal basis of the 12
 dimensions in which the equations are fulfilled best, x1 = V y and ::
 
     lambda y = (V' B_a V) y,      B_a = a_x B_x + a_y B_y + a_z B_z,   lambda = (a . q) / w
@@ -54,7 +54,7 @@ from quest.paper.quest6 import PRE_ROTATION, TIMES, quaternions_from_monomials, 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-#: Number of solutions for points on a plane: complex ones, and both motions of the plane with their twisted twins.
+#: Number of solutions for points on a plane: complex ones, and both motions of the plane with their twisted pairs.
 #: General points have two solutions. No smaller number of dimensions is exact for both.
 LARGEST_NUMBER = 12
 

@@ -104,11 +104,11 @@ class _Matches:
         by_score = None if scores is None else np.argsort(-scores[order], kind="stable")
         return cls(np.ascontiguousarray(m[order]), np.ascontiguousarray(n[order]), threshold_rad, by_score)
 
-    def draw(self, rng: np.random.Generator, size: int, drawn: int, batch: int) -> Ints:
+    def draw(self, rng: np.random.Generator, size: int, sampled: int, batch: int) -> Ints:
         """Samples (batch, size)."""
         if self.by_score is None:
             return kernels.draw_subsets(rng.random((batch, size)), len(self.m))
-        return self.by_score[progressive_samples(rng, len(self.m), size, drawn, batch)]
+        return self.by_score[progressive_samples(rng, len(self.m), size, sampled, batch)]
 
 
 def _empty_pool() -> Pool:
@@ -134,8 +134,8 @@ def lo_ransac(
     Shapes: ``m, n`` (N, 3), ``scores`` (N,).
 
     * ``m, n``: Unit bearings in camera 1 and camera 2, N at least the size of a sample.
-    * ``scores``: Quality of the matches, higher is better: better matches are drawn earlier.
-    * ``start``: A pose (R, t) to begin with: samples are drawn until a better one would have been found.
+    * ``scores``: Quality of the matches, higher is better: better matches are sampled earlier.
+    * ``start``: A pose (R, t) to begin with: samples are taken until a better one would have been found.
     * Returns: The models are rows (q_wxyz, t): the refined best model, then the best model of each mode, refined where
       it is near the best. None where no sample has a solution.
     """
@@ -145,12 +145,12 @@ def lo_ransac(
     best: _Refined | None = None if start is None else _polish(matches, kernels.model_of_pose(*start))
     leader: _Refined | None = None
     leading_cost = math.inf
-    drawn, chunk = 0, _FIRST_CHUNK
-    while drawn < max_samples:
-        chunk = min(chunk, max_samples - drawn)
-        samples = matches.draw(rng, proposer.sample, drawn, chunk)
+    sampled, chunk = 0, _FIRST_CHUNK
+    while sampled < max_samples:
+        chunk = min(chunk, max_samples - sampled)
+        samples = matches.draw(rng, proposer.sample, sampled, chunk)
         proposer.propose(matches.m, matches.n, samples, threshold_rad, pool)
-        drawn += chunk
+        sampled += chunk
         # A raw model from few noisy matches is worse than the same model refined, so each new leader is refined.
         if costs[0] < leading_cost:
             leading_cost = costs[0]
@@ -160,12 +160,12 @@ def lo_ransac(
         share = 0.0 if best is None else best.inliers / len(m)
         if matches.by_score is not None and best is not None:
             # The samples so far came from the best-scored matches, and the share of inliers is higher among those.
-            drawn_from = matches.by_score[: subset_size(len(m), proposer.sample, drawn)]
-            share = max(share, _share_of_rows(matches, best, drawn_from))
+            sampled_from = matches.by_score[: subset_size(len(m), proposer.sample, sampled)]
+            share = max(share, _share_of_rows(matches, best, sampled_from))
         needed = samples_needed(share, proposer.sample, confidence, proposer.yield_)
-        if drawn >= needed:
+        if sampled >= needed:
             break
-        chunk = min(2 * chunk, _LARGEST_CHUNK, max(_FIRST_CHUNK, math.ceil(min(needed, max_samples)) - drawn))
+        chunk = min(2 * chunk, _LARGEST_CHUNK, max(_FIRST_CHUNK, math.ceil(min(needed, max_samples)) - sampled))
     if best is None:
         return None
     found = int(np.isfinite(costs).sum())
@@ -186,7 +186,7 @@ def lo_ransac(
         if refit.cost < best.cost:
             best = refit
     costs = np.concatenate([[best.cost], costs[:found]])
-    return RansacReport(np.concatenate([best.model[None], models]), costs, drawn, 1 + refined)
+    return RansacReport(np.concatenate([best.model[None], models]), costs, sampled, 1 + refined)
 
 
 def _share_of_rows(matches: _Matches, motion: _Refined, rows: Ints) -> float:

@@ -65,7 +65,7 @@ def _motions_of_plane(H: Floats, m: Floats, model: Floats) -> list[tuple[Floats,
     """The motions (q_wxyz, t) of a homography of points m (N, 3) and their normals, that of the given motion first."""
     motions = decompose_homography(H, m)
     found = [(kernels.model_of_pose(R_i, t_i / np.linalg.norm(t_i)), k_i) for R_i, t_i, k_i in motions if t_i.any()]
-    # One of the two is the motion itself, up to noise; the other is its twin.
+    # One of the two is the motion itself, up to noise; the other is the second motion of the plane.
     found.sort(key=lambda one: -abs(float(one[0][:4] @ model[:4])) - 0.25 * float(one[0][4:] @ model[4:]))
     return found
 

@@ -19,8 +19,8 @@ Ints = NDArray[np.int64]
 _PROSAC_SAMPLES = 200_000
 
 
-def progressive_samples(rng: np.random.Generator, count: int, size: int, drawn: int, batch: int) -> Ints:
-    """Draw the samples number ``drawn`` to ``drawn + batch`` of PROSAC [C05]_.
+def progressive_samples(rng: np.random.Generator, count: int, size: int, sampled: int, batch: int) -> Ints:
+    """Draw the samples number ``sampled`` to ``sampled + batch`` of PROSAC [C05]_.
 
     Samples come from a growing subset of the best matches. Each sample holds the newest match of the subset and others
     of the subset.
@@ -28,14 +28,14 @@ def progressive_samples(rng: np.random.Generator, count: int, size: int, drawn: 
     Shapes: returns (batch, size).
     """
     ends = _growth(count, size)
-    newest = np.searchsorted(ends, np.arange(drawn, drawn + batch), side="right") + size - 1
+    newest = np.searchsorted(ends, np.arange(sampled, sampled + batch), side="right") + size - 1
     samples = np.empty((batch, size), np.int64)
     uniform = newest >= count
     samples[uniform] = draw_samples(rng, count, size, int(uniform.sum()))
     last = newest[~uniform]
     progressive = np.empty((len(last), size), np.int64)
     progressive[:, 0] = last
-    # Floyd's method for a random subset of the ranks below: the end of the range replaces a number drawn before.
+    # Floyd's method for a random subset of the ranks below: the end of the range replaces a number sampled before.
     for k in range(1, size):
         end = last - size + k
         number = rng.integers(end + 1)
@@ -45,9 +45,9 @@ def progressive_samples(rng: np.random.Generator, count: int, size: int, drawn: 
     return samples
 
 
-def subset_size(count: int, size: int, drawn: int) -> int:
-    """Size of the PROSAC subset after ``drawn`` samples."""
-    return min(int(np.searchsorted(_growth(count, size), drawn - 1, side="right")) + size, count)
+def subset_size(count: int, size: int, sampled: int) -> int:
+    """Size of the PROSAC subset after ``sampled`` samples."""
+    return min(int(np.searchsorted(_growth(count, size), sampled - 1, side="right")) + size, count)
 
 
 def _growth(count: int, size: int) -> Floats:

@@ -1,4 +1,4 @@
-"""Samples of RANSAC: how they are drawn, how many are needed, and what a search reports."""
+"""Samples of RANSAC: how they are chosen, how many are needed, and what a search reports."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class RansacReport:
     models: Floats
     #: (k,) Cost of each model, before it was refined but for the best one.
     costs: Floats
-    #: Number of samples drawn.
+    #: Number of samples.
     samples: int
     #: Number of models, from the first, that are refined; the others are raw.
     refined: int = 1

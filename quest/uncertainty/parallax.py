@@ -167,7 +167,7 @@ def parallax_statement(
         fit starts at R.
     stated_noise_rad : float, optional
         Standard deviation of a bearing as the caller expects it, in radians. The upper confidence limit of the noise is
-        not larger than this, nor smaller than the estimate. By default the residuals alone tell the limit; a dozen of
+        not larger than this, nor smaller than the estimate. By default the residuals alone give the limit; a dozen of
         them hardly bound the noise.
 
     Returns

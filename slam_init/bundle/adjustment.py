@@ -107,7 +107,7 @@ def _adjusted(
 
 
 class _Stated(NamedTuple):
-    """A fit, and what its residuals tell of it."""
+    """A fit, and what its residuals say about it."""
 
     fit: BundleFit
     #: (M, 2)

@@ -43,13 +43,14 @@ class SharedErrors(NamedTuple):
     by_lens: Floats
     #: (4,) Standard deviations of the lens before the tracks are seen; 0 for what is exact.
     lens_sigmas: Floats
-    #: (4,) Whether the camera of the map has the value that the tracks tell.
+    #: (4,) Whether the camera of the map has the value by the tracks.
     lens_fitted: Bools
     #: (M, 6) Polynomials over the image at the pixels. The twelve coefficients of the field of a view, six for each
     #: coordinate, have the standard deviation ``correlated_px``.
     places: Floats
     correlated_px: float
-    #: Variance of the noise of the graph over that of the covariances. The tracks tell so much less about the lens.
+    #: Variance of the noise of the graph over that of the covariances. The tracks have so much less information about
+    #: the lens.
     excess: float = 1.0
 
     @staticmethod
@@ -254,7 +255,7 @@ def inverse_of_poses(information: Floats) -> Floats:
 
 
 def root_of_lens(information: Floats, sigmas: Floats) -> Floats:
-    """A root (4, 4) of the covariance of the lens by its prior and what the tracks tell.
+    """A root (4, 4) of the covariance of the lens by its prior and by the tracks.
 
     It is computed in units of the prior, in which a parameter may be exact.
     """

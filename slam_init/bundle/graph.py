@@ -258,7 +258,7 @@ def _map_of_graph(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> Ma
             raise SourceError(f"the graph has two poses with the number {frame}: give a graph of one camera")
         if frame not in poses:
             poses[frame] = _pose(pose)
-            # The wrapper does not tell where a sensor sits on its body. The point of the graph may lie behind it.
+            # The wrapper does not state where a sensor sits on its body. The point of the graph may lie behind it.
             ahead = pose.transformFrom(_AHEAD)
             moved = gtsam.Values(values)
             moved.update(point_key, ahead)

@@ -7,7 +7,7 @@ between two poses, preintegrated [F17]_; one factor states the map. The bias of 
 less than a hundredth of what is not known of it.
 
 The start is linear in scale, gravity and velocities, with the rotations of the map [M14]_. The direction of gravity and
-the bias of the accelerometer are hardly told from each other while the camera turns little, and need not be: the scale
+the bias of the accelerometer can hardly be distinguished while the camera turns little, and need not be: the scale
 comes from accelerations that change.
 
 References

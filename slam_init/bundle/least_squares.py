@@ -29,7 +29,8 @@ from slam_init.types.pose import Pose
 #: Levenberg-Marquardt with the numbers of gtsam: first damping, its largest value, and the absolute decrease of the
 #: error below which the iterations end.
 _DAMPING, _MOST_DAMPING, _LEAST_DECREASE = 1e-5, 1e5, 1e-5
-#: Damping of the covariances: a landmark whose rays are parallel tells nothing about the poses, and must not stop them.
+#: Damping of the covariances: a landmark whose rays are parallel has no information about the poses, and must not stop
+#: them.
 NONE = 1e-9
 #: Tuning constant of the robust kernel with 95 % efficiency on Gaussian residuals (Holland and Welsch 1977).
 CAUCHY = 2.3849
@@ -37,7 +38,7 @@ CAUCHY = 2.3849
 #: one in twenty by more than 2 in ten thousand (300 simulated points in views with .5 px of noise and 10 % outliers,
 #: from distances off by 5 %).
 _POINT_STEPS = 5
-#: Damping of these steps: points without parallax stay where they are. The rays of a point in the median depth tell a
+#: Damping of these steps: points without parallax stay where they are. The rays of a point in the median depth show a
 #: million and more about the directions across them.
 _POINT_DAMPING = 1.0
 #: An error from here on is that of a landmark behind a camera.

@@ -18,7 +18,8 @@ from slam_init.types.camera import Camera
 from slam_init.types.lens import CALIBRATED_SIGMA, MAX_FOCAL_SIGMA, UNKNOWN_PRINCIPAL_SIGMA, LensPrior, k1_sigma
 
 #: Steps of the derivatives. Poses and points follow most of a change of the lens, and a millionth of what is left may
-#: count: errors of a thousandth of the derivatives would tell as much about the focal length as a turning camera does.
+#: count: errors of a thousandth of the derivatives would have as much weight in the focal length as a turning camera
+#: has.
 _STEP, _PIXEL_STEP = 1e-6, 1e-3
 
 

@@ -1,11 +1,11 @@
 """The lens of all frames of a stretch of video: a bundle adjustment whose lens is free.
 
-Where a camera drives straight ahead, each frame tells little about the focal length: a longer lens sees a scene that is
-stretched along the optical axis in the same way. Where the lens bends strongly, a polynomial with one coefficient fits
-the centre of the image or its border. Both are told by all frames of some seconds together, by matches that do not
-drift. Unknown are the poses, the points, the focal length, two coefficients of the radial distortion, and the principal
-point. The lens has a prior. With a point ``X`` of homogeneous coordinates (unit length, so that points at infinity are
-points like any other) ::
+Where a camera drives straight ahead, each frame has little information about the focal length: a longer lens sees a
+scene that is stretched along the optical axis in the same way. Where the lens bends strongly, a polynomial with one
+coefficient fits the centre of the image or its border. All frames of some seconds together determine both, by matches
+that do not drift. Unknown are the poses, the points, the focal length, two coefficients of the radial distortion, and
+the principal point. The lens has a prior. With a point ``X`` of homogeneous coordinates (unit length, so that points at
+infinity are points like any other) ::
 
     P = R_k X[:3] + X[3] t_k        x = P[:2] / P[2]        pixel = f x (1 + k1 |x|^2 + k2 |x|^4) + c
 
@@ -333,7 +333,7 @@ class _Equations(NamedTuple):
 
     def reduced(self, damping: float) -> _Reduced:
         """Eliminate the points."""
-        # A point at infinity tells nothing about its distance.
+        # A point at infinity has no information about its distance.
         block = self.block * (1 + damping * np.eye(3)) + 1e-9 * np.eye(3)
         inverse = np.asarray(np.linalg.inv(block), np.float64)
         follow, size = inverse @ self.coupling, len(self.pull)

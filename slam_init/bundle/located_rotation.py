@@ -1,7 +1,7 @@
 """How well the rotation of a frame is known that the landmarks of a map locate.
 
 Landmarks have errors in common: of the keyframes that see them, of the lens, of the tracker. So the noise of a frame
-tells a tenth of the error of its rotation, and less with each frame since the last keyframe. The frame joins the
+explains a tenth of the error of its rotation, and less with each frame since the last keyframe. The frame joins the
 covariances of the map (:mod:`slam_init.bundle.covariances`) as one view more, with some of the landmarks.
 """
 

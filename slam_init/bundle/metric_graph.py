@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 #: The prior of a further pose states a direction, and the range states the length. The deviation of such a prior along
 #: the baseline is so many times that of the scale, so that ten of them change the latter by a twentieth.
 _LOOSE = 10.0
-#: Standard deviation of a landmark over its distance, where nothing else tells it. gtsam refuses a landmark whose depth
-#: is known worse than its ray by a factor of 4096, which is 0.8 at a noise of 0.1 px and a focal length of 500 px. The
-#: variances of the poses change by some per cent.
+#: Standard deviation of a landmark over its distance, where nothing else determines it. gtsam refuses a landmark whose
+#: depth is known worse than its ray by a factor of 4096, which is 0.8 at a noise of 0.1 px and a focal length of 500
+#: px. The variances of the poses change by some per cent.
 _LOOSE_LANDMARK = 0.5
 
 
@@ -94,7 +94,7 @@ def joint_pose_covariance(graph: gtsam.NonlinearFactorGraph, values: gtsam.Value
 
 
 def _with_loose_landmarks(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.NonlinearFactorGraph:
-    """The same graph with a prior on each landmark that tells less than two views."""
+    """The same graph with a prior on each landmark that is weaker than two views."""
     import gtsam
 
     held = gtsam.NonlinearFactorGraph(graph)

@@ -2,12 +2,12 @@
 
 A graph states independent noise. Two kinds of errors do not average out as it says:
 
-1. **Errors that a track keeps from view to view** (drift, uneven or anisotropic noise). They are told by the scatter of
+1. **Errors that a track keeps from view to view** (drift, uneven or anisotropic noise). They follow from the scatter of
    the scores over the tracks. The score of a track is its part of the gradient of the cost by the poses, which is 0 in
    the sum. With independent noise, the scores scatter as the information H says.
 2. **Errors that the tracks of a view share** (lens model, shutter, stabilizer, the bias of subpixel positions). A
    smooth field of each view describes them: two polynomials of degree two, whose twelve coefficients have the standard
-   deviation q. The tracks tell q by the probability of the residuals, with poses, points and lens integrated out.
+   deviation q. The tracks determine q by the probability of the residuals, with poses, points and lens integrated out.
 
 The covariances of a map (:mod:`slam_init.bundle.covariances`) have both: with the factor r on the variance of the noise
 and the response S of the poses to the fields, that of the poses is ``r H^-1 + q^2 S S^T``. A graph of reprojection
@@ -110,7 +110,7 @@ class _Equations:
         H, scores = self._poses[6:, 6:], self._scores[:, 6:]  # the first pose is held
         units = np.sqrt(np.maximum(np.diag(H), 1e-300))
         strength, axes = np.linalg.eigh(H / np.outer(units, units))
-        # The images do not tell the scale, whose information is the smallest.
+        # The images do not determine the scale, whose information is the smallest.
         along = scores / units @ axes[:, 1:] / np.sqrt(np.maximum(strength[1:], 1e-12))
         # The poses follow the tracks, which lowers scores and residuals alike; the estimate of the noise knows it.
         return float(np.mean(np.sum(along**2, axis=0)))

@@ -170,7 +170,7 @@ def load_yaml(path: str | os.PathLike[str]) -> dict[str, object]:
 
 
 def as_text(data: bytes) -> str:
-    """Decode a file, or tell in one line why it is no text."""
+    """Decode a file, or state in one line why it is no text."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:

@@ -289,7 +289,7 @@ def _is_dso(text: str) -> bool:
 
 
 def _dso(text: str) -> Content:
-    """The ``camera.txt`` of DSO and LSD-SLAM: parameters, then the image size; the rest tells how they rectify."""
+    """The ``camera.txt`` of DSO and LSD-SLAM: parameters, then the image size; the rest states how they rectify."""
     parameters, sides = map(_fields, _lines(text)[:2])
     named = [] if _is_numeric(parameters[0]) else [parameters.pop(0)]
     values = [float(field) for field in parameters]

@@ -93,7 +93,7 @@ def focal_from_metadata(path: str | os.PathLike[str], size: tuple[int, int]) -> 
     * ``path``: A photograph (JPEG, TIFF, PNG or WebP), a video, or a folder of photographs or with a subfolder
       ``images``.
     * ``size``: Width and height of the images that are used, in pixels. They may have been resized, and turned.
-    * Returns: None where the metadata tell no focal length, where the images were cut to another format, or where the
+    * Returns: None where the metadata state no focal length, where the images were cut to another format, or where the
       first and the last photograph of a folder have different ones (a zoom).
     """
     path = user_path(path)
@@ -250,7 +250,7 @@ def _video_statement(film_mm: float, size: tuple[int, int]) -> _Statement:
     return crop * mean, sigma
 
 
-# -- values of strangers ---------------------------------------------------------------------------
+# -- untrusted values ------------------------------------------------------------------------------
 
 
 def _number(value: Any) -> float | None:
@@ -286,7 +286,7 @@ def size_remedy(size: tuple[int, ...], expected: tuple[int, int], orientation: i
 
     * ``size, expected``: Width and height.
     * ``orientation``: That of EXIF, 1 for an upright image.
-    * ``otherwise``: The remedy where the sizes tell no cause.
+    * ``otherwise``: The remedy where the sizes show no cause.
     """
     width, height = expected
     if size == (height, width):

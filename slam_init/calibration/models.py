@@ -32,8 +32,8 @@ COLMAP_PARAMETERS = {
 NUMBERED = tuple(COLMAP_PARAMETERS)[:11]
 
 #: Model of :class:`~slam_init.types.camera.Camera` -> its names in all formats, lower case. OpenCV's models of 4 to 12
-#: coefficients have one name in most formats; the coefficients tell them apart. ``rectified`` and ``ucm`` are no models
-#: of their own: a pinhole camera whose coefficients do not count, and ``eucm`` with a beta of 1.
+#: coefficients have one name in most formats; the coefficients distinguish them. ``rectified`` and ``ucm`` are no
+#: models of their own: a pinhole camera whose coefficients do not count, and ``eucm`` with a beta of 1.
 _NAMES = {
     "pinhole": "none perspective simple_pinhole",
     "radtan": "radial_tangential radialtangential radialtangential8 plumb_bob rational rational_polynomial thin_prism "
@@ -68,7 +68,7 @@ def model_of(section: Section) -> str:
     """Find the model that a camera states. Formats state projection and distortion apart, or both under one key.
 
     A value that is not understood is an error under every key that states a model: a wrong lens bends the map, and
-    nothing else in the file would tell.
+    nothing else in the file shows it.
     """
     stated: dict[str, str] = {}
     for name in filter(states_model, section.values):

@@ -1,6 +1,6 @@
 """The syntaxes of calibration files: YAML in the dialect of OpenCV, JSON, XML, and arrays of numpy, all as mappings.
 
-Files come from strangers. YAML is read by PyYAML's safe loader only; the tags ``!!opencv-matrix`` are read as plain
+Files are not trusted. YAML is read by PyYAML's safe loader only; the tags ``!!opencv-matrix`` are read as plain
 mappings. Aliases, deep nesting, document types of XML, and pickled objects are refused.
 """
 

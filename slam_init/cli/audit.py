@@ -18,7 +18,7 @@ _OTHER_IMAGES = (
 def add_audit(commands: Commands) -> None:
     """Add the command."""
     description = (
-        "State the risk that a map from anywhere is wrong, term by term, and what would tell. Exit codes: 0 sound, 3 "
+        "State the risk that a map from anywhere is wrong, term by term, and what would decide. Exit codes: 0 sound, 3 "
         "doubtful, 4 wrong, 2 bad input."
     )
     audit = add_command(commands, "audit", _audit, "state the risk that a map from anywhere is wrong", description)

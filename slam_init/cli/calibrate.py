@@ -19,7 +19,7 @@ _DEFAULT_OUT = "slam-init-calibration"
 def add_calibrate(commands: Commands) -> None:
     """Add the command."""
     description = (
-        "Estimate focal length and radial distortion from all stretches of a video that tell them; write camera.yaml "
+        "Estimate focal length and radial distortion from the stretches of a video that fix them; write camera.yaml "
         "with standard deviations. Turn the camera while it moves. A calibration of the source is not used."
     )
     calibrate = add_command(commands, "calibrate", _calibrate, "estimate the focal length from a video", description)
@@ -69,10 +69,10 @@ def _text(found: SelfCalibration, out: str) -> str:
 
     stretches = f"{len(found.stretches)} of {found.tried} stretches"
     if found.camera is None:
-        why = f"none of {found.tried} stretches tells the focal length"
+        why = f"none of {found.tried} stretches fixes the focal length"
         if found.focal_sigma is not None:
             why = (
-                f"{stretches} tell the focal length to {found.focal_sigma:.1%}; at most {MAX_FOCAL_SIGMA:.0%} is needed"
+                f"{stretches} fix the focal length to {found.focal_sigma:.1%}; at most {MAX_FOCAL_SIGMA:.0%} is needed"
             )
         advice = "turn the camera while it moves, before a scene with depth; a longer video has more stretches"
         # Nothing is said of the lens where there is no texture, or no motion: that comes first.

@@ -40,7 +40,7 @@ def add_compare(commands: Commands) -> None:
     description = (
         "Run methods on the same tracks from many starts; write tables, statistics and a report. The wait of a trial "
         "is the number of frames after its start until the first correct map; a trial without one counts as its limit. "
-        "slam_init/compare/criteria.py tells how each sequence is evaluated."
+        "slam_init/compare/criteria.py states how each sequence is evaluated."
     )
     compare = add_command(commands, "compare", _compare, "compare methods on the same trials", description)
     compare.add_argument(
@@ -139,8 +139,8 @@ def _compare(arguments: argparse.Namespace) -> int:
         command=shlex.join(["slam-init", *sys.argv[1:]]),
         frozen=frozen,
     )
-    told = "".join(f"{note}\n" for note in notes)
-    emit(f"{main_table(summary)}\n\n{told}report: {out / 'report.html'}\n")
+    text = "".join(f"{note}\n" for note in notes)
+    emit(f"{main_table(summary)}\n\n{text}report: {out / 'report.html'}\n")
     return DONE
 
 

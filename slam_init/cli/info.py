@@ -16,7 +16,7 @@ def add_info(commands: Commands) -> None:
         "Tell what a sequence holds. For the folder of a run: the verdict and its reason, the keyframes, the files, "
         "the version and the command."
     )
-    info = add_command(commands, "info", _info, "tell what a sequence or the folder of a run holds", description)
+    info = add_command(commands, "info", _info, "show what a sequence or the folder of a run holds", description)
     add_source(info, default=None, results=True)
     info.add_argument("--json", action="store_true", help="print it as JSON")
 

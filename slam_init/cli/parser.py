@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 Commands: TypeAlias = "argparse._SubParsersAction[Parser]"
 DONE, BAD_INPUT, NOT_INITIALIZED = 0, 2, 3
-#: Of ``slam-init audit``: the tracks do not tell, as where they do not allow a map; they contradict the map.
+#: Of ``slam-init audit``: the tracks do not decide, as where they do not allow a map; they contradict the map.
 DOUBTFUL, WRONG = NOT_INITIALIZED, 4
 #: Added to the number of the signal.
 INTERRUPTED = 128

@@ -93,7 +93,7 @@ def add_run(commands: Commands) -> None:
         type=number(0),
         metavar="N",
         dest="refine_frames",
-        help="let the map grow by the next N frames before it is handed over: keyframes, landmarks, better depths",
+        help="let the map grow by the next N frames before it is exported: keyframes, landmarks, better depths",
     )
     after.add_argument(
         "--continue",

@@ -39,7 +39,7 @@ def add_source(
     *,
     results: bool = False,
 ) -> None:
-    """Add the source and the options of its camera, of which the default is told.
+    """Add the source and the options of its camera, of which the default is stated.
 
     * ``results``: Whether the source may be a folder of results.
     """

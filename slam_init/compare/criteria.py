@@ -13,7 +13,7 @@ If the camera does not translate, every map is false, because no baseline exists
 for a panorama it says that the camera did not translate.
 
 A sequence is recognized by the name of its folder (:data:`SEQUENCES`), and a synthetic world by its scene. All other
-sequences are evaluated as sound if they have a ground truth.
+sequences count as sound if they have a ground truth.
 """
 
 from __future__ import annotations

@@ -70,7 +70,7 @@ _MEDIANS_OF_CORRECT = (
 #: Version 2 added the figures of ambiguous planes and of suspected focal lengths. Version 3 renamed the parts
 #: ``image_still`` and ``points_still`` to ``image_static`` and ``points_static``. Version 4 added ``min_left``,
 #: ``criteria``, ``wait``, ``waits`` and ``reliability``. Version 5 added the figures of the audit, and version 6
-#: renamed ``judging``.
+#: renamed the key ``criteria``.
 _SCHEMA = 6
 
 

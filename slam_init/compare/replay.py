@@ -83,7 +83,7 @@ def _stored(source: TimedSource, text: str, folder: str | os.PathLike[str]) -> P
 
 
 def tracks_digest(source: TimedSource | PointSource, text: str, steps: Iterable[Step]) -> str:
-    """Hash the tracks of a source, so that two comparisons can tell whether they evaluated the same input.
+    """Hash the tracks of a source, so that two comparisons can check whether they evaluated the same input.
 
     The hash holds the calibration, and of each record its frame, the ids of all tracks, and the positions of about 20
     tracks, rounded to a hundredth of a pixel. The last bit of a sine differs between processors and libraries, so that

@@ -123,7 +123,7 @@ def cluster_mean(values: Floats, clusters: NDArray[np.object_]) -> Interval:
     if len(sums) == 1 or np.ptp(values) == 0:
         ends = math.nan if len(sums) == 1 else mean
         return Interval(mean, ends, ends)
-    drawn = np.random.default_rng(_SEED).integers(len(sums), size=(_BOOTSTRAP_SAMPLES, len(sums)))
-    means = sums[drawn].sum(axis=1) / sizes[drawn].sum(axis=1)
+    resampled = np.random.default_rng(_SEED).integers(len(sums), size=(_BOOTSTRAP_SAMPLES, len(sums)))
+    means = sums[resampled].sum(axis=1) / sizes[resampled].sum(axis=1)
     low, high = np.quantile(means, (0.025, 0.975))
     return Interval(mean, float(low), float(high))

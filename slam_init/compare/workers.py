@@ -1,7 +1,7 @@
 """Where trials run: in processes of this machine, or on the workers of a Dask cluster, which start such a process each.
 
 A method that hangs, crashes or exhausts memory spoils only its own trial, because pebble ends and replaces the process.
-After a method of somebody else (``package.module:attribute``) the process is replaced as well: the method may have
+After a third-party method (``package.module:attribute``) the process is replaced as well: the method may have
 changed the libraries, or left threads. The processes end when the comparison ends, whatever ends it.
 """
 
@@ -179,8 +179,8 @@ def _trial(trial: Trial, settings: Settings) -> TrialRow:
     except BaseException as error:  # raised by the method, sys.exit too: the trial counts as an error
         if isinstance(error, MemoryError) or "Insufficient memory" in str(error) or "bad_alloc" in str(error):
             os._exit(_EXHAUSTED)  # OpenCV and C++ extensions do not raise MemoryError
-        told = str(error) if isinstance(error, SlamInitError) else f"{type(error).__name__}: {error}"
-        row = error_row(trial, settings, told)
+        text = str(error) if isinstance(error, SlamInitError) else f"{type(error).__name__}: {error}"
+        row = error_row(trial, settings, text)
     # The memory of this process is not that of an external program.
     return row if is_external(trial.method) else replace(row, peak_memory_mb=_peak_memory_mb())
 

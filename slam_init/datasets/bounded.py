@@ -1,4 +1,4 @@
-"""Reads files of strangers: bounded in size, and checked before anything large is allocated."""
+"""Reads untrusted files: bounded in size, and checked before anything large is allocated."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from slam_init.system.regular_file import open_regular
 
 
 def first_bytes(path: str | os.PathLike[str], count: int) -> bytes:
-    """Read the start of a file, by which its kind is told."""
+    """Read the start of a file, which shows its kind."""
     with open_regular(path, SourceError) as file:
         return file.read(count)
 

@@ -19,7 +19,7 @@ from slam_init.types.arrays import Image, Pairs
 #: An image as it is stored.
 Pixels: TypeAlias = Image | Pairs
 
-#: Number of images that tell the range.
+#: Number of images that give the range.
 SAMPLES = 9
 
 # Percentiles of an image, so that hot and dead pixels do not count.
@@ -39,7 +39,7 @@ class GreyLevels:
 
     @classmethod
     def of(cls, images: Iterable[Pixels]) -> GreyLevels:
-        """The range of some images. Those of 8 bits tell nothing, nor do black and white: they are no measurement."""
+        """The range of some images. Those of 8 bits, and black and white ones, are no measurement."""
         ranges = [
             np.percentile(seen, _TAILS)
             for image in images

@@ -105,7 +105,7 @@ def _read_features(path: Path, features: h5py.File) -> tuple[list[str], list[Flo
 def _read_matches(path: Path, matches: h5py.File, names: list[str]) -> Iterator[PairMatches]:
     index = {name.replace("/", "-"): i for i, name in enumerate(names)}
     if len(index) < len(names):
-        raise SourceError(f"{path}: two images differ in / and - only, which hloc does not tell apart")
+        raise SourceError(f"{path}: two images differ in / and - only, which hloc does not distinguish")
     partners = _arrays(matches, "/matches0")
     if not partners:
         raise SourceError(f"{path}: holds no matches0: name the file of the matches, not that of the features")

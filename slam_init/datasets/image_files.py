@@ -196,7 +196,7 @@ def check_size(
 
     * ``of``: Name of the thing that has the expected size, for the message.
     * ``path``: The file of the image, if there is one.
-    * ``otherwise``: The remedy where the sizes tell no cause.
+    * ``otherwise``: The remedy where the sizes show no cause.
     """
     if size != expected:
         orientation = 1 if path is None else photograph_facts(path).orientation
@@ -245,7 +245,7 @@ class ImageFileSource:
     timestamps_s: Floats
     camera: Camera | None = None
     groundtruth: Trajectory | None = None
-    #: What the files tell the user, for example the unit of the time stamps.
+    #: Notes about the files for the user, for example the unit of the time stamps.
     stated_notes: tuple[str, ...] = ()
     #: The folder that no image may lie outside of; None for any.
     root: Path | None = None
@@ -347,7 +347,7 @@ def _is_video(paths: list[Path], root: Path) -> bool:
     try:
         firsts = evenly_spaced(max(len(paths) - 2, 0), _TRIPLES).tolist()
         return _steps_are_even([read_pixels(path, root) for path in paths[k : k + 3]] for k in firsts)
-    except SourceError:  # of an image that cannot be read, which is told when its frame is asked for
+    except SourceError:  # of an image that cannot be read, which is reported when its frame is asked for
         return False
 
 
@@ -356,7 +356,7 @@ def _is_video(paths: list[Path], root: Path) -> bool:
 
 # A video moves on as it did: from step to step, the shift of its images changes by 0.1 to 0.9 % of their width (medians
 # of eight sequences at 10 to 30 Hz). Between photographs it changes by 3 to 11 % (five sets). Only in a video do the
-# steps tell how the camera turns while the rows of one image are read.
+# steps show how the camera turns while the rows of one image are read.
 
 #: Number of triples of consecutive images that are looked at. With three instead of five, photographs of a fountain
 #: are a video.

@@ -160,8 +160,9 @@ def moves_otherwise(
     """Whether the points of a map move otherwise in the images of a source: then these are no images of the map.
 
     Between two frames a point of the map moves as the map has observed it, right or wrong as its poses may be. In its
-    own images the nearest track moves alike. Where such tracks tell the motion of the middle point no better than that
-    it does not move, they are of another scene. Without points that both frames see nothing is told.
+    own images the nearest track moves alike. Where such tracks predict the motion of the middle point no better than
+    the assumption that it does not move, they are of another scene. Without points that both frames see no answer is
+    known.
 
     * ``poses``: Of the frames of the source.
     * ``pair``: Two frames of the source.

@@ -53,7 +53,7 @@ def open_python(text: str) -> TimedSource:
         source: TimedSource = attribute_of(text.removeprefix(PYTHON))()
     except SlamInitError:
         raise
-    except (Exception, SystemExit) as error:  # the module of somebody else may raise anything
+    except (Exception, SystemExit) as error:  # a third-party module may raise anything
         raise SourceError(f"{text}: cannot be opened ({described_error(error)}): {_FORM}") from error
     if missing := [name for name in _REQUIRED_ATTRIBUTES if not hasattr(source, name)]:
         raise SourceError(f"{text}: the returned object is not a source: it has no {missing[0]}")
@@ -95,7 +95,7 @@ def _file(
     return Layout(kind, looked_for, fits, lambda path, _: open_(path))
 
 
-# Many programs write SQLite files, so that the suffix tells those of ROS 2.
+# Many programs write SQLite files, so that the suffix marks those of ROS 2.
 _FILES: tuple[Layout, ...] = (
     _file("hloc", "matches of hloc (.h5)", (".h5", ".hdf5"), HDF5, open_hloc),
     _file("tracks", "tracks (.npz)", (".npz",), b"", open_tracks_file),

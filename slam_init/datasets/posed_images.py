@@ -37,7 +37,7 @@ class Layout:
 
     #: What :func:`slam_init.datasets.opening.detect_kind` returns.
     kind: str
-    #: The files that tell it, and its name in brackets, for the message where nothing fits.
+    #: The files that state it, and its name in brackets, for the message where nothing fits.
     looked_for: str
     #: Finds the files that a path of this kind has; None or False for another path. It reads no large file.
     find: Callable[[Path], Any]
@@ -140,7 +140,7 @@ def common_camera(cameras: Sequence[Camera | None], what: str) -> tuple[Camera |
     """Find one calibration for images that state one each.
 
     The images must be of one camera. Calibrations that differ by less than one per cent of the longer side, as those
-    of a telephone that focuses, are replaced by their median; the note tells how much they differ.
+    of a telephone that focuses, are replaced by their median; the note states how much they differ.
     """
     stated = [camera for camera in cameras if camera is not None]
     if not stated:

@@ -273,7 +273,7 @@ def image_times(
 
 
 def _check(times: Floats, raw: Floats, places: Sequence[str]) -> None:
-    """Raise the problem of the first time that has one; the message tells the stamp that it comes from."""
+    """Raise the problem of the first time that has one; the message states the stamp that it comes from."""
     previous = np.concatenate([[-1.0], times[:-1]])
     with np.errstate(invalid="ignore"):
         suspects = np.flatnonzero(~((times > previous) & (times >= 0) & (raw < LARGEST_STAMP)))
@@ -289,8 +289,8 @@ def truth_on_clock(
 ) -> tuple[Trajectory | None, tuple[str, ...]]:
     """Convert the stamps of a true trajectory to seconds on the clock of the images.
 
-    Poses may come at any rate, so that their step tells nothing. Their unit is the one in which most images have a true
-    pose; the stated one if no other gives more.
+    Poses may come at any rate, so that their step has no meaning. Their unit is the one in which most images have a
+    true pose; the stated one if no other gives more.
 
     Shapes: ``timestamps_s`` (N,).
     """

@@ -1,4 +1,4 @@
-"""Sources of tracks: features and matches that somebody else made, with or without the images.
+"""Sources of tracks: features and matches of other programs, with or without the images.
 
 A ``.npz`` file of any front end has ``frame`` (M,), ``track`` (M,), ``xy`` (M, 2) and ``size`` (2,). Optional are
 ``names`` (F,), ``timestamps_s`` (F,), ``K`` (3, 3) with ``distortion`` and ``model``, and ``world_from_cam`` (F, 4, 4),

@@ -8,7 +8,7 @@ file object and not by its name: so the container cannot make FFmpeg open anothe
 rows. Where the image moves, neighbouring rows differ more than rows two apart, which belong to the same field: a comb.
 In an image of one time the mean absolute difference grows with the distance of the rows. For white noise, which has the
 least growth, the two differences are equal. So a frame in which neighbouring rows differ by clearly more than rows two
-apart has two fields. A flag of the container would tell less: progressive videos are often stored with it.
+apart has two fields. A flag of the container would be less certain: progressive videos are often stored with it.
 
 From the first such frame on, the odd rows are replaced by the means of the even rows beside them. The rows that are
 left keep their places, so the calibration and earlier tracks stay valid; only the resolution of the columns is halved.
@@ -195,7 +195,7 @@ class VideoSource:
     rate_hz: float
     #: (int, int) Width and height of the upright frames in pixels.
     size: tuple[int, int]
-    #: What the header tells the user: whether the frame rate is assumed, or the frames are turned.
+    #: Notes about the header for the user: whether the frame rate is assumed, or the frames are turned.
     header_notes: tuple[str, ...] = ()
     kind: str = "video"
     #: camera, groundtruth: A video holds neither.

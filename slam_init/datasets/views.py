@@ -3,7 +3,7 @@
 As in COLMAP, the black pixels (0) of a mask are ignored, and the mask of ``NAME.EXT`` is ``NAME.EXT.png`` in the
 folder; ``NAME.png`` is found as well. Frames of a video are named ``frame-000012``.
 
-Gravity is of a table, or of an accelerometer while it rests. A line of a table is ``TIME x y z`` or ``NAME x y z``,
+Gravity is of a table, or of an accelerometer at rest. A line of a table is ``TIME x y z`` or ``NAME x y z``,
 with commas or spaces: the time stamp of the frame in seconds, of which the nearest one within 20 ms is taken, or the
 name of its file; and a vector down in the axes of the camera (x right, y down, z forward), of any length but zero. A
 fifth column states its standard deviation, by default 1 degree.
@@ -322,7 +322,7 @@ class GravitySource(DerivedSource):
 
 
 def at_rest(record: InertialRecord) -> Callable[[Frame], Gravity | None]:
-    """Make the function that gives gravity in the frames during which an accelerometer rests."""
+    """Make the function that gives gravity in the frames during which an accelerometer is at rest."""
     return lambda frame: record.gravity_at(frame.timestamp_s)
 
 

@@ -61,8 +61,8 @@ class AttemptLog:
         reference = attempt.frames[0]
         self._progress[reference] = max(self._progress.get(reference, 0.0), attempt.progress)
         tried = attempt.verdict == Verdict.ACCEPTED or attempt.stage in (Stage.TWO_VIEWS, Stage.MAP)
-        level, told = logging.INFO if tried else logging.DEBUG, f" ({advice})" if advice else ""
-        _LOG.log(level, "frames %s: %s%s", attempt.frames, attempt.verdict, told)
+        level, advised = logging.INFO if tried else logging.DEBUG, f" ({advice})" if advice else ""
+        _LOG.log(level, "frames %s: %s%s", attempt.frames, attempt.verdict, advised)
         return replace(attempt, advice=advice)
 
     def add_free_focal(self, free: FreeFocal | None) -> None:

@@ -31,7 +31,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.history import History
 from slam_init.types.initial_map import UNMODELLED_RISK
-from slam_init.types.lens import LensInUse
+from slam_init.types.lens import CurrentLens
 from slam_init.types.pose import Pose
 from slam_init.types.refusal import Verdict
 from slam_init.window.hypotheses import fit_hypotheses, motions_of_pair
@@ -55,7 +55,7 @@ _MOST_FRAMES = 24
 #: Class: measured.
 _SAME_SCENE = 0.7
 #: A map is wrong at odds of nine to one. Even odds are no contradiction: the two motions of a plane, and two rigid
-#: motions of the scene, have a half each where the tracks do not tell.
+#: motions of the scene, have a half each where the tracks do not decide.
 #: Class: level.
 WRONG = 0.9
 _AT_A_DISTANCE = "the poses are away from the best motion: adjust the map with all of its tracks and views"
@@ -141,7 +141,7 @@ def _audited(known: Mapping[int, Pose], history: History, config: Config) -> Aud
         proposed = motions_of_pair(pose, frames, pair.rays1, pair.rays2)
     tracks = gather_tracks(history.camera, [pair.reference, pair.current, *further], noise_px, config.map.min_noise_px)
     given = _motion_of({frame: known[frame] for frame in tracks.frames if frame in known})
-    lens = LensInUse.of(history.camera)
+    lens = CurrentLens.of(history.camera)
     # No turning of the camera is known, so that the readout of a rolling shutter moves no pixel.
     priors = replace(priors_of(lens, config), readout_sigma_s=0.0)
     # A wrong map must not set the noise, so that the proposals come first.
@@ -166,7 +166,7 @@ def _motion_of(world_from_cam: Mapping[int, Pose]) -> Motion:
 
 
 def _chosen(known: Mapping[int, Pose], history: History, config: Config) -> tuple[MatchedPair, Sequence[Observations]]:
-    """The pair that tells most about its direction, and the further views of its window."""
+    """The most informative pair about its direction, and the further views of its window."""
     frames = sorted(frame for frame in known if frame in history)
     if len(frames) < 2:
         raise SlamInitError(f"{len(frames)} of the poses belong to a frame with tracks: give two or more of one camera")
@@ -196,7 +196,7 @@ def _chosen(known: Mapping[int, Pose], history: History, config: Config) -> tupl
 
 
 def _stated(known: Mapping[int, Pose], window: EvaluatedWindow, terms: MapPosterior, max_risk: float) -> Audit:
-    """The verdict on the map, and what would tell."""
+    """The verdict on the map, and what would decide."""
     risk, best = window.risk, window.best
     rotation_deg, direction_deg = differences_deg(known, best)[best.frames[1]]
     verdict = AuditVerdict.WRONG if terms.total > WRONG else AuditVerdict.DOUBTFUL
@@ -229,7 +229,7 @@ def _stated(known: Mapping[int, Pose], window: EvaluatedWindow, terms: MapPoster
 def _what_decides(
     window: EvaluatedWindow, terms: MapPosterior, verdict: AuditVerdict, max_risk: float, of_map: str
 ) -> tuple[Verdict | None, str]:
-    """The reason of the largest term and what would tell; ``of_map`` where this is the distance of the map."""
+    """The reason of the largest term and what would decide; ``of_map`` where this is the distance of the map."""
     if verdict is AuditVerdict.SOUND:
         return None, ""
     if terms.only_rotates:

@@ -1,6 +1,6 @@
 """The pose of the newest camera before the map and while it grows.
 
-Where a window was evaluated, its best motion, or the camera that only rotates, tells the rotation of its newest frame.
+Where a window was evaluated, its best motion, or the camera that only rotates, gives the rotation of its newest frame.
 From there the rotation is carried on: the tracks that a frame shares with an anchor are aligned by a rotation. Frames
 that were not evaluated mostly have little parallax to all candidates.
 """
@@ -53,7 +53,7 @@ class WindowMotion:
 
 
 class CurrentPose:
-    """Keeps the rotation of each frame of the history from the first frame, and tells the pose of the newest."""
+    """Keeps the rotation of each frame of the history from the first frame, and gives the pose of the newest."""
 
     def __init__(self) -> None:
         self._started = False

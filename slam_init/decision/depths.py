@@ -1,7 +1,7 @@
 """Gates on the depths of a map: a tracker goes on from landmarks whose depths it knows.
 
 A map may have right poses and landmarks without depths: where the camera moves toward what it looks at, or moves by
-little. Three figures tell whether a tracker can go on.
+little. Three figures decide whether a tracker can go on.
 
 * **The relative standard deviation s of a depth.** Where the next view sees a landmark displaced by p pixels through
   the translation, its prediction is off by s p. With s = 0.2 and p = 50, the parallax of a new keyframe in an image of
@@ -18,7 +18,7 @@ little. Three figures tell whether a tracker can go on.
   is that of a depth.
 
 The deviations here are those of the noise of single tracks. What the tracks share (the lens, smooth errors of a view)
-is in the covariances that are handed over, and not here: the next view has the same lens, and neighbours err alike, so
+is in the covariances that are exported, and not here: the next view has the same lens, and neighbours err alike, so
 that a prediction by landmarks is off by less. With it in the gates, a camera that moves straight ahead had no map in 20
 frames where it has one now.
 """

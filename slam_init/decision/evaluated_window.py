@@ -17,22 +17,18 @@ from slam_init.decision.lens import advice_on, followed
 from slam_init.decision.two_views import MatchedPair
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.evidence import WindowEvidence
-from slam_init.types.lens import MAX_FOCAL_SIGMA, LensInUse
+from slam_init.types.lens import MAX_FOCAL_SIGMA, CurrentLens
 from slam_init.types.pose import Pose
 from slam_init.types.refusal import Gate, GateName, Verdict, at_most
 from slam_init.types.result import Attempt
 from slam_init.window.hypotheses import WindowHypotheses
-from slam_init.window.levels import (
-    EVEN_ODDS,
-    FLOOR,
-    UNDECIDED,
-)
+from slam_init.window.levels import EVEN_ODDS, FLOOR, UNDECIDED
 from slam_init.window.motion import FittedMotion
 from slam_init.window.risk import WindowRisk
 from slam_init.window.uncertainty import suspected_k1
 
 _LENS_MAY_CHANGE = (
-    "the tracks do not tell this motion from a lens that focuses, or from images that are stabilized: translate "
+    "the tracks do not distinguish this motion from a lens that focuses, or from images that are stabilized: translate "
     "further, best sideways, or set acceptance.lens_changes to 0 if focus and image are fixed"
 )
 _CHANCE = "the matches scatter by {:.0f} px about any motion: the images are noise, or show different scenes"
@@ -57,7 +53,7 @@ class EvaluatedWindow:
     hypotheses: WindowHypotheses
     risk: WindowRisk
     #: The lens through which the rays of the pair were computed.
-    lens: LensInUse
+    lens: CurrentLens
     #: A match is an outlier if it is farther from its projection.
     threshold_rad: float
 
@@ -89,12 +85,12 @@ class EvaluatedWindow:
         return WindowMotion(poses, pair, self.only_rotates, *sigmas_deg)
 
     @property
-    def next_lens(self) -> LensInUse:
+    def next_lens(self) -> CurrentLens:
         """The lens to go on with where no map is accepted."""
         return followed(self.lens, self.risk.lens.mean)
 
     @property
-    def lens_of_best(self) -> LensInUse:
+    def lens_of_best(self) -> CurrentLens:
         """The lens that was fitted with the best motion; a calibration stays."""
         state = self.best.fit.state
         return self.lens.moved(state.lens.log_scale, state.lens.k1) if self.lens.is_unknown else self.lens

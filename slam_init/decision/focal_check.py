@@ -29,7 +29,7 @@ from slam_init.window.state import Priors
 from slam_init.window.tracker_errors import gain_of_shared_errors
 
 #: Standard deviation of the logarithm of the focal length about a stated one that may be wrong: half or twice as long
-#: is off by two deviations. Where the tracks tell nothing, the free fit stays at the stated focal length.
+#: is off by two deviations. Where the tracks have no information, the free fit stays at the stated focal length.
 #: Class: assumption.
 _FREE_SIGMA = 0.35
 #: Focal lengths over the stated one at which motions are proposed: neighbours differ by as much as the prior leaves
@@ -41,7 +41,7 @@ _PROPOSED_AT = (0.5, 0.7, 1.4, 2.0)
 _LEAST_VIEWS = 3
 #: The estimate contradicts the stated focal length from so many of its deviations on. These hold the errors that the
 #: tracks of a view share as if all of them pulled the focal length to one side. Of 399 simulated worlds with a right
-#: calibration, two were beyond 1.9, three beyond 1.8 and one beyond 2; of 118 with a wrong one that their tracks tell,
+#: calibration, two were beyond 1.9, three beyond 1.8 and one beyond 2; of 118 with a wrong one that is significant,
 #: 96, 98 and 93 were.
 #: Class: measured.
 _CONTRADICTS_SIGMAS = 1.9
@@ -54,7 +54,7 @@ _CONTRADICTS_SIGMAS = 1.9
 _AGREES = 0.2
 
 
-#: The refused windows before this one are too short to tell a focal length, and most starts have a map before it.
+#: The refused windows before this one are too short to determine a focal length, and most starts have a map before it.
 #: Class: budget.
 _FIRST_REFUSED = 4
 

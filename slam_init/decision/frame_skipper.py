@@ -14,11 +14,12 @@ from slam_init.window.levels import EVEN_ODDS, WRONG_DIRECTION_DEG
 #: Class: geometry, in frames, views and degrees.
 _LONGEST_REST, _MANY_VIEWS, _FAR_DEG = 3, 6, 2 * WRONG_DIRECTION_DEG
 #: After a window whose map is wrong at even odds or worse, this number of frames is not evaluated while the score has
-#: grown by less than this factor: the tracks tell less than half as much again. With more frames left out, motions are
-#: lost between two windows: of four simulated worlds without a map after three such frames, two have one after one.
+#: grown by less than this factor: the tracks have less than half as much information again. With more frames left out,
+#: motions are lost between two windows: of four simulated worlds without a map after three such frames, two have one
+#: after one.
 #: Class: level, as a factor and in frames.
-_MORE_INFORMATIVE, _REST_AT_EVEN_ODDS = 1.2, 1
-#: A camera that turns for long tells as little after a hundred frames as after ten. So either number may grow to this
+_MORE_INFORMATIVE, _SKIPPED_AT_EVEN_ODDS = 1.2, 1
+#: A camera that turns for long shows as little after a hundred frames as after ten. So either number may grow to this
 #: share of the frames so far, and a map comes later by that share at the most. Before a camera that turns in the hand
 #: (TUM fr1/rpy) a frame takes 43 ms in the median, and 227 if all are evaluated.
 #: Class: level, as a share.
@@ -54,5 +55,5 @@ class FrameSkipper:
         if last.risk.directions.sigma_deg * self._score > _FAR_DEG * score:
             return max(_LONGEST_REST, share)
         if last.risk.total > EVEN_ODDS and score < _MORE_INFORMATIVE * self._score:
-            return max(_REST_AT_EVEN_ODDS, share)
+            return max(_SKIPPED_AT_EVEN_ODDS, share)
         return 0

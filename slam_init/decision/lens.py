@@ -9,12 +9,12 @@ estimate, and the prior stays where it was: an estimate is never the prior of th
 from __future__ import annotations
 
 from slam_init.config import Config
-from slam_init.types.lens import CALIBRATED_SIGMA, MAX_FOCAL_SIGMA, Lens, LensInUse, k1_sigma
+from slam_init.types.lens import CALIBRATED_SIGMA, MAX_FOCAL_SIGMA, CurrentLens, Lens, k1_sigma
 from slam_init.window.levels import PRINCIPAL_SIGMA, READOUT_SIGMA_S
 from slam_init.window.state import Priors
 
-#: A lens in use with a wider field than 90 degrees, or that bends the corners by a tenth, is one of an action camera.
-#: The pinhole model with k1 does not describe such a lens, so that no motion tells its focal length.
+#: A current lens with a wider field than 90 degrees, or that bends the corners by a tenth, is one of an action camera.
+#: The pinhole model with k1 does not describe such a lens, so that no motion determines its focal length.
 #: Class: assumption, in sides of the image and as k1.
 _WIDE_FOCAL, _WIDE_K1 = 0.5, -0.1
 #: Factor on the probability that the lens of a machine's camera changes, as its data set states it: its focus is fixed
@@ -31,8 +31,8 @@ _ORIGINS = {
 }
 
 
-def priors_of(lens: LensInUse, config: Config) -> Priors:
-    """What is known of the lens in use before a fit."""
+def priors_of(lens: CurrentLens, config: Config) -> Priors:
+    """What is known of the current lens before a fit."""
     stated = lens.stated
     return Priors(
         focal_sigma=stated.focal_sigma or CALIBRATED_SIGMA,
@@ -44,7 +44,7 @@ def priors_of(lens: LensInUse, config: Config) -> Priors:
     )
 
 
-def followed(lens: LensInUse, found: Lens) -> LensInUse:
+def followed(lens: CurrentLens, found: Lens) -> CurrentLens:
     """The lens to go on with after an estimate: the same one, unless it is unknown and the estimate is far off."""
     log_scale, k1 = found.log_scale, found.k1
     # Half of what a calibration leaves open moves a pixel in the corner by a hundredth of its distance from the centre,
@@ -53,7 +53,7 @@ def followed(lens: LensInUse, found: Lens) -> LensInUse:
     return lens.moved(log_scale, k1) if lens.is_unknown and far else lens
 
 
-def advice_on(lens: LensInUse, focal_sigma: float) -> str | None:
+def advice_on(lens: CurrentLens, focal_sigma: float) -> str | None:
     """What helps where the focal length stays unknown and the advice of the reason does not.
 
     * ``focal_sigma``: Relative standard deviation by the window, which may be larger than the stated one.

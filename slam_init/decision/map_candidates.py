@@ -1,4 +1,4 @@
-"""The frames and the maps of a video up to now."""
+"""The frames of a video, and the maps that are candidates of its result."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.evidence import Margin
 from slam_init.types.frame import Observations
 from slam_init.types.initial_map import InitialMap
-from slam_init.types.lens import LensInUse
+from slam_init.types.lens import CurrentLens
 from slam_init.types.result import MAX_SEGMENTS, Attempt, Result, Segment
 from slam_init.types.stopwatch import StageTimes
 
@@ -35,19 +35,19 @@ class Outcome:
     accepted: MapWithViews | None = None
     #: The maps of two motions that the tracks do not decide between, the better one first.
     hypotheses: tuple[InitialMap, ...] = ()
-    #: The vote between the best motion and its nearest competing motion; None without a competing motion.
+    #: The vote between the best motion and its nearest competing motion; None without one.
     margin: Margin | None = None
     #: The poses of the cameras of the evaluated window; None where no window was evaluated.
     motion: WindowMotion | None = None
     #: The lens to go on with; None where no window was evaluated.
-    lens: LensInUse | None = None
+    lens: CurrentLens | None = None
 
 
 class MapCandidates:
     """The maps of the attempts up to now: an accepted map, or two undecided maps, and the segments before a restart.
 
     Two maps are undecided where they are those of both motions of a plane, or of the scene at rest and a large object.
-    An accepted map may grow by further frames. From the end of its growth on it is handed over.
+    An accepted map may grow by further frames. At the end of its growth it is final.
 
     * ``recorder``: Receives a report when a map is accepted or has grown, and when the undecided maps change.
     * ``frames``: Number of frames since the start.

@@ -9,7 +9,7 @@ A map from anywhere is right or wrong, whichever motion the window likes best. W
   covariance and the largest deviation that the risk of this motion states. The map is a distance away from the fit, so
   it is wrong where the truth lies outside of the disc of 15 degrees about the map, or of the ball of 5 degrees.
 * **P(rotation)**: the camera only rotates. The test gives a tail probability p, which is no posterior. The Bayes factor
-  for the rotation is at least ``-e p ln p`` (Sellke, Bayarri and Berger 2001), and 1 where p tells nothing.
+  for the rotation is at least ``-e p ln p`` (Sellke, Bayarri and Berger 2001), and 1 where p is no evidence.
 
 A risk that accepts a map bounds these probabilities from above, which is safe for a system that can wait. Here a bound
 from above calls right maps wrong.
@@ -35,7 +35,7 @@ from slam_init.window.tracker_errors import with_lasting_errors
 from slam_init.window.uncertainty import direction_uncertainty, expand
 
 #: Probability that the camera of a map only rotates, before any track is seen. Of .5, .2 and .1 the last one stated
-#: best how many maps were false: 66 of 287 maps of competing motions, where 63 were (docs/measurements/accuracy.md).
+#: best how many maps were false: 66 of 287 maps with competing motions, where 63 were (docs/measurements/accuracy.md).
 #: Class: measured.
 _ROTATES = 0.1
 #: A smaller tail of the test for a rotation adds nothing: its posterior is below 1e-4.
@@ -65,7 +65,7 @@ class MapPosterior:
     floor: float
     #: The best motion is right, and the map is wrong because it is away from its fit.
     map: float
-    #: Whether the tracks tell no translation from a camera that only rotates.
+    #: Whether the tracks do not distinguish a translation from a camera that only rotates.
     only_rotates: bool
 
     @property

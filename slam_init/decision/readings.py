@@ -34,7 +34,7 @@ _MOST_FRAMES, _NEXT_FRAMES = 12, 3
 #: A match that is farther from its epipolar line, or behind a camera, counts as an outlier.
 #: Class: level.
 _OUTLIER_PX = 4.0
-#: The rotations tell two readings apart by so many standard deviations. Where the camera hardly turns, a wrong
+#: The rotations distinguish two readings by so many standard deviations. Where the camera hardly turns, a wrong
 #: direction is right in one of the many readings by chance.
 #: Class: level.
 _SIGNIFICANT_SIGMAS = 3.0
@@ -88,7 +88,7 @@ def fitting_reading(
     """The other reading in which the poses are a sound map, with its audit.
 
     * ``poses``: World_from_cam, as they were read.
-    * Returns: None where the given reading fits best, or the rotations do not tell the other one.
+    * Returns: None where the given reading fits best, or the rotations do not confirm the other one.
     """
     views = {view.frame: view for view in tracks if view.frame in poses}
     misfits = [_misfit_px(reading.of(poses), views, camera) for reading in READINGS]
@@ -103,8 +103,8 @@ def fitting_reading(
     first, *frames = (frame for frame in found.frames if frame in poses)
     turned = [(one[first].inverse() @ one[frame]).R for frame in frames for one in (poses, others)]
     angles = [rotation_angle(a @ b.T) for a, b in zip(turned[::2], turned[1::2], strict=True)]
-    told = np.degrees(max(angles)) > _SIGNIFICANT_SIGMAS * found.rotation_sigma_deg
-    return FittingReading(reading, found) if found and told else None
+    significant = np.degrees(max(angles)) > _SIGNIFICANT_SIGMAS * found.rotation_sigma_deg
+    return FittingReading(reading, found) if found and significant else None
 
 
 def _misfit_px(poses: Mapping[int, Pose], views: Mapping[int, Observations], camera: Camera) -> float:

@@ -1,6 +1,6 @@
 """What establishes that a camera only rotates.
 
-A short translation looks like a rotation as well: the views do not tell the two apart until one of them is long enough.
+A short translation looks like a rotation as well: the views do not distinguish them until one of them is long enough.
 So a refusal says that the camera only rotates where the rotation has left its own evidence, else that there is not
 enough translation yet.
 """

@@ -28,7 +28,7 @@ def screen(
 
     * ``pairs``: Of all candidate references with the current frame, the highest direction score first.
     * Returns: A refusal for lack of tracks or motion. None where a pair is worth trying, or there is no pair. A
-      rotation is not refused here: the window tells a rotation-only camera by all its views.
+      rotation is not refused here: the window recognizes a rotation-only camera by all its views.
     """
     if not pairs:
         return None

@@ -70,9 +70,9 @@ class _Views:
 
 
 class WindowRule:
-    """Judges the frames of a video by the joint estimate of their window.
+    """Evaluates the frames of a video by the joint estimate of their window.
 
-    * ``history``: Holds the candidate references and the frames between them, and knows the lens in use.
+    * ``history``: Holds the candidate references and the frames between them, and knows the current lens.
     * ``shutter``: Corrects the rays of the history; the window estimates an unknown readout.
     * ``third_view``: Whether further views join the window. Without them the window holds reference and current alone.
     * ``propose``: Estimates the relative pose of a chosen pair; by default quest does.
@@ -115,7 +115,7 @@ class WindowRule:
         current: Observations,
         stopwatch: Stopwatch,
     ) -> Outcome | None:
-        """Judge a frame.
+        """Evaluate a frame.
 
         * ``chosen``: The pair that quest proposes new motions from; None where no pair is worth it.
         * Returns: None where the frame is not evaluated. That is so where the last window was so far from a map that
@@ -132,7 +132,7 @@ class WindowRule:
         views = self._views(preview, current)
         attempt = self._attempt(views.pair)
         if self._only_rotated and all(one.parallax_share < LEAST_PARALLAX_SHARE for one in pairs):
-            # The joint fit of a rotation-only camera takes the most steps, and no pair tells anything new.
+            # The joint fit of a rotation-only camera takes the most steps, and no pair adds information.
             outcome = Outcome(attempt.refused_at(Verdict.PURE_ROTATION, Stage.MOTION))
         else:
             outcome = self._propose_and_fit(chosen, views, attempt, stopwatch)
@@ -218,7 +218,7 @@ class WindowRule:
         if hypotheses is None:
             return None
         hypotheses = replace(hypotheses, overlay=views.overlay)
-        # What was undecided stays a question in the next windows, whose pairs may not tell it again.
+        # What was undecided stays a question in the next windows, whose pairs may not show it again.
         if self._other.probability > FLOOR:
             hypotheses = replace(hypotheses, other_before=self._other)
         max_risk = self._config.acceptance.max_risk

@@ -46,7 +46,7 @@ _NOISY = 0.01
 #: Poses further apart in time are those of photographs: their steps differ by the motion, and not by noise.
 #: Class: assumption, in seconds.
 _SLOWEST_S = 0.2
-#: Fewer poses do not tell the noise.
+#: Fewer poses do not determine the noise.
 #: Class: level.
 _FEWEST = 8
 #: Median length of the third differences of positions whose coordinates have a noise of 1: the variance is 20, and the
@@ -223,7 +223,7 @@ def _angle_deg(a: Floats, b: Floats) -> float:
 
 
 def _position_sigma_m(truth: Trajectory) -> float:
-    """Standard deviation of the true positions; 0 where nothing tells that they are measured.
+    """Standard deviation of the true positions; 0 where nothing states that they are measured.
 
     A rendered trajectory is smooth to the last digits. A measured one is noisy from pose to pose. This noise is a small
     part of its error: the clocks, the calibration of the camera and a rolling shutter add errors that change slowly.

@@ -37,7 +37,7 @@ _LEAST_MOTION_PX = 8.0
 _TRAIL_FRAMES = 15
 #: The flow assumes equal brightness. A change of the mean by less is left to it: what the camera sees changes too.
 _LEAST_GAIN = 1.05
-#: Pixels of an image in one of the coarse image that tells the gain: a shift between two photographs is then a few
+#: Pixels of an image in one of the coarse image that gives the gain: a shift between two photographs is then a few
 #: pixels of the coarse images.
 _COARSE_PX = 8
 #: Gradients are sampled at every second pixel of each row and column: a patch has a hundred samples then.

@@ -1,7 +1,7 @@
 """The tracks of a frame in the next one: by their patches where their places are known closely, else by flow.
 
 Most of the time of the flow is spent at each point in each octave of the images, there and back. So a few points are
-followed through all octaves. They tell whether all move as in the step before, but for a shift that all have in common,
+followed through all octaves. They show whether all move as in the step before, but for a shift that all have in common,
 as when the camera turns more or less (:func:`expected_as_before`):
 
 * to half a pixel: the patch of each track is aligned from where it is expected. One that is found there needs no flow.
@@ -21,13 +21,13 @@ from slam_init.frontend.patches import Patches, Sought
 from slam_init.types.arrays import Floats, Image, evenly_spaced
 from slam_init.types.frame import Observations
 
-#: Points that tell whether all move as before: a twentieth of all. Fewer than half of them tell no share.
+#: Points that show whether all move as before: a twentieth of all. Fewer than half of them give no share.
 _SAMPLES, _LEAST_SAMPLES = 48, 24
 #: Points are near where they are expected within this distance, px: half of what the window of the flow reaches from
 #: its centre in the finest octave, so that the octave above it finds them in any case.
 _NEAR_PX = 5.0
 #: The other points are sought near their places where this share of the few are found near theirs: some few are lost,
-#: or lie on a moving object otherwise.
+#: or lie on a moving object.
 _NEAR_SHARE = 0.8
 #: An alignment that begins this close to the place, px, mostly ends there: on four videos 0 to 3 % of the tracks end
 #: elsewhere from up to half a pixel, and 1 to 14 % from half a pixel to one.
@@ -45,7 +45,7 @@ class Expected:
     pixels: Floats
     #: Whether most points are close to their places.
     closely: bool
-    #: The flow of the few points that tell it.
+    #: The flow of the few points that show it.
     few: Flow
 
 
@@ -80,7 +80,7 @@ def follow(
         found = flow(before, after, pixels, config, None if expected is None else expected.pixels)
         return Followed(found, Sought.nowhere(len(pixels)))
     sought = patches.seek(smooth, last.track_ids, expected.pixels).within(_CLOSE_PX, expected.pixels)
-    # The few points tell what all points tell of the blur. What is stated of a patch that is found replaces the rest.
+    # The few points show the blur as all points do. What is stated of a patch that is found replaces the rest.
     unknown, few = np.tile(np.eye(2), (len(pixels), 1, 1)), expected.few
     found = Flow(sought.found, sought.pixels.copy(), unknown, np.zeros(len(pixels)), few.trail, few.step_px)
     others = np.flatnonzero(~sought.found)
@@ -93,7 +93,7 @@ def expected_as_before(
 ) -> Expected | None:
     """Where points are expected that move as in the step before, but for a shift that all have in common.
 
-    A few points are sought in all octaves. They tell the shift, by which the camera turns more or less than before.
+    A few points are sought in all octaves. They show the shift, by which the camera turns more or less than before.
 
     Shapes: ``before, after`` (H, W), ``pixels, moved`` (N, 2).
 

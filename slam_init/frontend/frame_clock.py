@@ -15,7 +15,7 @@ from slam_init.types.time_stamps import LARGEST_SECONDS, TimeUnit, in_seconds, p
 class FrameClock:
     """Decides the unit of the time stamps of a stream, and checks each stamp.
 
-    A stream tells its stamps one by one, so that its first stamp decides the unit by its size, and the second one by
+    The stamps of a stream come one by one, so that its first stamp decides the unit by its size, and the second one by
     the step between them, by the rules of :mod:`slam_init.types.time_stamps`. If the second one decides for another
     unit, the time of the first frame is corrected in the history. From then on the unit stays. A frame of a source has
     seconds already, so that only the size of its stamp counts.

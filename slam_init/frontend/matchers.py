@@ -241,7 +241,7 @@ def make_matcher(name: str) -> Matcher:
         matcher = found() if isinstance(found, type) else found
     except ConfigError:
         raise
-    except (Exception, SystemExit) as error:  # the module of somebody else may raise anything
+    except (Exception, SystemExit) as error:  # a third-party module may raise anything
         hint = f": {remedy}" if remedy and isinstance(error, ImportError) else ""
         raise ConfigError(f"the matcher {name} cannot be loaded ({described_error(error)}){hint}") from error
     if not isinstance(matcher, Matcher):

@@ -4,7 +4,7 @@ A pixel in row y of an image of height h is taken ``readout ((y + 1/2) / h - 1/2
 an image of width w it is ``readout ((x + 1/2) / w - 1/2)`` after the middle column, where columns are read one after
 the other (a phone that is held upright). The pose of a frame, and its time stamp, are those of the middle.
 
-Most of what an image moves in so short a time is the turning of the camera, and the tracks of neighbouring frames tell
+Most of what an image moves in so short a time is the turning of the camera, and the tracks of neighbouring frames show
 how it turns (a visual gyroscope). So a ray is turned back to the middle of the readout. The readout is one number of
 the camera. Where it is not known, the window estimates it (:mod:`slam_init.window`). It is counted along the axis that
 the camera states (:attr:`slam_init.types.camera.Camera.readout_axis`): an estimate in the other direction is negative.
@@ -22,10 +22,10 @@ from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.history import History, common_tracks
-from slam_init.types.lens import LensInUse
+from slam_init.types.lens import CurrentLens
 
 #: A hand changes its turning several times in a second. With frames farther apart than this, the turning between two
-#: frames tells nothing about the turning in the time of a readout.
+#: frames has no information about the turning in the time of a readout.
 VIDEO_INTERVAL_S = 0.15
 #: A hand swings a camera at up to 0.8 Hz, so its turning changes by about five times itself in a second. The turning of
 #: a single step is that at its middle, and both frames are half a step away from it.
@@ -142,7 +142,7 @@ class RollingShutter:
         self._correct_all(history)
         return True
 
-    def change_lens(self, history: History, lens: LensInUse) -> None:
+    def change_lens(self, history: History, lens: CurrentLens) -> None:
         """Go on with another lens: the history gets the rays of all its frames again."""
         if lens is history.lens:
             return

@@ -36,7 +36,7 @@ _LEAST_PATH = 1.2 * _SLOW
 _LEAST_AGE = 15
 #: Steps of the median track below this are noise and no motion of the image.
 _LEAST_STEP_PX = 0.3
-#: The border of an image that moves by less than this share of its width tells nothing: 32 px of 640.
+#: The border of an image that moves by less than this share of its width is no evidence: 32 px of 640.
 _LEAST_MOTION = 0.05
 #: Each frame is tested: one false advice in a million sequences of a thousand frames.
 _LEAST_PROBABILITY = 1e-6 * 1e-3

@@ -1,6 +1,6 @@
 """Locates the frames after the initialization in the map, which grows meanwhile, until it is lost.
 
-The map that was handed over is not changed: :mod:`slam_init.mapping.growing` says how a copy of it grows, and when it
+The final map is not changed: :mod:`slam_init.mapping.growing` says how a copy of it grows, and when it
 is lost.
 """
 
@@ -71,7 +71,7 @@ class Follower:
     ----------
     map_ : InitialMap
     tracker : Tracker
-        That of the initializer (:attr:`slam_init.Initializer.tracker`), in its state when the map was handed over.
+        That of the initializer (:attr:`slam_init.Initializer.tracker`), in its state when the map became final.
     recorder : Recorder, optional
         Receives a report of each frame.
 

@@ -62,7 +62,7 @@ _LEAST_VIEWS, _WIDE_DEG = 3, 5.0
 #: Keyframes that are adjusted together: a bound of memory and time. At a degree of parallax each they span 24 degrees.
 _WINDOW = 24
 #: Levenberg-Marquardt steps of a keyframe: its pose and points are known to some pixels already. Steps and tolerance of
-#: a map that is handed over, whose last outliers have left it: gtsam lowers its error by a thousandth then.
+#: a map that is final, whose last outliers have left it: gtsam lowers its error by a thousandth then.
 _ITERATIONS, _LAST_ITERATIONS, _LAST_TOLERANCE = 4, 20, 1e-6
 
 
@@ -296,7 +296,7 @@ class GrowingMap:
         return tracks[good], points[good]
 
     def _view(self, frame: int) -> Observations:
-        """The tracks of a keyframe; none for those of the accepted map, whose tracks were not handed over."""
+        """The tracks of a keyframe; none for those of the accepted map, whose tracks are not known."""
         if frame in self._views:
             return self._views[frame]
         keyframe, none = self._keyframes[frame], self._accepted.open_tracks.at(np.zeros(0, np.int64))

@@ -1,8 +1,8 @@
-"""What becomes of an accepted map while its initializer gets further frames: it grows until it is handed over.
+"""What becomes of an accepted map while its initializer gets further frames: it grows until it is final.
 
 ``Config.refine_frames`` says for how many frames. By default these are as many as it takes until the median deviation
 of its depths, with the errors that tracks share, is at most ``acceptance.max_depth_sigma``. The gate of the acceptance
-knows the noise of single tracks only. A map that is lost is handed over as it was before the loss.
+knows the noise of single tracks only. A map that is lost is final as it was before the loss.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ class Refinement:
     """An accepted map that grows.
 
     * ``map``: The accepted map until :attr:`done`, and the grown one from then on.
-    * ``done``: Whether it is handed over.
+    * ``done``: Whether it is final.
     * ``frames``: Number of frames since the acceptance.
     """
 

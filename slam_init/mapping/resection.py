@@ -10,11 +10,11 @@ from slam_init.types.pose import Pose
 
 #: Largest number of Gauss-Newton steps of a refinement.
 _STEPS = 8
-#: A guess that explains this share of the matches is not compared with a drawn pose: of 520 views of windows with four
-#: fifths and of 228 with half to four fifths none got another pose by it, and drawing takes ten times as long as
+#: A guess that explains this share of the matches is not compared with a sampled pose: of 520 views of windows with
+#: four fifths and of 228 with half to four fifths none got another pose by it, and drawing takes ten times as long as
 #: refining.
 _EXPLAINED = 0.5
-#: Largest number of drawn poses. With 200, one of 1188 views of windows got a better pose and one a worse one.
+#: Largest number of sampled poses. With 200, one of 1188 views of windows got a better pose and one a worse one.
 _DRAWS = 100
 #: From so many times the extent of the points their rays differ by a millionth of a degree: the steps have run away.
 _FARTHEST = 1e8
@@ -44,9 +44,9 @@ def resect(
     if best is not None and best[1].sum() >= _EXPLAINED * len(points):
         return best
     if (minimal := _minimal_pose(points, bearings, threshold_rad)) is not None:
-        drawn = _refined(minimal, points, bearings, threshold_rad)
-        if best is None or (drawn is not None and drawn[1].sum() > best[1].sum()):
-            return drawn
+        sampled = _refined(minimal, points, bearings, threshold_rad)
+        if best is None or (sampled is not None and sampled[1].sum() > best[1].sum()):
+            return sampled
     return best
 
 

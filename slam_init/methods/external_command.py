@@ -58,7 +58,7 @@ def method_label(method: str) -> str:
         return f"{PurePath(place).stem}:{attribute}" if place.endswith(".py") else method
     try:
         return _split(method).label
-    except ConfigError:  # a journal of somebody else
+    except ConfigError:  # a journal of another program
         return method[:_LONGEST_LABEL]
 
 

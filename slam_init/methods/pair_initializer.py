@@ -65,7 +65,7 @@ class PairInitializer:
         self.status = Status()
         self._reference: int | None = None
         self._attempts = AttemptLog()
-        # A map of two views is handed over at once.
+        # A map of two views is final at once.
         self._maps = MapCandidates(self.recorder, replace(self.config, refine_frames=0))
 
     @property

@@ -70,7 +70,7 @@ def propose(camera: Camera, config: Config, pair: MatchedPair) -> tuple[Relative
 
     The window is that of ``quest``, so a comparison shows what comes from QuEst and what from the window.
 
-    * Returns ``pose``: Of kind "general": PoseLib tells neither planes nor rotations.
+    * Returns ``pose``: Of kind "general": PoseLib recognizes neither planes nor rotations.
     """
     method, m, n, count = PoseLib(), pair.rays1, pair.rays2, len(pair.rays1)
     threshold_rad = config.two_view.threshold_px / camera.focal_px

@@ -31,7 +31,7 @@ AnyMethod: TypeAlias = "Initializer | PairInitializer | ExternalInitializer"
 
 @dataclass(frozen=True)
 class MethodInfo:
-    """The description of a method. The sources of its rules are told where it is defined."""
+    """The description of a method. The sources of its rules are stated where it is defined."""
 
     name: str
     #: One line.
@@ -148,7 +148,7 @@ def make_two_view(name: str) -> Any:
         make = attribute_of(info.home)
         # sys:exit is no method, and would end the process
         method = None if isinstance(make, BuiltinFunctionType) else make()
-    except (Exception, SystemExit) as error:  # the module of somebody else may raise anything
+    except (Exception, SystemExit) as error:  # a third-party module may raise anything
         raise ConfigError(f"the method {name!r} cannot be made: {described_error(error)}") from error
     if not hasattr(method, "bootstrap") or not hasattr(method, "pair_rule"):
         raise ConfigError(f"{name!r} is not a two-view method: give package.module:Class with bootstrap and pair_rule")

@@ -69,10 +69,10 @@ class StretchEstimate:
 class SelfCalibration:
     """The camera by all stretches."""
 
-    #: None where the stretches do not tell the focal length to :data:`slam_init.types.lens.MAX_FOCAL_SIGMA`, the
+    #: None where the stretches do not determine the focal length to :data:`slam_init.types.lens.MAX_FOCAL_SIGMA`, the
     #: bound of a map without a calibration.
     camera: Camera | None
-    #: Those that tell the focal length.
+    #: Those that determine the focal length.
     stretches: tuple[StretchEstimate, ...]
     #: Number of all stretches.
     tried: int
@@ -150,7 +150,7 @@ def _stretch(
 ) -> tuple[StretchEstimate | None, Result]:
     """The estimate of the frames from the first one to a map, or to the end of the stretch.
 
-    It is that of the most certain window. Where no window tells the focal length, it is that of all frames.
+    It is that of the most certain window. Where no window determines the focal length, it is that of all frames.
     """
     initializer = Initializer(camera, config)
     last = first
@@ -179,10 +179,10 @@ def _stretch(
 def by_all_frames(
     source: Source, start: int, count: int, motion: FittedPoses | None, camera: Camera, config: Config, bar: bool
 ) -> StretchEstimate | None:
-    """The lens by one bundle adjustment of all frames of a stretch; None where it does not tell the focal length.
+    """The lens by one bundle adjustment of all frames of a stretch; None where it does not determine the focal length.
 
     The tracks are matches of descriptors. Each image is measured again, so that their errors do not add up: on a road
-    they tell the focal length four times as well as tracks of the flow.
+    they determine the focal length four times as well as tracks of the flow.
 
     * ``motion``: The poses of some of the frames, and the camera that was fitted with them, as a start.
     * ``camera``: What is known before.

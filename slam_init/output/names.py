@@ -8,7 +8,7 @@ COLMAP_FILES = ("colmap/cameras.txt", "colmap/images.txt", "colmap/points3D.txt"
 RECORDING = "recording.rrd"
 #: The recording of a run that was interrupted, beside the results of an earlier run.
 INTERRUPTED = "interrupted.rrd"
-#: The picture of a run, drawn at its end.
+#: The picture of a run, made at its end.
 OVERVIEW = "overview.png"
 #: End of the name of a recording until it is complete.
 UNFINISHED = ".partial.rrd"

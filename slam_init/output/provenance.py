@@ -28,7 +28,7 @@ class Provenance:
     #: The resolved configuration and the options of the run.
     options: Mapping[str, Json]
     #: Hash of the calibration and of the frames that were read: pixels, names, time stamps and measured rotations, in
-    #: order. Empty where somebody else read them.
+    #: order. Empty where another program read them.
     input_blake2b: str
 
 

@@ -151,7 +151,7 @@ class AttemptRecord:
     window: WindowEvidence | None
     #: Figures of bundle adjustment.
     map: MapEvidence | None
-    #: Figures of a method of somebody else, under its own names.
+    #: Figures of a third-party method, under its own names.
     method_evidence: Mapping[str, bool | float | int | str | None]
 
     @staticmethod

@@ -1,6 +1,6 @@
-"""Tells what a folder of results holds, from its files alone.
+"""Shows what a folder of results holds, from its files alone.
 
-The folder may come from somebody else: it is read within bounds, and a file that is not what it should be is an error
+The folder may come from another machine: it is read within bounds, and a file that is not what it should be is an error
 of one line.
 """
 
@@ -42,7 +42,7 @@ def is_result_folder(path: str | os.PathLike[str]) -> bool:
             return marker.command == "run"
         others = ("config.toml", RECORDING)
         return (folder / _SUMMARY).is_file() and any((folder / name).is_file() for name in others)
-    except Exception:  # a name that the system does not take, or a damaged marker: the readers tell
+    except Exception:  # a name that the system does not take, or a damaged marker: the readers report it
         return False
 
 

@@ -19,7 +19,7 @@ A folder holds exactly one run. A run with one map::
 A run that restarts after a loss writes the files of each map to a folder of its own: ``segment-001/trajectory.txt``
 and so on. The summary, the configuration and the recording are those of the run.
 
-:mod:`slam_init.output.folder` tells how the results replace those of an earlier run: all of them, or none. The summary
+:mod:`slam_init.output.folder` states how the results replace those of an earlier run: all of them, or none. The summary
 is the last file that is put, so a folder with a summary is complete.
 """
 

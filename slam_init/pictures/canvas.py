@@ -36,7 +36,7 @@ _STYLE: dict[Any, Any] = {
 def canvas(width_px: int, height_px: int) -> Iterator[Figure]:
     """Make an empty figure, with matplotlib's own defaults instead of those of the user.
 
-    * Returns: It has to be drawn in the ``with`` block.
+    * Returns: It has to be used in the ``with`` block.
     """
     import logging
     import warnings
@@ -52,7 +52,7 @@ def canvas(width_px: int, height_px: int) -> Iterator[Figure]:
         with matplotlib.rc_context(), warnings.catch_warnings():
             matplotlib.rcdefaults()
             matplotlib.rcParams.update(_STYLE)
-            # A name may have letters that the font lacks: they are drawn as boxes.
+            # A name may have letters that the font lacks: they are shown as boxes.
             warnings.filterwarnings("ignore", message=".*[Gg]lyph.*")
             yield Figure(figsize=(width_px / 100, height_px / 100), dpi=100, facecolor=PAPER)
     finally:

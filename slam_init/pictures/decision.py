@@ -25,7 +25,7 @@ _TERMS = (
     ("risk_rotation", "only rotation", ":"),
     ("risk_moving", "moving objects", "-."),
 )
-#: Most attempts of a failure whose risk is drawn with its terms.
+#: Most attempts of a failure whose risk is plotted with its terms.
 _MOST_WITH_TERMS = 40
 #: One colour for what holds the decision: no motion blue, no scene brown, no common motion purple, flat orange, unknown
 #: lens yellow, the map pink, accepted green.

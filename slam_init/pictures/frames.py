@@ -15,7 +15,7 @@ from slam_init.types.arrays import Bools, Floats, Image
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: More lines between the images of a pair cannot be told apart.
+#: More lines between the images of a pair cannot be distinguished.
 _MOST_LINES = 90
 #: Images that are wider than this are put one above the other.
 WIDE = 1.8
@@ -26,7 +26,7 @@ _PARTS = (
     ("inliers", "inliers", INLIER),
     ("moving", "moving objects", MOVING),
 )
-#: Longest track that is drawn from one shown frame to the next, as a share of the width of the image.
+#: Longest track that is plotted from one shown frame to the next, as a share of the width of the image.
 _LONGEST_TAIL = 0.15
 
 
@@ -63,12 +63,12 @@ def draw_pair(axes: Axes, pair: ShownPair, width: int) -> None:
     offset = np.array((0, height + 4) if wide else (first.shape[1] + 4, 0), float)
     scale = first.shape[1] / width
     ends = np.stack([_shown(attempt.pixels1, scale), _shown(attempt.pixels2, scale) + offset], axis=1)
-    drawn = np.arange(len(ends)) % max(1, -(-len(ends) // _MOST_LINES)) == 0
+    sparse = np.arange(len(ends)) % max(1, -(-len(ends) // _MOST_LINES)) == 0
     parts = match_parts(attempt)
     for name, label, color in _PARTS:
         chosen = parts[name]
         if chosen.any():
-            lines = LineCollection(list(ends[chosen & drawn]), colors=color, linewidths=0.6, alpha=0.8)
+            lines = LineCollection(list(ends[chosen & sparse]), colors=color, linewidths=0.6, alpha=0.8)
             axes.add_collection(lines, autolim=False)
             x, y = ends[chosen].reshape(-1, 2).T
             label = f"{label}: {np.count_nonzero(chosen)}"

@@ -1,6 +1,6 @@
 """``overview.png``: what a run saw, what it decided and why, in one image.
 
-It is drawn with matplotlib on its bundled fonts, without a display. All figures come from the result and its summary.
+It is plotted with matplotlib on its bundled fonts, without a display. All figures come from the result and its summary.
 A :class:`~slam_init.recording.story.StoryRecorder` keeps during the run what is shown beside them. The same run gives
 the same bytes with the same version of matplotlib.
 
@@ -61,7 +61,7 @@ class _Place(NamedTuple):
 def overview_png(result: Result, summary: Summary, story: StoryRecorder, truth: Trajectory | None = None) -> bytes:
     """Draw the overview of a run.
 
-    * ``truth``: The true trajectory; it is drawn beside the path of an accepted map.
+    * ``truth``: The true trajectory; it is plotted beside the path of an accepted map.
     * Returns: A PNG file of 1600 x 1000 pixels. Equal arguments give equal bytes with the same version of matplotlib.
     """
     import cv2

@@ -9,9 +9,9 @@ import numpy as np
 from slam_init.types.arrays import Image
 
 #: Images are reduced to this many pixels on their longer side, and the images of a pair to half of it. This is enough
-#: to evaluate a match by eye, and 300 frames with their tracks take less than 30 MB.
+#: to check a match by eye, and 300 frames with their tracks take less than 30 MB.
 LONG_SIDE_PX, PAIR_SIDE_PX = 640, 320
-#: At this quality a match can be evaluated by eye, and a frame of 640x480 pixels takes about 50 kB.
+#: At this quality a match can be checked by eye, and a frame of 640x480 pixels takes about 50 kB.
 _JPEG_QUALITY = 75
 
 

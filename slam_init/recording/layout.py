@@ -70,7 +70,7 @@ def _power(figure: Callable[[Attempt], float | None]) -> Callable[[Attempt], flo
 
 
 #: What the correction of a rolling shutter moves: the measured pixels, the corrected ones, and arrows. The arrows are
-#: drawn this many times as long, since most are some pixels.
+#: shown this many times as long, since most are some pixels.
 ARROWS, ARROW_FACTOR = "world/camera/image/readout", 4
 #: The two maps of an undecided plane, and the evidence that has to decide between them.
 CANDIDATES = "candidates"
@@ -100,7 +100,7 @@ SERIES = (
 )
 
 
-#: What is drawn on the flat image only. On the frustum it would hide the image.
+#: What is shown on the flat image only. On the frustum it would hide the image.
 _FLAT = ("keypoints", "motion", "moving")
 
 
@@ -189,7 +189,7 @@ def _plots() -> Any:
     """Make the plots: the risk in front, its parts, the time of a frame, and the rest side by side.
 
     The parts of the risk are a tab of their own: over a hundred frames without a map they hide the risk. A legend would
-    hide a part of a plot of this size. The names of the lines tell the colours.
+    hide a part of a plot of this size. The names of the lines have their colours.
     """
     import rerun.blueprint as rrb
 

@@ -14,7 +14,8 @@ from slam_init.types.arrays import Bools
 from slam_init.types.camera import Camera
 from slam_init.types.result import Attempt
 
-#: At most this many matches are drawn as lines, since more lines cannot be told apart. All matches are drawn as points.
+#: At most this many matches are shown as lines, since more lines cannot be distinguished. All matches are shown as
+#: points.
 _MAX_LINES = 120
 #: The images of a pair are put one above the other if width divided by height is larger than this.
 _WIDE = 1.8
@@ -52,10 +53,10 @@ def log_pair(rec: Any, attempt: Attempt, recent: Mapping[int, ShownFrame], camer
     points1 = (attempt.pixels1 + 0.5) * factor
     points2 = (attempt.pixels2 + 0.5) * factor + second
     matches = np.stack([points1, points2], axis=1)
-    drawn = np.arange(len(matches)) % max(1, -(-len(matches) // _MAX_LINES)) == 0
+    sparse = np.arange(len(matches)) % max(1, -(-len(matches) // _MAX_LINES)) == 0
     for (name, chosen), color in zip(match_parts(attempt).items(), (GREEN, RED, PURPLE, YELLOW), strict=True):
         entity = f"pairs/image/{name}"
         thin, thick = rr.Radius.ui_points(0.5), rr.Radius.ui_points(1.5)
-        rec.log(entity, rr.LineStrips2D(matches[chosen & drawn], colors=[(*color, 150)], radii=thin))
+        rec.log(entity, rr.LineStrips2D(matches[chosen & sparse], colors=[(*color, 150)], radii=thin))
         ends = matches[chosen].reshape(-1, 2)
         rec.log(f"{entity}/points", rr.Points2D(ends, colors=[color], radii=thick))

@@ -120,7 +120,7 @@ class RerunRecorder(Recorder):
         self._rec.send_recording_name(f"slam-init {source_name}")
         self._rec.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
         for series in layout.SERIES:
-            # Points are drawn as well, since a single attempt makes no line.
+            # Points are shown as well, since a single attempt makes no line.
             for style in (rr.SeriesLines, rr.SeriesPoints):
                 self._rec.log(series.entity, style(names=series.label, colors=[series.color]), static=True)
 
@@ -188,7 +188,7 @@ class RerunRecorder(Recorder):
         self._rolling = True
 
     def waiting(self, pose: CameraPose) -> None:
-        """Turn the camera in the axes of the first one. Its place is not drawn: its unit changes with the pair."""
+        """Turn the camera in the axes of the first one. Its place is not shown: its unit changes with the pair."""
         self._rec.log("world/camera", self._rr.Transform3D(mat3x3=pose.cam_from_first.T))
         self._rec.log(layout.ROTATION_SIGMA, self._rr.Scalars(pose.rotation_sigma_deg))
 
@@ -205,7 +205,7 @@ class RerunRecorder(Recorder):
         self._map_view.log(map_)
 
     def undecided(self, maps: Sequence[InitialMap]) -> None:
-        """Draw both maps with their paths, and clear those drawn before."""
+        """Draw both maps with their paths, and clear those shown before."""
         if self._hypotheses or maps:
             map_view.log_undecided(self._rec, maps)
             evidence = text.conjugate_maps_markdown(self._attempt) if maps else "decided"

@@ -154,7 +154,7 @@ def _failure(code: int, log: BinaryIO) -> ViewerError:
     log.seek(max(0, log.seek(0, os.SEEK_END) - 10_000))
     text = log.read().decode(errors="replace")
     # With a driver of OpenGL alone the viewer starts and ends without a render context.
-    if any(told in text for told in ("raphics adapter", "Vulkan", "render context")):
+    if any(words in text for words in ("raphics adapter", "Vulkan", "render context")):
         return ViewerError("the viewer found no Vulkan driver: install one, on Debian and Ubuntu mesa-vulkan-drivers")
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     return ViewerError(f"the viewer ended with code {code} ({plain_line(lines[-1][:300]) if lines else 'no message'})")

@@ -39,7 +39,7 @@ _DISAGREE_SIGMAS = 4.0
 #: A relative standard deviation is stated to be no smaller: the range factor of the graph would be a stiff constraint
 #: that hinders its optimization (:mod:`slam_init.bundle.graph`).
 _LEAST_SIGMA = 1e-3
-#: Positions that agree with a similarity (seven unknowns) tell their noise from four on.
+#: Positions that agree with a similarity (seven unknowns) determine their noise from four on.
 _ALIGNED_UNKNOWNS = 7
 
 
@@ -62,7 +62,7 @@ def find_scale(
     * ``located``: Frames that were located in the map, for distances and for the true trajectory.
     * ``imu``: The record of an inertial sensor.
     * ``grown``: The same map with the keyframes that were added since, for the inertial sensor.
-    * Returns: Falsy with a reason where the map or the images do not tell it.
+    * Returns: Falsy with a reason where the map or the images do not determine it.
     """
     InitialMap.check(map_)
     check_type(request, get_args(ScaleRequest), "the request", "parse_scale(TEXT), as in parse_scale('height:1.65')")
@@ -125,7 +125,7 @@ def _from_targets(map_: InitialMap, request: KnownMarkers | KnownBoard, sighting
             break
         if len(sizes) == 2:
             first, second = (f"{size.target}: {math.exp(-size.log_units):.3g} m a unit" for size in sizes)
-            raise NoScaleError(f"two markers tell different scales ({first}, {second}): is their side the same?")
+            raise NoScaleError(f"two markers give different scales ({first}, {second}): is their side the same?")
         del sizes[odd]
     used = sum(len(size.frames) for size in sizes)
     frames = {frame for size in sizes for frame in size.frames}

@@ -1,8 +1,9 @@
 """The scale of a map from the record of an inertial sensor, or why the record does not determine it.
 
-Accelerations that change tell the scale: a constant one looks like a tilt of gravity. Whether the motion has enough of
-them is the standard deviation of the scale in the joint estimate (:mod:`slam_init.bundle.inertial`). Whether the record
-belongs to the camera is asked before, by the chi-square test: first of the rotations, then of the whole motion.
+Accelerations that change determine the scale: a constant one looks like a tilt of gravity. Whether the motion has
+enough of them is the standard deviation of the scale in the joint estimate (:mod:`slam_init.bundle.inertial`). Whether
+the record belongs to the camera is asked before, by the chi-square test: first of the rotations, then of the whole
+motion.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from slam_init.types.initial_map import InitialMap
 from slam_init.types.scale import Scale, ScaleOrigin
 
 #: The positions of three frames give two velocities, and their difference is fitted by gravity and the scale: a wrong
-#: record would not be told from a right one.
+#: record could not be distinguished from a right one.
 #: Class: geometry.
 _LEAST_KEYFRAMES = 4
 #: A scale that is known worse than this is none. The deviation is that of linearized equations: a scale of half of the
@@ -67,7 +68,7 @@ def scale_of_motion(map_: InitialMap, record: InertialRecord | None, grown: Init
         test = f"chi-square {found.chi_square:.0f} with {found.freedom} degrees of freedom"
         raise _of_another_camera(record, f"moved otherwise ({test})")
     if not found.sigma <= _WORST_SIGMA:
-        raise NoScaleError(f"the accelerations tell the scale to +- {found.sigma:.0%} only: {_MOVE}")
+        raise NoScaleError(f"the accelerations determine the scale to +- {found.sigma:.0%} only: {_MOVE}")
     known = {keyframe.frame: keyframe.world_from_cam.t for keyframe in map_.keyframes}
     units = float(np.linalg.norm(known[frames[far]] - known[frames[0]]))
     gravity = Gravity(poses[0].R @ found.gravity.down, found.gravity.sigma_deg)

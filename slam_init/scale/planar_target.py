@@ -1,7 +1,7 @@
 """Markers and checkerboards: finds them in images, and their size in units of the map.
 
 The target is a rigid set of points ``X = c + a R m`` with the points m in metres. Its pose (R, c) and its size a, the
-units of the map in a metre, are fitted to all pixels by least squares. Start: a view tells R and the direction of c
+units of the map in a metre, are fitted to all pixels by least squares. Start: a view gives R and the direction of c
 from the homography of the target (IPPE [1]_), and a is the path of the camera in the map over that by the homographies.
 
 References

@@ -138,7 +138,7 @@ ScaleRequest: TypeAlias = KnownMarkers | KnownBoard | CameraHeight | KnownDistan
 
 
 class NoScaleError(Exception):
-    """The map and what came with it do not tell a scale. The text is the reason, for the user."""
+    """The map and what came with it do not determine a scale. The text is the reason, for the user."""
 
 
 def parse_scale(text: str) -> ScaleRequest:

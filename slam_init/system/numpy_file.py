@@ -1,4 +1,4 @@
-"""Arrays of numpy from files of strangers: bounded in size, and nothing is unpickled."""
+"""Arrays of numpy from untrusted files: bounded in size, and nothing is unpickled."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reads files that somebody else made: regular files only, and no more bytes than a bound.
+"""Reads untrusted files: regular files only, and no more bytes than a bound.
 
 A named pipe without a writer, a terminal or a device would keep a reader for ever, and a file may be larger than the
 memory. The type is looked up before the file is opened. It is looked up again in the open file, which is opened

@@ -26,7 +26,7 @@ def attribute_of(text: str) -> Any:
 
 
 def described_error(error: BaseException) -> str:
-    """What an error of the user's code says, in one line. An error without a text is told by its type."""
+    """What an error of the user's code says, in one line. An error without a text is named by its type."""
     return " ".join(str(error).split()) or type(error).__name__
 
 

@@ -44,7 +44,7 @@ def as_array(
     give: str = "",
     error: type[SlamInitError] = SlamInitError,
 ) -> NDArray[Any]:
-    """Make an array of what a caller gave, or tell in one line why it is none.
+    """Make an array of what a caller gave, or state in one line why it is none.
 
     * ``value``: Anything that numpy makes an array of, in any byte order and precision: a list, a matrix, a masked
       array without masked entries. An array that has the type already is returned as it is.
@@ -81,7 +81,7 @@ def as_array(
 
 
 def as_number(value: object, what: str, give: str, error: type[SlamInitError] = SlamInitError) -> float:
-    """Make a float of what a caller gave, or tell in one line why it is no finite number. A truth value is none."""
+    """Make a float of what a caller gave, or state in one line why it is no finite number. A truth value is none."""
     if isinstance(value, Real) and not isinstance(value, bool):
         try:
             number = float(value)

@@ -12,7 +12,7 @@ from slam_init.types.refusal import Verdict, in_words
 
 
 class AuditVerdict(StrEnum):
-    """The verdict on a map: ``doubtful`` where the tracks do not tell, ``wrong`` at odds of nine to one."""
+    """The verdict on a map: ``doubtful`` where the tracks do not decide, ``wrong`` at odds of nine to one."""
 
     SOUND = "sound"
     DOUBTFUL = "doubtful"
@@ -60,7 +60,7 @@ class Audit(Described):
     reason : Verdict or None
         Where the doubt is about the tracks: the reason that a map of our own would be refused for.
     advice : str
-        What would tell; empty for a sound map.
+        What would decide; empty for a sound map.
     notes : tuple of str
         How the poses of a file were read, where its form does not state it.
     """

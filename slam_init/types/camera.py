@@ -379,7 +379,7 @@ def _check_word(word: object, known: Collection[str], what: str) -> None:
 
 
 def _as_coefficients(distortion: object) -> tuple[float, ...]:
-    """Make the coefficients of what a caller gave, or tell why they are none."""
+    """Make the coefficients of what a caller gave, or state why they are none."""
     give = "a tuple of numbers, () for none"
     coefficients = as_array(distortion, np.float64, (None,), "distortion", give, CalibrationError)
     if (np.abs(coefficients) > _MAX_DISTORTION).any():

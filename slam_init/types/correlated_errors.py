@@ -1,9 +1,9 @@
 """Smooth fields of correlated errors of the tracks of a view: errors of lens model, shutter and tracker.
 
 A field moves both coordinates of the pixels of a view by six polynomials each. How large the twelve coefficients are is
-not known beforehand, and the tracks tell: errors that neighbours share do not average out. So the scale of the fields
-has a posterior. With a quadratic expansion of the cost it has a closed form for each scale: one decomposition into
-eigenvectors serves all scales.
+not known beforehand, and the tracks show it: errors that neighbours share do not average out. So the scale of the
+fields has a posterior. With a quadratic expansion of the cost it has a closed form for each scale: one decomposition
+into eigenvectors serves all scales.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ FIELD_SCALES_PX: Floats = np.array([0.0, 0.03, 0.06, 0.125, 0.25, 0.5, 1.0, 2.0]
 #: Class: assumption.
 FIELD_PRIOR: Floats = np.array([0.2, 0.2, 0.2, 0.2, 0.12, 0.05, 0.02, 0.01])
 #: Fields of the largest scale pull by chance farther than this number of their standard deviations six times in
-#: ten million. Tracks that are held at infinity pull although they tell nothing about a field.
+#: ten million. Tracks that are held at infinity pull although they have no information about a field.
 #: Class: level.
 LARGEST_PULL_SIGMAS = 5.0
 FIELD_SCALES_PX.setflags(write=False)
@@ -32,7 +32,7 @@ FIELD_PRIOR.setflags(write=False)
 
 
 class CorrelatedErrors(NamedTuple):
-    """The fields that a quadratic expansion tells, along the eigenvectors of the information about them."""
+    """The fields by a quadratic expansion, along the eigenvectors of the information about them."""
 
     #: (F,) Eigenvalues of the information.
     strength: Floats

@@ -14,7 +14,7 @@ from typing import ClassVar
 
 from quest.relative_pose import PoseEvidence
 
-#: The figures behind the decision of a method of somebody else, under the method's own names. They are only reported.
+#: The figures behind the decision of a third-party method, under the method's own names. They are only reported.
 FreeEvidence = Mapping[str, float | int | str]
 
 
@@ -77,7 +77,7 @@ class FreeFocal:
 
     @property
     def note(self) -> str:
-        """What to tell the user where both contradict one another."""
+        """The note for the user where both contradict one another."""
         estimate = f"{self.estimated_px:.0f} +- {self.sigma_px:.0f}"
         return f"stated f = {self.stated_px:.0f} does not fit these tracks; free estimate {estimate}: check --camera"
 
@@ -176,7 +176,7 @@ class Margin:
     #: Difference of the truncated Gaussian log likelihoods, in nats; positive where the first map is better.
     log_likelihood: float
     #: The same difference, in units of its standard deviation if both maps explain the tracks equally well (after Vuong
-    #: 1989). Each track votes by the difference of its two log likelihoods; the votes against the first map tell the
+    #: 1989). Each track votes by the difference of its two log likelihoods; the votes against the first map give the
     #: standard deviation (:mod:`slam_init.window.competing`).
     z: float
     #: Smallest z that decides the vote. Two equally good maps exceed the default once in 30 000 cases.

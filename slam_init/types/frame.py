@@ -80,7 +80,7 @@ class Frame:
 
 
 def as_image(image: object, what: str, size: tuple[int, int] | None = None) -> Image:
-    """Make an image of what a caller gave, or tell in one line why it is none: OpenCV would tell far from the call.
+    """Make an image of what a caller gave, or state in one line why it is none: OpenCV would report it late.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def as_image(image: object, what: str, size: tuple[int, int] | None = None) -> I
 
 
 def _as_mask(mask: object, what: str, shape: tuple[int, ...]) -> Image:
-    """Make a mask of what a caller gave, or tell in one line why it is none of an image."""
+    """Make a mask of what a caller gave, or state in one line why it is none of an image."""
     height, width = shape
     give = f"uint8 or bool, ({height}, {width}), the size of the image; 0 is ignored"
     values = mask.astype(np.uint8) if isinstance(mask, np.ndarray) and mask.dtype == np.bool_ else mask

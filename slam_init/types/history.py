@@ -12,7 +12,7 @@ from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.inertial import Gravity, RelativeRotation
-from slam_init.types.lens import LensInUse
+from slam_init.types.lens import CurrentLens
 
 #: Rays that were made of unit length in 32 bits are off by some 1e-7. What is off by more was not normalized.
 _UNIT_TOLERANCE = 1e-6
@@ -37,7 +37,7 @@ class History:
     """
 
     def __init__(self, camera: Camera, limit: int) -> None:
-        self.lens = LensInUse.of(camera)
+        self.lens = CurrentLens.of(camera)
         self._limit = limit
         self._frames: dict[int, Observations] = {}
         self._relative_rotations: dict[int, RelativeRotation] = {}

@@ -22,8 +22,8 @@ LONGEST_STEP_S = 0.04
 #: calibration. In it are the scale of its axes, 0.5 % of gravity, and the norm of gravity, 0.3 %.
 #: Class: assumption.
 ACCELEROMETER_BIAS_M_S2 = 0.12
-#: An accelerometer rests where its norm is that of gravity up to three offsets, and its scatter within this time less
-#: than the offset: a hand that holds still scatters by as much.
+#: An accelerometer is at rest where its norm is that of gravity up to three offsets, and its scatter within this time
+#: less than the offset: a hand that holds still scatters by as much.
 #: Class: level.
 _REST_S, _REST_BIASES = 0.2, 3.0
 #: Where the lever arm would be longer, it is not in metres: no phone, drone or car has its sensor so far away.
@@ -189,7 +189,7 @@ class RelativeRotation:
     start: int
 
     def after(self, rotation: Floats, sigma_rad: float) -> RelativeRotation:
-        """The attitude in the next frame.
+        """The relative rotation of the next frame.
 
         Shapes: ``rotation`` (3, 3).
         """

@@ -17,7 +17,7 @@ from slam_init.types.camera import Camera
 #: Relative standard deviation of the focal length of a calibration: they are better than two per cent.
 #: Class: assumption.
 CALIBRATED_SIGMA = 0.02
-#: A map without a calibration is handed over, and a calibration is written, once the focal length is about as well
+#: A map without a calibration is accepted, and a calibration is written, once the focal length is about as well
 #: known as by a data sheet (5 %). A focal length that is off by this much changes a rotation of 20 degrees by one, and
 #: the depths by as much as itself; what it does to the direction is in the risk.
 #: Class: geometry.
@@ -59,7 +59,7 @@ class Lens(NamedTuple):
     principal_px: tuple[float, float] = (0.0, 0.0)
 
     def centred(self) -> Lens:
-        """The same lens with the stated principal point, of which one window tells little."""
+        """The same lens with the stated principal point, of which one window has little information."""
         return self._replace(principal_px=(0.0, 0.0))
 
     def from_moved(self, log_scale: float, k1: float) -> Lens:
@@ -88,7 +88,7 @@ class LensPrior:
     principal_sigma_px: float = 0.0
     #: What is expected. It is not that of the camera where this is an estimate, and the prior that of an earlier one.
     mean: Lens = SAME_LENS
-    #: Focal length, principal point (2) and k1: whether the camera of a map has the value that the tracks tell, and not
+    #: Focal length, principal point (2) and k1: whether the camera of a map has the value by the tracks, and not
     #: the expected one. Only then their information lowers the deviation.
     fitted: tuple[bool, bool, bool, bool] = (False, False, False, False)
 
@@ -102,7 +102,7 @@ class LensPrior:
 
 
 @dataclass(frozen=True)
-class LensInUse:
+class CurrentLens:
     """A camera, and how far its lens is from the stated one."""
 
     camera: Camera
@@ -114,18 +114,18 @@ class LensInUse:
     k1: float = 0.0
 
     @staticmethod
-    def of(stated: Camera) -> LensInUse:
+    def of(stated: Camera) -> CurrentLens:
         """The stated lens."""
-        return LensInUse(stated, stated)
+        return CurrentLens(stated, stated)
 
     @property
     def is_unknown(self) -> bool:
         """Whether the focal length is estimated."""
         return self.stated.focal_sigma is not None and self.stated.focal_sigma > CALIBRATED_SIGMA
 
-    def moved(self, log_scale: float, k1: float) -> LensInUse:
-        """Another lens in use; the stated one stays."""
+    def moved(self, log_scale: float, k1: float) -> CurrentLens:
+        """Another current lens; the stated one stays."""
         if log_scale == k1 == 0.0:
             return self
         camera = self.camera.refocused(log_scale, k1)
-        return LensInUse(camera, self.stated, self.log_scale + log_scale, self.k1 + k1)
+        return CurrentLens(camera, self.stated, self.log_scale + log_scale, self.k1 + k1)

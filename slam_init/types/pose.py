@@ -70,7 +70,7 @@ class Pose:
         return Pose(matrix_from_quaternion(q), np.asarray(t, float))
 
     def problem(self) -> str | None:
-        """Find why this is no rigid transformation, for poses that somebody else made.
+        """Find why this is no rigid transformation, for poses of other programs.
 
         Returns
         -------

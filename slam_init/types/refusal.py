@@ -58,12 +58,12 @@ class Verdict(StrEnum):
     )
     UNKNOWN_FOCAL_LENGTH = (
         "unknown_focal_length",
-        "the motion does not tell the focal length: turn the camera while it moves, or give --camera",
+        "the motion does not determine the focal length: turn the camera while it moves, or give --camera",
     )
     WRONG_FOCAL_LENGTH = "wrong_focal_length", "the stated focal length does not fit the tracks: check --camera"
     TOO_FEW_LANDMARKS = "too_few_landmarks", "too few points can be triangulated well: keep translating"
     BUNDLE_ADJUSTMENT_FAILED = "bundle_adjustment_failed", "bundle adjustment found no consistent map: keep moving"
-    EXTERNAL_METHOD = "external_method", "the external program gave no map: its own output may tell why"
+    EXTERNAL_METHOD = "external_method", "the external program gave no map: its own output may state why"
     TOO_FEW_FRAMES = "too_few_frames", "a map needs two frames or more: give further ones"
     ACCEPTED = "accepted", ""
 

@@ -67,7 +67,7 @@ class Attempt(Described):
     map : MapEvidence or None
         Figures of bundle adjustment; None if no map was built.
     method_evidence : mapping of str to float, int or str
-        Figures of a method of somebody else, under its own names; empty for ``quest``.
+        Figures of a third-party method, under its own names; empty for ``quest``.
     """
 
     frames: tuple[int, ...]
@@ -149,7 +149,7 @@ class GroundTruthErrors:
     #: the initialization. None for a map without a scale, and where the scale is that of the ground truth.
     scale_error: float | None = None
     #: Standard deviation of the true direction of the keyframe with the largest error, by the accuracy of the true
-    #: positions over its baseline; 0 where nothing tells that they are measured. None if the true camera is static.
+    #: positions over its baseline; 0 where nothing states that they are measured. None if the true camera is static.
     true_direction_sigma_deg: float | None = None
     #: The true baseline of that keyframe, in units of the ground truth.
     true_baseline: float | None = None
@@ -274,9 +274,9 @@ class Result(Described, Savable):
 
 
 def stated_reason(verdict: Verdict, wrong_focal: FreeFocal | None) -> Verdict:
-    """The reason that is told: a calibration that the tracks contradict comes before what the frames lack.
+    """The reason that is stated: a calibration that the tracks contradict comes before what the frames lack.
 
-    An unknown focal length stays, since all frames together may tell it.
+    An unknown focal length stays, since all frames together may determine it.
     """
     return verdict if wrong_focal is None or verdict == Verdict.UNKNOWN_FOCAL_LENGTH else Verdict.WRONG_FOCAL_LENGTH
 

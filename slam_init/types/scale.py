@@ -40,7 +40,7 @@ class Scale(Described):
     evidence: str = ""
     #: Why no scale was found; empty where one was.
     reason: str = ""
-    #: In the world of the map, where an inertial sensor tells it.
+    #: In the world of the map, where an inertial sensor measures it.
     gravity: Gravity | None = None
 
     def __bool__(self) -> bool:

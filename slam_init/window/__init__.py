@@ -5,7 +5,7 @@
   (:mod:`slam_init.window.warm_start`);
 * :mod:`slam_init.window.hypotheses` fits each :mod:`slam_init.window.motion` to all views, beside a rotation-only
   camera: :mod:`slam_init.window.locating` finds the poses of views that a motion does not know, and
-  :mod:`slam_init.window.planarity` tells whether the points lie on a plane;
+  :mod:`slam_init.window.planarity` decides whether the points lie on a plane;
 * :mod:`slam_init.window.state` holds the unknowns of a fit, :mod:`slam_init.window.equations` their equations (compiled
   in :mod:`slam_init.window.kernels` and :mod:`slam_init.window.projection`);
 * :mod:`slam_init.window.joint_fit` fits poses, points, plane and focal length;

@@ -124,7 +124,7 @@ class Layout(NamedTuple):
 
     @staticmethod
     def of(views: int, *, field: bool, readout: bool, principal: bool, rotation_only: bool = False) -> Layout:
-        """The order for a number of views and for what is unknown; points at infinity tell no translation."""
+        """The order for a number of views and for what is unknown; points at infinity show no translation."""
         field_size, pose = FIELD_TERMS * field, 3 if rotation_only else 6
         block = pose + field_size
         focal, lens = block * (views - 1) + field_size, 2 + readout + 2 * principal

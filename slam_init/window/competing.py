@@ -90,7 +90,7 @@ def _margin(hypotheses: WindowHypotheses, best: FittedMotion, other: FittedMotio
     ahead = 0.5 * (float(votes.sum()) - max(largest, 0.0))
     # Two equivalent motions have the same likelihood, but each fit adapts to the noise by unknowns of its own. With the
     # projections P1, P2 on these, the difference is e^T (P1 - P2) e / 2: its variance is half the sum of squared votes.
-    # Such votes are symmetric about zero, so those against the best motion tell their sum; real votes are left out.
+    # Such votes are symmetric about zero, so those against the best motion give their sum; real votes are left out.
     against = 0.5 * np.minimum(votes, 0.0)
     return Margin(ahead, ahead / max(float(np.linalg.norm(against)), 1e-9))
 

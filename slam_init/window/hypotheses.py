@@ -55,7 +55,7 @@ _FAR_FACTOR = 1.5
 
 @dataclass(frozen=True, eq=False)
 class OverlayTracks:
-    """Tracks of a pair that stay at their pixel while the others move."""
+    """Static overlay: tracks of a pair that stay at their pixels while the others move."""
 
     track_ids: Ints
     #: (S, 3) Their rays in the reference.
@@ -106,7 +106,7 @@ class WindowHypotheses:
         return np.asarray(motion.fit.track_costs + self.priors.gate_sigmas**2 * missing)
 
     def votes(self, motion: FittedMotion, other: FittedMotion) -> Floats:
-        """The votes of the tracks for a motion against a competing motion: differences of bounded costs.
+        """The votes of the tracks for a motion against another one: differences of bounded costs.
 
         Shapes: returns (T,).
         """
@@ -181,7 +181,7 @@ def motions_of_pair(
 def motions_at_focal(hypotheses: WindowHypotheses, log_scale: float) -> list[Motion]:
     """The motions of the pair as quest proposes them at another focal length, in all views that they locate.
 
-    * ``log_scale``: Logarithm of this focal length over that of the lens in use.
+    * ``log_scale``: Logarithm of this focal length over that of the current lens.
     """
     tracks, R = hypotheses.tracks, hypotheses.rotation_only.state.R
     lens = Lens(log_scale, readout_s=tracks.readout_s)

@@ -3,8 +3,8 @@
 The hypothesis says whether most points lie on one plane, and where the fit starts. Unknown are the poses of all views
 but the first, the true rays of all tracks, the inverse distances of the tracks off the plane, the lens (focal length,
 distortion, readout and principal point, with priors), the plane, and for each view a smooth field of correlated errors
-that its tracks have in common (with a prior). The length of one baseline is held, since images do not tell the scale.
-Two views, three or twelve: the same code.
+that its tracks have in common (with a prior). The length of one baseline is held, since images do not determine the
+scale. Two views, three or twelve: the same code.
 
 A track may leave the plane, at a fixed cost. So depth variation beside a plane is a part of the model, and a plane that
 is none loses its tracks.
@@ -38,7 +38,7 @@ _LENS_TOLERANCE, _LENS_ROUNDS = 0.01, 3
 #: Gaussian has this share of its variance.
 _NOISE_ROUNDS, _INSIDE_THREE_SIGMAS = 5, 0.949
 #: An observation is near its projection within this number of standard deviations: some pixels. Wrong matches lie
-#: anywhere in the image; tracks on moving objects slowly stay near.
+#: anywhere in the image; tracks on slowly moving objects stay near.
 #: Class: assumption.
 NEAR_SIGMAS = 30.0
 #: Median of the squared length of a 2-D Gaussian of variance 1, and the largest noise at a start over the assumed one.

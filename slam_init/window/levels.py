@@ -6,7 +6,7 @@ The unit is in the name or after the class, or the number has none. The classes:
 * geometry: it follows from the geometry of views.
 * level: a statistical level; the comment says how often chance exceeds it.
 * measured: on data that the comment names.
-* assumption: no data tell it; the comment says why this value.
+* assumption: no data determine it; the comment says why this value.
 * budget: it bounds time or memory.
 
 ``python docs/make/numbers_page.py`` lists all of them from the comments, with those that stay in other modules: gates
@@ -99,8 +99,9 @@ LARGEST_VOTE = 6.0
 # -- nuisances -------------------------------------------------------------------------------------------
 
 #: Standard deviation of the principal point of a calibration, over the width of the image: two pixels of 640, as a
-#: chessboard tells it. Optical axes that nobody calibrated are off by a hundredth; with that, level flight with a turn
-#: had no map in 12 worlds, since a turn about the optical axis moves the image by the error of the principal point.
+#: chessboard measures it. Optical axes that nobody calibrated are off by a hundredth; with that, level flight with a
+#: turn had no map in 12 worlds, since a turn about the optical axis moves the image by the error of the principal
+#: point.
 #: Class: assumption, over the width.
 PRINCIPAL_SIGMA = 0.003
 

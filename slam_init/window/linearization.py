@@ -76,11 +76,11 @@ def linearize_with_fields(fit: JointFit) -> Linearization:
 def information_by_chance(fit: JointFit) -> Floats:
     """The part of a fit's information that the errors of the inverse distances make.
 
-    A track tells the direction of a baseline by its parallax ``rho t``, and its information grows with the square of
+    A track measures the direction of a baseline by its parallax ``rho t``, and its information grows with the square of
     the inverse distance ``rho``. The fit has ``rho`` with an error of variance ``s^2``, and the expectation of its
     square is larger than the true square by ``s^2``. Where the parallax of most tracks is no larger than their errors,
-    most of the information is of this kind: a track then tells a direction, but one that depends on its error. The part
-    is the mean of the information at ``rho + s`` and ``rho - s``, less that at ``rho``.
+    most of the information is of this kind: a track then measures a direction, but one that depends on its error. The
+    part is the mean of the information at ``rho + s`` and ``rho - s``, less that at ``rho``.
 
     Shapes: returns (X, X).
 
@@ -90,7 +90,7 @@ def information_by_chance(fit: JointFit) -> Floats:
     # An error of a distance must not change the weight of an observation: each has the weight of the fit, as its noise.
     squares = np.einsum("vtq,vtq->vt", fit.residuals, fit.residuals)
     left = np.maximum(1 - squares / (TUKEY_GATES * priors.gate_sigmas**2), 0.0)
-    # A single observation tells no distance, so that the error of this distance has no size.
+    # A single observation measures no distance, so that the error of this distance has no size.
     seen = tracks.seen & (left > 0)
     seen &= seen.sum(axis=0) >= 2
     weighted = replace(tracks, seen=seen, sigma_px=tracks.sigma_px / np.maximum(left, 1e-6))

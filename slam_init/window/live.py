@@ -13,7 +13,7 @@ from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.inertial import Gravity, RelativeRotation
-from slam_init.types.lens import LensInUse
+from slam_init.types.lens import CurrentLens
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
 from slam_init.window.motion import Motion
 from slam_init.window.state import Priors
@@ -64,7 +64,7 @@ class LiveHypotheses:
         """The frames whose poses the best motion knows."""
         return frozenset(self._motions[0].cam_from_world) if self._motions else frozenset()
 
-    def change_lens(self, old: LensInUse, new: LensInUse) -> None:
+    def change_lens(self, old: CurrentLens, new: CurrentLens) -> None:
         """Go on with another lens: the motions were fitted through the old one."""
         if new is old:
             return

@@ -134,7 +134,7 @@ def evaluate(
 
 @compiled
 def hold_length(normal: Floats, t: Floats, view: int, layout: Layout) -> None:
-    """Hold the length of the baseline of a view, where there are baselines: images do not tell the scale.
+    """Hold the length of the baseline of a view, where there are baselines: images do not determine the scale.
 
     Shapes: ``normal`` (G, G), ``t`` (V, 3).
     """
@@ -159,7 +159,7 @@ def solve_damped(equations: Equations, damping: float, work: Work) -> bool:
         step[p] = -equations.gradient[p]
         for q in range(p, size):
             factor[p, q] = normal[p, q]
-        factor[p, p] += damping * max(normal[p, p], 1e-6)  # an unknown that nothing tells takes no step
+        factor[p, p] += damping * max(normal[p, p], 1e-6)  # an unknown that nothing determines takes no step
     for p in range(size):
         pivot = factor[p, p]
         if not pivot > 0.0:

@@ -70,7 +70,7 @@ def add_pose(track: Track, row: Row, pairs: PairSums, sums: TrackSums) -> None:
     out[a, k, 3] += x[2]
     out[a, k, 4] += y[2]
     out[a, k, 5] += z[2]
-    if r == 0.0:  # a point at infinity tells no translation
+    if r == 0.0:  # a point at infinity shows no translation
         return
     out[a, k, 6] += r * n0[0]
     out[a, k, 7] += r * n1[0]

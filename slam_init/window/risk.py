@@ -66,7 +66,7 @@ class WindowRisk:
     lens: LensPrior
     #: The focal length by the tracks near the best motion, without the prior.
     focal: FocalOfTracks
-    #: The vote against the nearest competing motion; None without a competing motion.
+    #: The vote against the nearest competing motion; None without one.
     margin: Margin | None
     #: Log likelihood of the best motion over the rotation-only camera, in nats.
     rotation_log_likelihood: float

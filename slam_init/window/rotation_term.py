@@ -1,8 +1,8 @@
 """The term *rotation* of the risk: the probability that the camera only rotates.
 
 Translation and points add unknowns, so they lower the cost by chance: twice the gain has a chi-square distribution
-then. A tracker keeps errors from view to view, which scale the gain or, where that tells more, join the noise. A camera
-that only rotates may have images that zoom and shift (:mod:`~slam_init.window.zooming_rotation`).
+then. A tracker keeps errors from view to view, which scale the gain or, where that decides more, join the noise. A
+camera that only rotates may have images that zoom and shift (:mod:`~slam_init.window.zooming_rotation`).
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def with_errors_in_noise(hypotheses: WindowHypotheses) -> WindowHypotheses:
     """The best motion, and the camera that only rotates, with the errors that a tracker keeps in the noise.
 
     An outlier gains 4.5 nats at the most. What chance gains grows with the square of the errors, beyond what even
-    outliers gain where the noise is a third of them: then no translation would be told by two views. With the errors
+    outliers gain where the noise is a third of them: then two views would show no translation. With the errors
     in the noise, a track whose parallax they explain is no outlier, and one whose parallax is larger stays one.
     """
     tracks, best = hypotheses.tracks, hypotheses.motions[0]
@@ -123,19 +123,19 @@ def zooming_probability(hypotheses: WindowHypotheses) -> float:
 
 
 def _probability_beside_zooms(
-    hypotheses: WindowHypotheses, zooming: ZoomingRotation, *, lasting_in_noise: bool = False
+    hypotheses: WindowHypotheses, zoomed: ZoomingRotation, *, lasting_in_noise: bool = False
 ) -> float:
     """The same by one model of the errors that a tracker keeps.
 
     See :func:`rotation_probability` for ``lasting_in_noise``.
     """
-    explained = 0.5 * (hypotheses.rotation_only.cost - zooming.cost)
+    explained = 0.5 * (hypotheses.rotation_only.cost - zoomed.cost)
     # A zoom looks like a motion toward a plane, so that a few moving objects before it look like its depth variation.
     # Tracks that lie on a plane are no such moving objects.
-    objects = explained > zooming.hypotheses.gain_over_rotation[0] and not hypotheses.planar
+    objects = explained > zoomed.hypotheses.gain_over_rotation[0] and not hypotheses.planar
     # What the model of a zoom lacks is a share of what it explains. Where outliers bound that, it is in the noise.
-    cases = [(hypotheses, zooming, ZOOM_LEAVES * explained if zooming.has_zooms else 0.0)]
-    if (wide := _with_errors_of_zooms(hypotheses, zooming)) is not None:
+    cases = [(hypotheses, zoomed, ZOOM_LEAVES * explained if zoomed.has_zooms else 0.0)]
+    if (wide := _with_errors_of_zooms(hypotheses, zoomed)) is not None:
         cases.append((*wide, 0.0))
     probability = 0.0
     for one, zoom, unexplained in cases:
@@ -151,7 +151,7 @@ def _probability_beside_zooms(
 
 
 def _with_errors_of_zooms(
-    hypotheses: WindowHypotheses, zooming: ZoomingRotation
+    hypotheses: WindowHypotheses, zoomed: ZoomingRotation
 ) -> tuple[WindowHypotheses, ZoomingRotation] | None:
     """Both with what the zooms of a lens leave of their displacements in the noise; None where that changes nothing.
 
@@ -159,9 +159,9 @@ def _with_errors_of_zooms(
     zoom lacks.
     """
     tracks, best = hypotheses.tracks, hypotheses.motions[0]
-    errors_px = zooming.errors_px(tracks, hypotheses.priors)
+    errors_px = zoomed.errors_px(tracks, hypotheses.priors)
     if not (errors_px > _OF_NOISE * tracks.sigma_px).any():
         return None
     wide = replace(tracks, sigma_px=np.hypot(tracks.sigma_px, errors_px))
     hypotheses = replace(hypotheses, tracks=wide, motions=(fit_motion(wide, best.motion, hypotheses.priors),))
-    return hypotheses, zooming.beside(hypotheses)
+    return hypotheses, zoomed.beside(hypotheses)

@@ -1,7 +1,7 @@
-"""Tail probabilities of the risk: of errors in two and in three directions, and of a statistic that is looked at often.
+"""Tail probabilities of the risk: of errors in two and in three directions, and of a statistic that is tested often.
 
-A window is evaluated at each frame, and the first one with a small risk is accepted. Two kinds of terms have to be told
-apart.
+A window is evaluated at each frame, and the first one with a small risk is accepted. Two kinds of terms have to be
+distinguished.
 
 * **A posterior probability** is right at any time at which one stops. It is a conditional expectation of "the map is
   wrong", so that its mean over all accepted maps is the share of the wrong ones, whatever the rule of stopping

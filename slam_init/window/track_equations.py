@@ -151,7 +151,7 @@ def couple_anchor(track: Track, layout: Layout, equations: Equations, sums: Trac
 
 @inlined
 def couple_plane(track: Track, layout: Layout, equations: Equations, sums: TrackSums) -> None:
-    """What a track on the plane tells of the plane by its depth, alone and with the anchor and the lens."""
+    """The information of a track about its plane by its depth, alone and with the anchor and the lens."""
     normal, by, at, plane = equations.normal, sums.by, layout.field + layout.block * (track.anchor - 1), layout.plane
     gradient, curvature = sums.depth[0], sums.depth[1]
     for p in range(3):

@@ -59,7 +59,7 @@ class Readout:
 class WindowTracks:
     """The tracks of a window."""
 
-    #: With the lens in use, which is the stated one of a calibrated camera.
+    #: With the current lens, which is the stated one of a calibrated camera.
     camera: Camera
     #: Absolute indices, in any order; the frame of the first view is the world.
     frames: tuple[int, ...]
@@ -69,7 +69,7 @@ class WindowTracks:
     pixels: Floats
     #: (V, T)
     seen: Bools
-    #: (T, 3) Unit bearings in the anchor views, by the camera with the lens in use; the axis where there is none.
+    #: (T, 3) Unit bearings in the anchor views, by the camera with the current lens; the axis where there is none.
     rays: Floats
     #: (T,) First view that sees a track; -1 for a track that fewer than two views see.
     anchor: Ints
@@ -316,7 +316,7 @@ def _down_in_views(gravities: Sequence[Gravity | None]) -> tuple[Floats, Floats]
     """Measured directions of gravity (V, 3) in the views, and their weights against the first view (V,).
 
     The error of the first view is in the differences of all views. It counts in each as often as there are views, so
-    that all of them know the attitude no better than the first one.
+    that all of them know the rotation no better than the first one.
     """
     down, weights = np.tile([0.0, 1.0, 0.0], (len(gravities), 1)), np.zeros(len(gravities))
     first = gravities[0]

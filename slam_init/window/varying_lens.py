@@ -1,7 +1,7 @@
 """A lens that changes from view to view: what it explains of the tracks, and what it does to the directions.
 
 A forward motion to a plane parallel to the image moves the pixels exactly as a zoom does, and a small rotation moves
-them as a shift of the image does. The expansion of a fit tells how far the tracks distinguish them.
+them as a shift of the image does. The expansion of a fit shows how far the tracks distinguish them.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ class VaryingLens:
 def varying_lens(expanded: ExpandedFit) -> VaryingLens:
     """What a zoom and a shift of each view explain of the tracks, and what they change about the directions.
 
-    The expansion of the fit tells it: the gradient of the cost by the zooms and the shifts, and their information. The
-    first view has none, as what all views have in common is the lens. The fields have their likeliest scale.
+    The expansion of the fit gives both: the gradient of the cost by the zooms and the shifts, and their information.
+    The first view has none, as what all views have in common is the lens. The fields have their likeliest scale.
     """
     lin, tracks, lens_changes = expanded.linearization, expanded.fit.tracks, expanded.fit.priors.lens_changes
     views = len(expanded.fit.state.R)

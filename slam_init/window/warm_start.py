@@ -1,8 +1,8 @@
-"""The points of a fit, as the start of the next one.
+"""Warm start: the points of a fit are the start of the next one.
 
 A window differs from the one before it by a frame, so the answer of its fit is near that of the last fit. A start from
 measured rays and linear triangulation would need a dozen steps to come there again. The points are homogeneous, so that
-points at infinity are carried too.
+points at infinity are kept too.
 """
 
 from __future__ import annotations

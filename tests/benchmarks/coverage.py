@@ -71,7 +71,7 @@ class Coverage:
 
 
 def coverage_of(world: World, map_: InitialMap) -> Coverage | None:
-    """Judge a map; None if it is false, which no deviation says."""
+    """Evaluate a map; None if it is false, which no deviation says."""
     import gtsam
 
     rotation_deg, direction_deg = errors_deg(map_, world.world_from_cam)

@@ -184,7 +184,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if not path.is_dir():
             print(f"no {path}: set SLAM_INIT_DATA to a folder of sequences", file=sys.stderr)
             continue
-        # The name of the folder tells how its ground truth is evaluated.
+        # The name of the folder decides how its ground truth is evaluated.
         folder = arguments.out / "frames" / variant.replace(" ", "-") / path.name
         if not (folder / "groundtruth.txt").exists():
             write(open_source(str(path)), VARIANTS[variant], folder)

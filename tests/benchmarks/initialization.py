@@ -2,7 +2,8 @@
 
 The program compares ``quest`` alone (:mod:`slam_init.compare`): on every real sequence below ``SLAM_INIT_DATA`` (a
 folder with ``camera.yaml`` and ``groundtruth.txt``), from its first frame to its end, and on several seeds of every
-synthetic scene. It prints one table of each. :mod:`slam_init.compare.criteria` tells what makes a map correct or false.
+synthetic scene. It prints one table of each. :mod:`slam_init.compare.criteria` states what makes a map correct or
+false.
 """
 
 from __future__ import annotations

@@ -62,7 +62,7 @@ class World:
     #: By index of the frame; some indices may be missing.
     world_from_cam: Mapping[int, Pose]
     no_translation: bool
-    #: The factors that it was drawn from.
+    #: The factors that it was made from.
     factors: Mapping[str, Any]
     #: (T, 3) By track id; NaN where there is none.
     points: Floats

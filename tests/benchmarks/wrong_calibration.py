@@ -2,8 +2,8 @@
 
 Each world is seen once through a calibration that is off by up to a hundredth, and another world of the same seed
 through one that is wrong by 7 to 100 %. Both are tracks without images. The same frames with a wrong one that is not
-named are seen again without any calibration: the tracks tell the focal length where that run knows it well enough to
-tell the true one from the stated one. ::
+named are seen again without any calibration: the tracks determine the focal length where that run knows it well enough
+to tell the true one from the stated one. ::
 
     python -m tests.benchmarks.wrong_calibration --seeds 50000 50100 --log PATH.jsonl
     python -m tests.benchmarks.wrong_calibration --from-log PATH.jsonl
@@ -63,13 +63,13 @@ class Case:
     #: Estimated focal length over the true one, and its relative standard deviation; NaN where none is named.
     estimated: float = math.nan
     sigma: float = math.nan
-    #: Whether a run without a calibration tells a wrong focal length; as for all that are named.
+    #: Whether a run without a calibration shows a wrong focal length; as for all that are named.
     clear: bool = False
     #: All free fits: over the true focal length, their deviation, and the place of their attempt.
     fits: list[tuple[float, float, int]] = field(default_factory=list)
 
 
-def drawn(seed: int, *, is_wrong: bool) -> tuple[str, PointSource, float]:
+def simulated(seed: int, *, is_wrong: bool) -> tuple[str, PointSource, float]:
     """Draw a world; returns its scene, its source and the stated focal length over the true one."""
     rng = np.random.default_rng([seed, is_wrong])
     scene = str(rng.choice(list(_SCENES)))
@@ -91,7 +91,7 @@ def drawn(seed: int, *, is_wrong: bool) -> tuple[str, PointSource, float]:
 
 def decide(seed: int, *, is_wrong: bool) -> Case:
     """Draw a world and run it; a wrong focal length that is not named is run again without a calibration."""
-    scene, source, stated = drawn(seed, is_wrong=is_wrong)
+    scene, source, stated = simulated(seed, is_wrong=is_wrong)
     options, kind = source.sequence.options, _SCENES[scene]
     if kind in ("structure", "plane") and options.baseline < _LITTLE and not scene.startswith("handheld"):
         kind = "little parallax"

@@ -107,13 +107,14 @@ def test_the_poses_of_a_plane_with_outliers_contain_the_true_one(seed):
 
 
 def test_the_second_motion_of_a_plane_is_an_alternative():
-    # All points of a narrow patch lie in front of the twin's cameras too; the nearest points of a wide one lie behind.
+    # All points of a narrow patch lie in front of the cameras of the second motion too; the nearest points of a wide
+    # one lie behind.
     patch = 0.4 * plane(0)
     patch[:, 2] = 4.5 + 0.3 * patch[:, 0] - 0.6 * patch[:, 1]
     pose = estimate_relative_pose(*views(patch, noise_rad=NOISE_RAD, outliers=0.3))
-    (twin,) = pose.alternatives
-    assert np.degrees(rotation_angle(twin.R @ pose.R.T)) > 5
-    assert twin.inliers[pose.inliers].mean() > 0.95
+    (second,) = pose.alternatives
+    assert np.degrees(rotation_angle(second.R @ pose.R.T)) > 5
+    assert second.inliers[pose.inliers].mean() > 0.95
 
 
 @settings(max_examples=8)

@@ -18,7 +18,7 @@ SEEDS = range(20)
 
 
 @dataclass(frozen=True)
-class Drawn:
+class Simulated:
     """A simulated pair: its matches and its true motion."""
 
     m: np.ndarray
@@ -28,7 +28,7 @@ class Drawn:
     distances: np.ndarray
 
 
-def drawn(seed: int, *, count: int, ratio: float, noise_rad: float, points=None) -> Drawn:
+def simulated(seed: int, *, count: int, ratio: float, noise_rad: float, points=None) -> Simulated:
     """Points in a box or as given, seen by a camera that moves sideways by a share of the mean depth."""
     rng = np.random.default_rng(seed)
     X = box(seed)[:count] if points is None else points[:count]
@@ -38,10 +38,10 @@ def drawn(seed: int, *, count: int, ratio: float, noise_rad: float, points=None)
     m, n = (Y / np.linalg.norm(Y, axis=1, keepdims=True) for Y in (X, X @ R.T + t))
     m, n = (Y + noise_rad * rng.normal(size=Y.shape) for Y in (m, n))
     unit = [Y / np.linalg.norm(Y, axis=1, keepdims=True) for Y in (m, n)]
-    return Drawn(unit[0], unit[1], R, t / length, np.linalg.norm(X, axis=1) / length)
+    return Simulated(unit[0], unit[1], R, t / length, np.linalg.norm(X, axis=1) / length)
 
 
-def nees(pose: RelativePose, truth: Drawn) -> float:
+def nees(pose: RelativePose, truth: Simulated) -> float:
     """Normalized squared error of a pose over its five unknowns; 1 in the mean where the covariance is right."""
     turned = truth.R @ pose.R.T
     w = 0.5 * np.array([turned[2, 1] - turned[1, 2], turned[0, 2] - turned[2, 0], turned[1, 0] - turned[0, 1]])
@@ -65,7 +65,7 @@ def test_a_camera_that_only_rotates_shows_no_translation_by_few_matches(count):
 def test_thirty_matches_of_a_general_scene_are_no_plane():
     kinds = [
         estimate_relative_pose(pair.m, pair.n).kind
-        for pair in (drawn(seed, count=30, ratio=0.05, noise_rad=5e-4) for seed in SEEDS)
+        for pair in (simulated(seed, count=30, ratio=0.05, noise_rad=5e-4) for seed in SEEDS)
     ]
     assert kinds.count("general") >= 19
 
@@ -73,12 +73,12 @@ def test_thirty_matches_of_a_general_scene_are_no_plane():
 def test_thirty_matches_of_a_plane_are_a_plane():
     kinds = [
         estimate_relative_pose(pair.m, pair.n).kind
-        for pair in (drawn(seed, count=30, ratio=0.15, noise_rad=5e-4, points=plane(seed)) for seed in SEEDS)
+        for pair in (simulated(seed, count=30, ratio=0.15, noise_rad=5e-4, points=plane(seed)) for seed in SEEDS)
     ]
     assert kinds.count("planar") >= 17
 
 
-def depths_of(pair: Drawn) -> np.ndarray:
+def depths_of(pair: Simulated) -> np.ndarray:
     """The depths (2, N) of all matches in both views."""
     inliers = np.ones(len(pair.m), bool)
     return kernels.depths_and_parallax(pair.m, pair.n, pair.R, pair.t, inliers)[0]
@@ -88,7 +88,7 @@ def test_depths_at_low_parallax_are_not_biased_although_those_of_the_midpoint_ar
     """Parallax of twice the noise: the noise across the epipolar lines widens the angle between the rays."""
     ratios, midpoints = [], []
     for seed in SEEDS:
-        pair = drawn(seed, count=200, ratio=0.01, noise_rad=3e-3)
+        pair = simulated(seed, count=200, ratio=0.01, noise_rad=3e-3)
         ratios.extend(depths_of(pair)[0] / pair.distances)
         midpoints.extend(depths_from_pose(pair.R, pair.t, pair.m, pair.n)[0] / pair.distances)
     # In the median over all points, with those behind the camera beyond infinity.
@@ -103,9 +103,9 @@ def test_the_covariance_states_the_error(points, count):
     """The median of chi-square with five degrees of freedom is 0.87 of its mean."""
     errors = []
     for seed in range(40):
-        pair = drawn(seed, count=count, ratio=0.15, noise_rad=NOISE_RAD, points=points(seed))
+        pair = simulated(seed, count=count, ratio=0.15, noise_rad=NOISE_RAD, points=points(seed))
         pose = estimate_relative_pose(pair.m, pair.n, threshold_rad=3 * NOISE_RAD)
-        # On a plane the better one of the two motions may be the twin.
+        # On a plane the better one of the two motions may be the wrong one.
         if pose and np.degrees(np.arccos(min(1.0, pose.t @ pair.t))) < 5:
             errors.append(nees(pose, pair))
     assert len(errors) >= 20
@@ -113,7 +113,7 @@ def test_the_covariance_states_the_error(points, count):
 
 
 def test_the_covariance_of_a_planar_pose_is_that_of_numerical_derivatives():
-    pair = drawn(3, count=120, ratio=0.15, noise_rad=2e-4, points=plane(3))
+    pair = simulated(3, count=120, ratio=0.15, noise_rad=2e-4, points=plane(3))
     pose = estimate_relative_pose(pair.m, pair.n)
     assert pose.kind == "planar"
     m, n, basis = pair.m[pose.inliers], pair.n[pose.inliers], tangent_basis(pose.t)

@@ -1,4 +1,4 @@
-"""Laws of gravity that somebody else measured: it proposes motions, and no map is accepted because of it."""
+"""Laws of gravity that another sensor measured: it proposes motions, and no map is accepted because of it."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ from slam_init.recording.recorder import Recorder
 from slam_init.types.pose import Pose, Trajectory
 from slam_init.types.refusal import REASONS, Verdict
 
-#: Straight towards a plane: all views agree with its twin.
+#: Straight towards a plane: all views agree with the second motion.
 STRAIGHT = [Pose(np.eye(3), k * np.array([0.02, 0.0, 0.06])) for k in range(5)]
 #: Then in a curve, for long enough that the pair is tried again.
 CURVE = [

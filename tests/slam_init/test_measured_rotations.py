@@ -1,4 +1,4 @@
-"""Laws of rotations that somebody else measured: they are measurements of the joint fit, and nothing without them."""
+"""Laws of rotations that another sensor measured: they are measurements of the joint fit, and nothing without them."""
 
 from dataclasses import replace
 from itertools import pairwise

@@ -80,7 +80,7 @@ def test_a_run_without_its_picture_has_all_other_files(tmp_path, monkeypatch, fa
     source = synth("static", frames=2, **SMALL)
     if failing:
         monkeypatch.setattr("slam_init.runner.overview_png", lambda *_: 1 / 0)
-        with pytest.warns(RuntimeWarning, match=r"overview.png was not drawn: division"):
+        with pytest.warns(RuntimeWarning, match=r"overview.png was not made: division"):
             run(source, source.camera, Config(), out=tmp_path)
     else:
         run(source, source.camera, Config(), out=tmp_path, overview=False)

@@ -1,4 +1,4 @@
-"""Track worlds for which a small risk was stated although the map was false; drawn by plain numpy."""
+"""Track worlds for which a small risk was stated although the map was false; simulated by plain numpy."""
 
 from __future__ import annotations
 

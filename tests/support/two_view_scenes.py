@@ -65,11 +65,11 @@ def make_scene(
     axis = rng.normal(size=3)
     R = rotation_from_vector(_ROTATION_RAD * axis / np.linalg.norm(axis))
     centre = rng.normal(size=3)
-    drawn = _SURPLUS * count
-    exact1 = np.column_stack([rng.uniform(0, side, drawn) for side in size])
-    rays = np.column_stack([(exact1 - (CAMERA.cx, CAMERA.cy)) / (CAMERA.fx, CAMERA.fy), np.ones(drawn)])
+    size_of_sample = _SURPLUS * count
+    exact1 = np.column_stack([rng.uniform(0, side, size_of_sample) for side in size])
+    rays = np.column_stack([(exact1 - (CAMERA.cx, CAMERA.cy)) / (CAMERA.fx, CAMERA.fy), np.ones(size_of_sample)])
     if kind in ("general", "rotation"):
-        depths = rng.uniform(*_DEPTHS, drawn)
+        depths = rng.uniform(*_DEPTHS, size_of_sample)
     else:
         slopes = (0.0, 0.0) if kind == "nadir" else (rng.uniform(-_MAX_SLOPE, _MAX_SLOPE) for _ in range(2))
         normal = np.array([*slopes, 1.0])

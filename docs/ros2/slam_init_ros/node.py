@@ -219,7 +219,7 @@ class InitializerNode(LifecycleNode):
         self._save(initializer)
 
     def _locate(self, initializer: Initializer, follower: Follower, frame: Frame) -> bool:
-        """Locate an image in the map, and tell whether it was found. Where the map is lost, a new one is looked for."""
+        """Locate an image in the map, and return whether it was found. Where the map is lost, look for a new one."""
         view = follower.locate(frame)
         if view is not None:
             self._publish_tf(view)

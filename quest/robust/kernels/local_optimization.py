@@ -28,7 +28,7 @@ def draw_subset(uniform: Floats, count: int, subset: Ints) -> None:
         end = count - size + k
         number = min(int(uniform[k] * (end + 1)), end)
         for j in range(k):
-            # The end of the range replaces a number drawn before: no earlier range reached it.
+            # The end of the range replaces a number sampled before: no earlier range reached it.
             if subset[j] == number:
                 number = end
                 break

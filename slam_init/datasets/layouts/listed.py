@@ -150,7 +150,7 @@ def open_euroc(folder: Path, found: Path) -> ImageFileSource:
             unit = time_unit(np.array([stamp for _, stamp in stamps]), TimeUnit.NANOSECONDS)
             imu = partial(_read_imu0, mav / "imu0", root, body_from_cam, unit)
         else:
-            notes = ("imu0 is not used: no sensor.yaml tells its rotation against the camera (T_BS)",)
+            notes = ("imu0 is not used: no sensor.yaml states its rotation against the camera (T_BS)",)
     return image_sequence(
         "euroc",
         root,

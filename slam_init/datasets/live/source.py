@@ -109,8 +109,8 @@ def _decoded(
 # -- the source ------------------------------------------------------------------------------------
 
 
-#: Frames that wait: those of a quarter of a second at 30 Hz. Judging a frame takes up to six tenths of a second
-#: (docs/measurements/speed.md); what comes beyond the queue is dropped.
+#: Frames that wait: those of a quarter of a second at 30 Hz. The evaluation of a frame takes up to six tenths of a
+#: second (docs/measurements/speed.md); what comes beyond the queue is dropped.
 QUEUE_FRAMES = 8
 # How often a waiting thread looks whether it was stopped.
 _POLL_S = 0.05

@@ -1,6 +1,6 @@
-"""What a bag tells of the motion of its camera: the true poses, and the record of an inertial sensor.
+"""What a bag states about the motion of its camera: the true poses, and the record of an inertial sensor.
 
-A topic of poses tells where a body is in the world: the child frame of ``Odometry`` and ``TransformStamped``; for
+A topic of poses states where a body is in the world: the child frame of ``Odometry`` and ``TransformStamped``; for
 ``PoseStamped``, which names no body, the highest frame that does not move against the camera. The transform from the
 body to the camera comes from the transforms of ``tf_static``, and from those of ``tf`` that are sent again and again
 with one value, as ROS 1 does. Without it the poses of the body stand for those of the camera, and a note says so. The
@@ -112,12 +112,12 @@ def read_sensor(bag: Bag, camera_frame: str, *, by_header: bool) -> tuple[Inerti
         return None, (f"no gyroscope is used: there are several ({names})",) if topics else ()
     (topic,) = topics
     imu_frame = bag.first(topic).frame_id
-    # Drivers write one name for all of their sensors where nobody has set the frames: that tells no rotation.
+    # Drivers write one name for all of their sensors where nobody has set the frames: that states no rotation.
     cam_from_imu = None
     if imu_frame and camera_frame and imu_frame != camera_frame:
         cam_from_imu = fixed_between(read_fixed_frames(bag), camera_frame, imu_frame)
     if cam_from_imu is None:
-        what = f"no transform tells its rotation from {imu_frame or '(no frame)'} to {camera_frame or '(no frame)'}"
+        what = f"no transform states its rotation from {imu_frame or '(no frame)'} to {camera_frame or '(no frame)'}"
         return None, (f"the gyroscope {topic.name} is not used: {what}",)
     samples: dict[float, tuple[float, ...]] = {}
     for message in bag.messages(topic):

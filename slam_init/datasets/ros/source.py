@@ -77,7 +77,7 @@ class RosSource:
 
     @property
     def groundtruth(self) -> Trajectory | None:
-        """The poses of the camera; None if no topic tells them."""
+        """The poses of the camera; None if no topic has them."""
         return self._truth[0]
 
     @cached_property

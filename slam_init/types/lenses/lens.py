@@ -6,7 +6,7 @@ distortion is Newton's method for all models (:mod:`slam_init.types.lenses.undis
 
 The field of ``pinhole``, ``radtan`` and a ``fisheye`` whose image ends before 89 degrees is a part of the plane z = 1:
 up to the radius at which the distorted radius stops growing. That of the others ends earlier, at the angle from which
-on a pixel tells too little about the ray.
+on a pixel has too little information about the ray.
 
 **Profiles** map the rays of a lens to lens coordinates (u, v), without distortion. With a ray (X, Y, Z) of unit length
 and ``r = |(X, Y)|``:
@@ -242,7 +242,7 @@ STRAIGHT = Bending()
 # directions.
 _ANGLES = np.radians(np.arange(0.0, 179.05, 0.1))
 _DIRECTIONS = 16
-# The field ends where a pixel tells an angle five times less well than on the axis: the smallest eigenvalue of the
+# The field ends where a pixel measures an angle five times less well than on the axis: the smallest eigenvalue of the
 # symmetric part of the derivatives is a fifth. As long as it is positive, the lens is invertible (Gale and Nikaido
 # 1965: the Jacobian of a map of a convex region is positive definite). A fifth is left for the noise: an error of a
 # pixel must not reach the radius at which the image stops growing.

@@ -9,7 +9,7 @@ import numpy as np
 
 from tests.benchmarks.quest.paper_cells import NOISES_PX, Cell
 
-# Solvers whose lines can be told apart in the plot. Variants with nearly the same line are in the tables only.
+# Solvers whose lines can be distinguished in the plot. Variants with nearly the same line are in the tables only.
 _SHOWN = {
     "QuEst 6 printed": ("tab:blue", ":", "o"),
     "QuEst 7 printed": ("tab:orange", ":", "o"),

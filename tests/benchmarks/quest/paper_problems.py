@@ -34,13 +34,13 @@ def draw_problems(
     coplanar: bool = False,
     witnesses: int = 0,
 ) -> Problems:
-    """Draw problems of the protocol; a problem with a point outside of an image is drawn again.
+    """Draw problems of the protocol; a problem with a point outside of an image is sampled again.
 
-    ``witnesses`` is the number of further points of the same scene, each drawn until it is in both images. They follow
-    the points of the sample.
+    ``witnesses`` is the number of further points of the same scene, each sampled until it is in both images. They
+    follow the points of the sample.
     """
-    drawn = [_draw_problem(rng, points, noise_px, coplanar, witnesses) for _ in range(count)]
-    m, n, q, t = (np.array(values) for values in zip(*drawn, strict=True))
+    problems = [_draw_problem(rng, points, noise_px, coplanar, witnesses) for _ in range(count)]
+    m, n, q, t = (np.array(values) for values in zip(*problems, strict=True))
     return Problems(m, n, q, t)
 
 

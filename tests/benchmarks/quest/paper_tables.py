@@ -91,12 +91,12 @@ def report(problems: int, refined: int, seed: int, out: Path | None) -> None:
     cells: dict[tuple[str, float, str], Cell] = {}
     todo = [(scene, noise) for scene, noises in NOISES_PX.items() for noise in noises]
     for scene, noise in progress(todo, "level"):
-        drawn = draw_problems(
+        sampled = draw_problems(
             np.random.default_rng(seed), problems, _SAMPLE, noise, coplanar=scene == "coplanar", witnesses=_WITNESSES
         )
         fair = min(refined, problems) if noise in _FAIR_NOISES_PX else 0
         for solver in solvers:
-            cells[scene, noise, solver.name] = measure(solver, drawn, fair)
+            cells[scene, noise, solver.name] = measure(solver, sampled, fair)
     names = [solver.name for solver in solvers]
     parts = [f"{problems} problems a level, errors acos|q.q*|/pi and acos(t.t*)/pi, seed {seed}.\n"]
     for scene in NOISES_PX:

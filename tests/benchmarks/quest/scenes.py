@@ -30,7 +30,7 @@ _TURN_RAD = np.deg2rad(4.0)
 _PLANE_DISTANCE = 2.0
 #: Rays that meet a plane at a smaller angle are left out, as if the plane ended there.
 _LEAST_COSINE = 0.15
-#: Points are drawn until enough are in both images, at most in this number of rounds.
+#: Points are sampled until enough are in both images, at most in this number of rounds.
 _MAX_ROUNDS = 50
 
 

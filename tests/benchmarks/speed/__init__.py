@@ -4,7 +4,7 @@
 table                  what it shows
 =====================  ===============================================================================================
 frames, stages         images given to an initializer (:mod:`.frames`)
-robust                 quest and PoseLib on the same matches, drawn and real (:mod:`.robust`)
+robust                 quest and PoseLib on the same matches, simulated and real (:mod:`.robust`)
 start                  the first pose of a process, and ``slam-init run`` (:mod:`.start`)
 =====================  ===============================================================================================
 

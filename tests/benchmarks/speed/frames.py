@@ -1,7 +1,7 @@
 """Times of the frames and of the stages of sequences.
 
 Images are given to an :class:`~slam_init.initializer.Initializer`, without reading or rendering them. All frames before
-the one that hands over the map are *waiting* frames. The seconds to the map are those of a camera whose frames wait in
+the one of the final map are *waiting* frames. The seconds to the map are those of a camera whose frames wait in
 a queue while one is evaluated. The stage ``map`` is the evaluation of a window. Times are those of the processor.
 """
 
@@ -27,9 +27,9 @@ class Frames:
     """Times of a sequence, in milliseconds."""
 
     name: str
-    #: Time of each frame before the one that hands over the map.
+    #: Time of each frame before the one of the final map.
     waiting_ms: list[float] = field(default_factory=list)
-    #: Time of the frame that hands over the map; None without one.
+    #: Time of the frame of the final map; None without one.
     handover_ms: float | None = None
     #: frames, seconds: Frames and seconds until the map, for a camera whose frames wait in a queue; None without a
     #: map.

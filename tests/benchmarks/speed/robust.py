@@ -35,7 +35,7 @@ _LEAST_MATCHES = 10
 def robust_table(repetitions: int, data: Path) -> str:
     """Measure both estimators.
 
-    * Returns: In markdown; a line that tells what is missing where PoseLib is not installed.
+    * Returns: In markdown; a line that states what is missing where PoseLib is not installed.
     """
     from importlib.util import find_spec
 

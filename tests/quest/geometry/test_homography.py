@@ -1,4 +1,4 @@
-"""Homographies of planes: the fit, and the decomposition into the true pose and its twin."""
+"""Homographies of planes: the fit, and the decomposition into the true pose and the second one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Laws of rotations as quaternions; rotations near the identity and half turns are among the drawn cases."""
+"""Laws of rotations as quaternions; rotations near the identity and half turns are among the random cases."""
 
 from __future__ import annotations
 

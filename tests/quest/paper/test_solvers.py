@@ -158,14 +158,14 @@ def test_wrong_arguments_are_named(solver: Solver):
 
 @pytest.mark.parametrize("coplanar", [False, True])
 def test_the_deflated_problem_contains_every_motion_of_exact_data(coplanar: bool):
-    # The twisted twin R' = (2 t t' - 1) R has the same epipolar planes.
+    # The other rotation of the twisted pair, R' = (2 t t' - 1) R, has the same epipolar planes.
     q, t = unit(SCENES["general"][0]), unit(SCENES["general"][1])
-    twin = multiply([0.0, *t], q)
+    second = multiply([0.0, *t], q)
     m, n = two_views(scene_points(0, 6, coplanar=coplanar), q, t)
     for polish in (0, 1):
         candidates = quest6_fast(m, n, polish=polish)
         assert distance(candidates, q) < 1e-6
-        assert distance(candidates, twin) < 1e-6
+        assert distance(candidates, second) < 1e-6
 
 
 def test_each_refinement_step_squares_the_error_and_an_error_of_zero_stays():

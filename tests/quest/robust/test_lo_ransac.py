@@ -71,7 +71,7 @@ def test_the_motion_is_found_with_a_cost_near_that_of_the_true_motion(seed, outl
     assert (np.diff(report.costs) >= 0).all()
     if not planar:
         rotation, direction = errors_of(report.models[0])
-        # With half of the matches as outliers, one drawn seed was off by 0.505 degrees.
+        # With half of the matches as outliers, one seed was off by 0.505 degrees.
         assert rotation < 0.7
         assert direction < 3
 

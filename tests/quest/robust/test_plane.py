@@ -44,13 +44,13 @@ def test_all_points_of_a_plane_lie_on_it_and_its_poses_are_the_motion_and_the_se
     assert plane.on + plane.off == 200
     assert plane.off <= 8  # three deviations of each component are exceeded once in a hundred or less
     assert 120 < plane.depth_variation < 290  # chi-square of 200 degrees of freedom: four deviations
-    motion, twin = plane.poses
+    motion, second = plane.poses
     for pose in plane.poses:
         assert np.linalg.norm(pose[:4]) == pytest.approx(1)
         assert np.linalg.norm(pose[4:]) == pytest.approx(1)
     assert rotation_angle(matrix_from_quaternion(motion[:4]) @ R_TRUE.T) < np.radians(0.5)
     assert motion[4:] @ MODEL[4:] > np.cos(np.radians(4))
-    assert twin[4:] @ MODEL[4:] < np.cos(np.radians(4))
+    assert second[4:] @ MODEL[4:] < np.cos(np.radians(4))
 
 
 def test_an_exact_plane_gives_the_exact_motion():

@@ -1,4 +1,4 @@
-"""The number of samples that a search needs, and how they are drawn."""
+"""The number of samples that a search needs, and how they are chosen."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Laws of the lens that all frames of a stretch tell: a strong one is found, and a straight motion tells no lens."""
+"""Laws of the lens by all frames of a stretch: a strong one is found, and a straight motion determines no lens."""
 
 from dataclasses import replace
 

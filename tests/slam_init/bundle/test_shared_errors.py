@@ -53,7 +53,7 @@ def at_least(successes, trials, probability=0.95, chance=1e-3):
 
 
 def test_a_lens_that_is_off_as_much_as_its_prior_says_is_covered():
-    """40 drawn lenses (seeds 0 to 39), with exact binomial bounds."""
+    """40 random lenses (seeds 0 to 39), with exact binomial bounds."""
     found = []
     for seed in range(40):
         rng = np.random.default_rng(seed)

@@ -15,7 +15,7 @@ def in_an_empty_folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def pipeline(monkeypatch):
-    """Stands in for the pipeline: records its arguments, gives what it is told to."""
+    """Stands in for the pipeline: records its arguments, gives what it is asked for."""
 
     class Fake:
         def __init__(self):

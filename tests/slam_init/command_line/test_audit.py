@@ -56,7 +56,7 @@ def test_a_trajectory_is_audited_by_the_images(moved, code, tmp_path, capsys):
     keyframes = [Keyframe(k, time_s, str(k), pose) for k, (time_s, pose) in enumerate(stamped)]
     (tmp_path / "poses.txt").write_text(tum_text(keyframes))
     assert main(["audit", str(tmp_path / "poses.txt"), "--images", ROOM]) == code
-    assert ("sound" if code == 0 else "what tells") in capsys.readouterr().out
+    assert ("sound" if code == 0 else "what decides") in capsys.readouterr().out
 
 
 @pytest.mark.slow

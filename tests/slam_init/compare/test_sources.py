@@ -1,4 +1,4 @@
-"""The sources of a comparison: how they are drawn, opened and described, and where trials start."""
+"""The sources of a comparison: how they are chosen, opened and described, and where trials start."""
 
 from dataclasses import replace
 

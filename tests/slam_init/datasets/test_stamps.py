@@ -1,4 +1,4 @@
-"""Each reader converts time stamps of any unit, tells it, and refuses what is no time."""
+"""Each reader converts time stamps of any unit, states it, and refuses what is no time."""
 
 import sys
 from dataclasses import dataclass

@@ -8,9 +8,9 @@ from make_window import point_source
 from slam_init.calibration.files import prior_camera
 from slam_init.initializer import Initializer
 
-#: Scenes that tell the focal length, with their options: a camera that turns and moves, one that only turns, a
+#: Scenes that determine the focal length, with their options: a camera that turns and moves, one that only turns, a
 #: wall, whose motions by the stated lens suit it.
-TELLING = {
+INFORMATIVE = {
     "rotate-then-move": {"baseline": 0.3, "views": 8},
     "rotation": {"views": 8},
     "handheld-wall": {"speed": 0.3, "views": 8},
@@ -31,7 +31,7 @@ def seen(camera, source):
 
 @pytest.mark.slow
 def test_a_focal_length_that_the_tracks_contradict_is_named_and_a_right_one_is_not():
-    for scene, options in TELLING.items():
+    for scene, options in INFORMATIVE.items():
         # A wall has its map, a right one, before its tracks tell that the focal length is a seventh too short.
         for focal_error in (-0.4, 0.0, 0.15, 0.8) if scene == "handheld-wall" else (-0.4, -0.15, 0.0, 0.15, 0.8):
             source = point_source(scene, 1, focal_error=focal_error, **OPTIONS, **options)
@@ -53,7 +53,7 @@ def test_a_wrong_motion_that_suits_a_wrong_focal_length_has_no_map():
 
 
 def test_a_camera_of_which_nobody_stated_a_focal_length_is_not_checked():
-    source = point_source("rotation", 1, **OPTIONS, **TELLING["rotation"])
+    source = point_source("rotation", 1, **OPTIONS, **INFORMATIVE["rotation"])
     result = seen(prior_camera((source.camera.width, source.camera.height)), source)
     assert result.attempts
     assert all(attempt.free_focal is None for attempt in result.attempts)
@@ -61,7 +61,7 @@ def test_a_camera_of_which_nobody_stated_a_focal_length_is_not_checked():
 
 def test_the_checks_of_refused_windows_decide_nothing():
     """The same camera as an estimate of an earlier run: it is not checked."""
-    source = point_source("rotate-then-move", 1, focal_error=0.4, **OPTIONS, **TELLING["rotate-then-move"])
+    source = point_source("rotate-then-move", 1, focal_error=0.4, **OPTIONS, **INFORMATIVE["rotate-then-move"])
     checked, unchecked = (seen(replace(source.camera, source=origin), source) for origin in ("file", "estimated"))
     assert any(attempt.free_focal is not None for attempt in checked.attempts)
     assert unchecked.wrong_focal is None

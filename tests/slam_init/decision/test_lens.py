@@ -10,7 +10,7 @@ from make_window import WINDOW_CONFIG, point_source, pose_errors_deg, true_motio
 
 from slam_init.decision.lens import followed, priors_of
 from slam_init.initializer import Initializer
-from slam_init.types.lens import Lens, LensInUse
+from slam_init.types.lens import CurrentLens, Lens
 from slam_init.types.refusal import Verdict
 
 UNKNOWN = replace(CAMERA, focal_sigma=0.35, source="prior")
@@ -31,21 +31,21 @@ def initialized(source, camera):
 
 
 def test_a_calibrated_lens_follows_nothing():
-    lens = LensInUse.of(CAMERA)
+    lens = CurrentLens.of(CAMERA)
     assert not lens.is_unknown
     assert followed(lens, Lens(0.3, 0.1)) is lens
 
 
 def test_the_lens_of_a_machine_hardly_changes_and_fixes_no_more_than_a_person_who_says_so():
     of = {
-        kind: priors_of(LensInUse.of(replace(CAMERA, source=kind)), WINDOW_CONFIG).lens_changes
+        kind: priors_of(CurrentLens.of(replace(CAMERA, source=kind)), WINDOW_CONFIG).lens_changes
         for kind in ("stated", "file", "machine")
     }
     assert 0 < of["machine"] < of["file"] == of["stated"] == WINDOW_CONFIG.acceptance.lens_changes
 
 
 def test_a_lens_that_moves_takes_its_prior_along():
-    lens = followed(LensInUse.of(UNKNOWN), Lens(0.2, -0.1))
+    lens = followed(CurrentLens.of(UNKNOWN), Lens(0.2, -0.1))
     np.testing.assert_allclose(lens.camera.fx, CAMERA.fx * np.exp(0.2))
     assert lens.camera.distortion[0] == -0.1
     priors = priors_of(lens, WINDOW_CONFIG)

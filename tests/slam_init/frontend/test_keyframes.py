@@ -45,9 +45,9 @@ def test_parallax_is_proportional_to_the_translation():
 
 def test_a_pair_without_common_tracks_has_score_0():
     a, b = observe(CAMERA, make_poses(2), cloud(np.random.default_rng(0)))
-    (strangers,) = preview_pairs(CAMERA, [a], replace(b, track_ids=b.track_ids + 1), NOISE_PX)
-    assert strangers.matches == 0
-    assert strangers.direction_score == 0
+    (unrelated,) = preview_pairs(CAMERA, [a], replace(b, track_ids=b.track_ids + 1), NOISE_PX)
+    assert unrelated.matches == 0
+    assert unrelated.direction_score == 0
     empty = replace(b, track_ids=b.track_ids[:0], pixels=b.pixels[:0], bearings=b.bearings[:0])
     assert preview_pairs(CAMERA, [empty], empty, NOISE_PX)[0].direction_score == 0
 

@@ -1,4 +1,4 @@
-"""What is wrong with images as pictures is told, and nothing of ordinary ones."""
+"""What is wrong with images as pictures is reported, and nothing of ordinary ones."""
 
 import cv2
 import numpy as np

@@ -29,7 +29,7 @@ def test_an_image_that_is_not_looked_at_has_no_features():
 
 @pytest.mark.parametrize(("size", "halved"), [(200, 1), (1501, 2)])
 def test_keypoints_lie_in_the_middle_of_blobs(size, halved):
-    """Of Gaussian blobs at places between pixels, also where the image is halved; the median tells a shift of all."""
+    """Of Gaussian blobs at places between pixels, also where the image is halved; the median shows a shift of all."""
     grid = np.stack(np.meshgrid(*[np.arange(30, 190, 40)] * 2), axis=-1).reshape(-1, 2) * halved
     centres = grid + np.random.default_rng(0).uniform(-0.5, 0.5, grid.shape)
     image = np.full((size, size), 60.0)

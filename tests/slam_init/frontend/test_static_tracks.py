@@ -1,4 +1,4 @@
-"""Laws of static tracks: an overlay is found, slow tracks of a scene are none, a scene that rests is none."""
+"""Laws of static tracks: an overlay is found, slow tracks of a scene are none, a static scene is none."""
 
 import numpy as np
 import pytest

@@ -110,7 +110,7 @@ def after_a_keyframe(map_, seen, revised=()):
 
 
 def test_points_that_descriptors_find_in_earlier_keyframes_become_landmarks_at_once(room_fed):
-    """The other half is told to be seen by the keyframes of the map, or not."""
+    """The other half is stated to be seen by the keyframes of the map, or not."""
     history = list(room_fed.tracker.history)
     half, others = half_of(room_fed.result.map)
     seen = [room_fed.tracker.track(frame) for frame in room_fed.following]

@@ -1,4 +1,4 @@
-"""Laws of an accepted map while further frames come: it grows until its depths are known, then it is handed over."""
+"""Laws of an accepted map while further frames come: it grows until its depths are known, then it is final."""
 
 import copy
 from dataclasses import replace

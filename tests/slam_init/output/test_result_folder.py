@@ -1,4 +1,4 @@
-"""What a folder of results tells of itself, and that a damaged one is one clear line."""
+"""What a folder of results shows of itself, and that a damaged one is one clear line."""
 
 from __future__ import annotations
 

@@ -78,8 +78,8 @@ def test_dates_are_logged_as_dates_and_other_times_as_durations(path):
 
 def test_a_recording_holds_the_map_before_and_after_bundle_adjustment_and_the_truth_on_the_path(path):
     map_ = record(path)
-    drawn = [column(path, "/world/points", name) for name in ("stage", "Points3D:positions")]
-    stages = dict(zip(*drawn, strict=True))
+    columns = [column(path, "/world/points", name) for name in ("stage", "Points3D:positions")]
+    stages = dict(zip(*columns, strict=True))
     np.testing.assert_allclose(stages[0], map_.points_before, atol=1e-6)
     np.testing.assert_allclose(stages[1], map_.points, atol=1e-6)
     assert column(path, "/stats/bundle/error", "Scalars:scalars") == [[error] for error in map_.bundle_errors]
@@ -212,7 +212,7 @@ def test_a_map_that_has_grown_is_drawn_with_its_scale_and_cleared_when_it_is_los
         recorder.refined(replace(map_, keyframes=(*map_.keyframes, later), points=2 * map_.points))
         recorder.restarted()
     assert {"/world/keyframes/40", "/world/keyframes"} <= entities(path)
-    drawn = column(path, "/world/points", "Points3D:positions")
-    assert any(np.allclose(points, 2 * map_.points, atol=1e-6) for points in drawn if points)
+    columns = column(path, "/world/points", "Points3D:positions")
+    assert any(np.allclose(points, 2 * map_.points, atol=1e-6) for points in columns if points)
     (labels,) = [label for label in column(path, "/world/scale", "LineStrips3D:labels") if label]
     assert labels[0].startswith("1 m (1 unit = 4 m +- 2.0%")

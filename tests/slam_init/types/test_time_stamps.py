@@ -16,7 +16,8 @@ BEGINNINGS_S = {"from zero": 0.0, "up for five days": 432_000.5, "a date": 1_403
 def test_the_unit_of_a_video_is_recognized_whatever_it_is_and_wherever_it_starts(unit, begin_s, rate_hz, count):
     times_s = begin_s + np.arange(count) / rate_hz
     stamps = times_s * unit.per_second
-    # Seconds stay seconds up to a step of 10 s, so that milliseconds at more than 100 Hz need a date to be told apart.
+    # Seconds stay seconds up to a step of 10 s, so that milliseconds at more than 100 Hz need a date to be
+    # distinguished.
     if unit == TimeUnit.MILLISECONDS and begin_s < 1e9 and rate_hz >= 100:
         assert time_unit(stamps) in (TimeUnit.MILLISECONDS, TimeUnit.SECONDS)
         return

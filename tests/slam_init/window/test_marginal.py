@@ -119,7 +119,7 @@ def small_fit(scene, seed, correlated_px):
 
 def test_tracks_without_fields_prefer_none():
     evidence = marginalize_fields(small_fit("room", 0, 0.0)[0]).log_evidence
-    assert evidence[1:].max() < 1  # fields of a few hundredths of a pixel cannot be told from none
+    assert evidence[1:].max() < 1  # fields of a few hundredths of a pixel cannot be distinguished from none
     assert evidence[FIELD_SCALES_PX >= 0.125].max() < -2
     assert evidence[FIELD_SCALES_PX >= 0.25].max() < -8
 

@@ -21,7 +21,7 @@ MAX_RISK = AcceptanceConfig().max_risk
 
 @pytest.fixture(scope="module")
 def undecided():
-    """A plane in two views: the twin explains them as well."""
+    """A plane in two views: the second motion explains them as well."""
     return hypotheses("wall", 0, 2, baseline=0.3)
 
 
@@ -59,7 +59,7 @@ def test_a_single_motion_has_no_competing_motion(undecided, clear):
 
 @pytest.mark.parametrize("seed", [0, 8])
 def test_a_plane_in_two_views_has_a_competing_motion_that_is_as_probable(seed):
-    """All points lie within the horizon of the twin."""
+    """All points lie within the horizon of the second motion."""
     risk = risk_of(hypotheses("wall", seed, 2, baseline=0.3))
     assert 0.2 < risk.competing <= 0.5
     assert risk.total > 0.2
@@ -69,12 +69,12 @@ def test_a_plane_in_two_views_has_a_competing_motion_that_is_as_probable(seed):
 @pytest.mark.parametrize("seed", [3, 4])
 def test_points_beyond_the_horizon_of_the_second_motion_of_a_plane_count_against_it(seed):
     found = hypotheses("wall", seed, 2, baseline=0.3)
-    best, twin = found.motions
+    best, second = found.motions
     truth = true_motion(point_source("wall", seed, baseline=0.3), 0, 11)
     assert pose_errors_deg(best.cam2_from_cam1, truth)[1] < 2
-    rays = twin.fit.state.rays
-    beyond = (rays @ twin.fit.state.plane <= 0) & (found.tracks.anchor == 0)
-    assert np.median((twin.fit.track_costs - best.fit.track_costs)[beyond]) > 3
+    rays = second.fit.state.rays
+    beyond = (rays @ second.fit.state.plane <= 0) & (found.tracks.anchor == 0)
+    assert np.median((second.fit.track_costs - best.fit.track_costs)[beyond]) > 3
     assert risk_of(found).competing < 0.01
 
 
@@ -106,7 +106,7 @@ def test_tracks_of_one_region_of_the_image_cannot_decide(undecided):
 
 
 def test_votes_that_are_as_good_as_symmetric_do_not_decide(undecided):
-    """Two exact twins: both fits absorb noise, so the votes scatter, and their sum may be large by chance."""
+    """Two equivalent motions: both fits absorb noise, so the votes scatter, and their sum may be large by chance."""
     count = len(undecided.motions[0].fit.track_costs)
     scattered = 4.0 * np.where(np.arange(count) % 2, 1, -1)
     ahead = 12.0 / count

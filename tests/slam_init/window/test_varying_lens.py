@@ -1,4 +1,4 @@
-"""Laws of a lens that changes from view to view: it is told where the tracks tell it, and costs nothing elsewhere."""
+"""Laws of a lens that changes from view to view: it is reported where tracks show it, and costs nothing elsewhere."""
 
 from dataclasses import replace
 
@@ -64,9 +64,9 @@ def test_the_direction_of_a_rigid_scene_knows_that_the_lens_may_change():
 @pytest.mark.parametrize(("scene", "seed"), [("rotation", 1), ("static", 2)])
 def test_a_camera_that_zooms_and_does_not_translate_has_no_small_risk(scene, seed):
     found = hypotheses(scene, seed, zoom=0.02)
-    zooming = with_zooms(found).hypotheses
-    assert zooming.rotation_only.cost < 0.7 * found.rotation_only.cost
-    assert zooming.gain_over_rotation[0] < 2 * zooming.gain_over_rotation[1]
+    zoomed = with_zooms(found).hypotheses
+    assert zoomed.rotation_only.cost < 0.7 * found.rotation_only.cost
+    assert zoomed.gain_over_rotation[0] < 2 * zoomed.gain_over_rotation[1]
     risk = with_zooming_rotation(found, looks_small(risk_of(found)))
     assert risk.total > 0.005
 

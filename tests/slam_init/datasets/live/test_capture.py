@@ -72,7 +72,7 @@ def test_a_stream_over_http_is_received(video):
         url = f"http://127.0.0.1:{free.getsockname()[1]}/video.ts"
     coded = ("-c:v", "mpeg2video", "-q:v", "2", "-f", "mpegts")
     with started("ffmpeg", "-loglevel", "error", "-i", str(video), *coded, "-listen", "1", url):
-        for _ in range(100):  # the server tells nobody that it listens
+        for _ in range(100):  # the server does not report that it listens
             try:
                 with open_live(url, keep_all=True) as source:
                     frames = list(source.frames())

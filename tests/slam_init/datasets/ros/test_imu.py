@@ -45,7 +45,7 @@ def test_the_transforms_bring_the_rates_to_the_camera(tmp_path, kind):
 @pytest.mark.parametrize(
     ("options", "note"),
     [
-        ({}, "no transform tells its rotation from imu to cam"),
+        ({}, "no transform states its rotation from imu to cam"),
         ({"frame": "cam"}, "no transform"),
         ({"topics": ("/imu", "/imu2")}, "several"),
     ],
