@@ -97,6 +97,11 @@ class ZoomingRotation:
         first = replace(self, hypotheses=again)
         return _alternated(hypotheses, fit.state, before.rotation_priors, first)
 
+    @property
+    def explains_all(self) -> bool:
+        """Whether the best motion gains nothing over it, so that it is as probable as it can be."""
+        return self.hypotheses.gain_over_rotation[0] <= 0
+
     def explains_much(self, hypotheses: WindowHypotheses) -> bool:
         """Whether they explain a good part of what a camera that only rotates leaves to the best motion."""
         best = hypotheses.motions[0].fit.cost
@@ -119,6 +124,8 @@ def with_zooms(hypotheses: WindowHypotheses) -> ZoomingRotation:
             other = _alternated(hypotheses, replace(state, lens=lens._replace(log_scale=log_scale)), free)
             if other.cost < lowest.cost:
                 lowest = other
+    if lowest.explains_all:
+        return lowest
     # Shifts come last: beside a zoom that is not known yet, moving objects would lead them away. But without shifts,
     # zooms and the focal length may take their place: so both come at once too.
     found = _alternated(hypotheses, state, lowest.hypotheses.rotation_priors if lowest.zooms.any() else priors, lowest)
