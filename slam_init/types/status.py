@@ -110,7 +110,10 @@ class Status(Described):
 
     @property
     def risk(self) -> float | None:
-        """Probability that a map of the last evaluated window is wrong; None where no window was evaluated."""
+        """Probability that a map of the last evaluated window is wrong, by the model; None where none was evaluated.
+
+        ``acceptance.max_risk`` bounds it. What no model has comes on top, as in ``map.risk``.
+        """
         return None if self.window is None else self.window.risk
 
     def __bool__(self) -> bool:
