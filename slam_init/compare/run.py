@@ -6,10 +6,12 @@ import csv
 import io
 import os
 import shutil
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict, replace
 from importlib.util import find_spec
+from pathlib import Path
 
 from slam_init.compare.figures import Figures, summary_of, table_of
 from slam_init.compare.report import report_html
@@ -65,11 +67,12 @@ def compare(
         folder.claim(TRIALS)
         settings = replace(plan.settings, tracks=str((folder.staging / _TRACKS).resolve()))
         criteria = {source.label: source.criteria.rule for source in plan.sources}
-        # A trial whose row was evaluated by other criteria is run again.
+        edited = _edited_since(folder.path / TRIALS, plan.methods)
+        # A trial is run again if other criteria evaluated it, or if the file of its method is newer.
         with Journal(
             folder.path / TRIALS,
             _shared_settings(plan),
-            lambda row: row.evaluated_by == criteria.get(row.source, row.evaluated_by),
+            lambda row: row.evaluated_by == criteria.get(row.source, row.evaluated_by) and row.method not in edited,
         ) as journal:
             missing = [trial for trial in plan.trials() if trial.key not in journal.rows]
             unfinished = {trial.source.label for trial in missing if not backend}
@@ -91,7 +94,20 @@ def compare(
         if points := sum(source.group.startswith(POINTS) for source in plan.sources):
             left_out = f"on {points} points: sources, because an external program needs images"
             notes += [f"not applicable: {method_label(one)} {left_out}" for one in plan.methods if is_external(one)]
+        failures = Counter(row.method for row in rows if row.outcome == "error")
+        first = {row.method: row.reason for row in reversed(rows) if row.outcome == "error"}
+        for one, count in failures.items():
+            notes.append(f"{method_label(one)}: {count} trials ended in an error, the first: {first[one]}")
         return _publish(folder, rows, plan, command, notes), notes
+
+
+def _edited_since(journal: Path, methods: Sequence[str]) -> set[str]:
+    """The methods whose Python file was written after the last trial of a journal."""
+    files = {one: Path(one.rpartition(":")[0]) for one in methods if not is_external(one)}
+    last = journal.stat().st_mtime if journal.exists() else 0.0
+    return {
+        one for one, file in files.items() if file.suffix == ".py" and file.is_file() and file.stat().st_mtime > last
+    }
 
 
 def _shared_settings(plan: Plan) -> dict[str, Json]:

@@ -160,12 +160,12 @@ class EvaluatedWindow:
 
     @property
     def focal_sigma(self) -> float:
-        """The deviation of the focal length by the window and by an earlier estimate that it agrees with.
+        """The deviation of the focal length by the window, and by a stated one that it agrees with.
 
         The deviation by the window has a factor for errors that its tracks share. The earlier estimate has its own.
         """
         found, stated = self.risk.lens, self.lens.stated
-        if stated.focal_sigma is None or stated.source not in ("estimated", "file"):
+        if stated.focal_sigma is None or stated.source in ("prior", "metadata"):
             return found.focal_sigma
         if abs(self.lens.log_scale + found.mean.log_scale) > GATE_SIGMAS * stated.focal_sigma:
             return found.focal_sigma

@@ -227,8 +227,8 @@ def _draw_refusal(figure: Figure, place: _Place, result: Result) -> None:
     write(axes, 0.05, 0.97, wrapped(said[:1].upper() + said[1:], 60, 2), 18, INK)
     words = (advice or said)[:1].upper() + (advice or said)[1:]
     write(axes, 0.05, 0.84, wrapped(words, 30, 3), 32, VERDICT_COLORS[reason], "bold")
-    failed = [one for one in reversed(result.attempts) if one.failed_gates]
-    last = next((one for one in failed if one.verdict == reason), failed[0] if failed else None)
+    # A reason that no gate names, such as a wrong focal length, stands in the advice alone.
+    last = next((one for one in reversed(result.attempts) if one.failed_gates and one.verdict == reason), None)
     if last is None:
         return
     name, got, needed = _gate_words(last.failed_gates[0])

@@ -37,7 +37,7 @@ def test_a_map_is_reported_with_its_quality():
     assert lines["ground truth"] == "rotation 0.25 deg, ATE 0.01"
     assert lines["continued"] == "9 of 10 further frames located, 80% of the landmarks seen (median)"
     assert lines["attempts"] == "3 (2 low parallax, 1 accepted)"
-    assert lines["results"] == "out/ (look at it: slam-init view out)"
+    assert lines["results"] == "out/ (look at overview.png, or: slam-init view out)"
 
 
 def test_the_risk_of_the_last_window_is_reported_with_the_depths_of_the_landmarks():
