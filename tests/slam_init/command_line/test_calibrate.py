@@ -50,7 +50,7 @@ def test_a_camera_that_calibrate_wrote_is_a_calibration(sigma, message, tmp_path
 @pytest.mark.parametrize(
     ("sigmas", "message"),
     [
-        ([0.08], "1 of 3 stretches fix the focal length to 8.0%"),
+        ([0.08], "1 of 3 stretches fix the focal length to 8.1%"),
         ([0.03], "one stretch only"),
         ([0.03, 0.03], "by 2 of 3"),
     ],
