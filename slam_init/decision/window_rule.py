@@ -223,6 +223,9 @@ class WindowRule:
             hypotheses = replace(hypotheses, other_before=self._other)
         max_risk = self._config.acceptance.max_risk
         risk = _complete_risk(hypotheses, max_risk)
+        if risk.total <= max_risk and (better := self._live.with_better_motion(hypotheses)) is not None:
+            hypotheses, risk = better, _complete_risk(better, max_risk)
+            self._live.keep(hypotheses)
         if risk.total <= max_risk and hypotheses.tracks.down_weights.any():
             alone = self._live.without_gravity(hypotheses)
             if alone is None:

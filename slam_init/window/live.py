@@ -14,8 +14,16 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.inertial import Gravity, RelativeRotation
 from slam_init.types.lens import CurrentLens
-from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
-from slam_init.window.motion import Motion
+from slam_init.window.hypotheses import (
+    WindowHypotheses,
+    fit_hypotheses,
+    motions_at_focal,
+    motions_of_pair,
+    with_plane,
+)
+from slam_init.window.levels import LARGEST_VOTE
+from slam_init.window.motion import Motion, fit_motion
+from slam_init.window.other_motion import bearings_of_best
 from slam_init.window.state import Priors
 from slam_init.window.tracks import gather_tracks
 
@@ -116,6 +124,28 @@ class LiveHypotheses:
             motions = [fitted.motion for fitted in hypotheses.motions]
             alone = fit_hypotheses(tracks, motions, hypotheses.priors, hypotheses.rotations)
             return None if alone is None else hypotheses.beside(alone)
+
+    def with_better_motion(self, hypotheses: WindowHypotheses) -> WindowHypotheses | None:
+        """The hypotheses with the motions of the pair at the noise of the window, where one explains the tracks better.
+
+        A pair proposes its motions at its own noise, before further views are known. On film of poor quality all of
+        them may lead to a local optimum.
+        """
+        tracks, best = hypotheses.tracks, hypotheses.motions[0]
+        with single_threaded():
+            motions = [one for one in motions_at_focal(hypotheses, 0.0) if not one.is_near(best.motion)]
+            if hypotheses.planar:
+                motions = [with_plane(one, tracks, bearings_of_best(hypotheses)) for one in motions]
+            fits = [fit_motion(tracks, one, hypotheses.priors) for one in motions]
+            better = [
+                one.motion for one in fits
+                if len(one.rows) == len(best.rows) and one.fit.cost < best.fit.cost - LARGEST_VOTE
+            ]  # fmt: skip
+            if not better:
+                return None
+            motions = [*better, *(one.motion for one in hypotheses.motions)]
+            again = fit_hypotheses(tracks, motions, hypotheses.priors, hypotheses.rotations)
+        return None if again is None else hypotheses.beside(again)
 
     def keep(self, hypotheses: WindowHypotheses) -> None:
         """Go on with the motions of hypotheses, but for those that the tracks vote against."""
