@@ -85,3 +85,14 @@ def test_a_pair_without_translation_proposes_nothing():
     live = LiveHypotheses()
     live.propose(replace(pose, t=np.zeros(3), alternatives=()), (0, 5), rays1, rays2, 0.7)
     assert not live
+
+
+def test_a_better_motion_of_the_pair_takes_the_place_of_a_local_optimum():
+    source = point_source("wall", 0, baseline=0.4)
+    hypotheses = hypotheses_of(source.camera, window(list(source.observations()), 5), PRIORS)
+    assert LiveHypotheses().with_better_motion(hypotheses) is None
+    second = replace(hypotheses, motions=hypotheses.motions[1:])
+    better = LiveHypotheses().with_better_motion(second)
+    errors = pose_errors_deg(better.motions[0].cam2_from_cam1, true_motion(source, 0, 5))
+    assert errors[0] < 1
+    assert errors[1] < 5
