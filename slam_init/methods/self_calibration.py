@@ -81,7 +81,7 @@ class SelfCalibration:
     k1_sigma: float | None = None
     #: Relative standard deviation of the focal length by all stretches; None where no stretch determines it.
     focal_sigma: float | None = None
-    #: The most frequent reason of the stretches that end without a map; None where each has one.
+    #: Without a camera: the most frequent reason of the stretches that end without a map. None otherwise.
     reason: Verdict | None = None
     #: What the person who moves the camera should do about the reason.
     advice: str = ""
@@ -109,6 +109,8 @@ def calibrate(
     ended = (_stretch(source, first, frames, camera, config or Config()) for first in frames)
     stretches = [(found, result.reason, result.advice) for found, result in ended]
     combined = combine(camera, [found for found, _, _ in stretches if found is not None])
+    if combined.camera is not None:
+        return replace(combined, tried=len(stretches))
     counts = Counter(reason for _, reason, _ in stretches if reason is not None)
     reason = max(counts, key=counts.__getitem__, default=None)
     advice = "" if reason is None else {reason: advice for _, reason, advice in stretches}[reason]
