@@ -507,7 +507,7 @@ def calibrated_by_motion(job: Job, done: Finished) -> Job | None:
             job.source, job.camera, job.config, start=job.start, max_frames=job.max_frames, progress=job.progress
         )
     else:
-        one = by_all_frames(job.source, job.start, frames, done.motion, job.camera, job.config, job.progress)
+        one = by_all_frames(job.source, job.start, frames, done.motion, job.camera, job.config, bar=job.progress)
         found = combine(job.camera, [] if one is None else [one])
     if found.camera is None:
         return None

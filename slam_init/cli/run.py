@@ -143,8 +143,8 @@ def _run(arguments: argparse.Namespace) -> int:
     from slam_init.scale.requests import parse_scale
 
     arguments.export = arguments.export.split(",") if arguments.export is not None else ()
-    arguments.scale = arguments.scale and parse_scale(arguments.scale)
-    arguments.config = arguments.config and user_path(arguments.config)
+    arguments.scale = None if arguments.scale is None else parse_scale(arguments.scale)
+    arguments.config = None if arguments.config is None else user_path(arguments.config)
     read = (arguments.images, arguments.camera, arguments.mask, arguments.imu, arguments.config, arguments.gravity)
     inputs = [arguments.source, *(file for file in read if file not in (None, True, BY_IMU))]
     out = chosen_folder(arguments.out, "run", inputs)

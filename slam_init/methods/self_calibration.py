@@ -167,7 +167,7 @@ def _stretch(
     result = initializer.finish()
     if result.reason == Verdict.UNKNOWN_FOCAL_LENGTH:
         count = last.index - first.index + 1
-        found = by_all_frames(source, first.index, count, initializer.motion, camera, config, False)
+        found = by_all_frames(source, first.index, count, initializer.motion, camera, config, bar=False)
         if found is not None:
             return found, result
     windows = [attempt.window for attempt in result.attempts if attempt.window is not None]
@@ -180,7 +180,7 @@ def _stretch(
 
 
 def by_all_frames(
-    source: Source, start: int, count: int, motion: FittedPoses | None, camera: Camera, config: Config, bar: bool
+    source: Source, start: int, count: int, motion: FittedPoses | None, camera: Camera, config: Config, *, bar: bool
 ) -> StretchEstimate | None:
     """The lens by one bundle adjustment of all frames of a stretch; None where it does not determine the focal length.
 

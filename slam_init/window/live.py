@@ -137,6 +137,7 @@ class LiveHypotheses:
             if hypotheses.planar:
                 motions = [with_plane(one, tracks, bearings_of_best(hypotheses)) for one in motions]
             fits = [fit_motion(tracks, one, hypotheses.priors) for one in motions]
+            # By more than one track may vote: less is chance, or another end of the same optimum.
             better = [
                 one.motion for one in fits
                 if len(one.rows) == len(best.rows) and one.fit.cost < best.fit.cost - LARGEST_VOTE

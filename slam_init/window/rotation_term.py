@@ -135,7 +135,7 @@ def _probability_beside_zooms(
     objects = explained > zoomed.hypotheses.gain_over_rotation[0] and not hypotheses.planar
     # What the model of a zoom lacks is a share of what it explains. Where outliers bound that, it is in the noise.
     cases = [(hypotheses, zoomed, ZOOM_LEAVES * explained if zoomed.has_zooms else 0.0)]
-    if (wide := _with_errors_of_zooms(hypotheses, zoomed)) is not None:
+    if not zoomed.explains_all and (wide := _with_errors_of_zooms(hypotheses, zoomed)) is not None:
         cases.append((*wide, 0.0))
     probability = 0.0
     for one, zoom, unexplained in cases:

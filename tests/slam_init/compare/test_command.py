@@ -1,5 +1,8 @@
 """The command ``slam-init compare``."""
 
+import os
+from pathlib import Path
+
 import pytest
 from comparisons import rows_of
 from make_source import synth
@@ -22,6 +25,20 @@ def test_the_command_writes_tables_of_the_example_data_set_and_method(tmp_path, 
     assert [(row["source"], row["method"], row["outcome"]) for row in rows] == [
         (DATA_SET, method, "correct") for method in sorted(methods)
     ]
+
+
+def test_errors_of_a_method_are_named_and_its_edited_file_is_run_again(tmp_path, capsys):
+    method, example = tmp_path / "mine.py", Path("docs/examples/add_a_method.py").read_text(encoding="utf-8")
+    words = ["compare", "points:room", "--every", "30", "--jobs", "1", "--out", str(tmp_path / "out")]
+    words += ["--methods", f"{method}:MedianParallax"]
+    method.write_text(example.replace("count = check_matches", "count = 1 / 0, check_matches"), encoding="utf-8")
+    assert main(words) == 0
+    assert "mine:MedianParallax: 1 trials ended in an error, the first: ZeroDivisionError" in capsys.readouterr().out
+    method.write_text(example, encoding="utf-8")
+    newer = (tmp_path / "out" / "trials.jsonl").stat().st_mtime + 1
+    os.utime(method, (newer, newer))
+    assert main(words) == 0
+    assert "ended in an error" not in capsys.readouterr().out
 
 
 def test_by_default_each_installed_method_is_compared_under_one_name():

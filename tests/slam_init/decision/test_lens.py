@@ -66,6 +66,13 @@ def uncalibrated(factor):
     return initialized(room(), withheld(room(), factor))
 
 
+def test_a_stated_focal_length_is_at_least_as_well_known_as_it_was_stated():
+    source = point_source("nadir", 1, baseline=0.2, views=12)
+    result = initialized(source, replace(source.camera, source="stated", focal_sigma=0.05))
+    assert result.map is not None
+    assert result.map.camera.focal_sigma <= 0.05
+
+
 @pytest.mark.parametrize("factor", [0.65, 1.5])
 def test_a_map_without_a_calibration_has_the_true_focal_length_within_three_sigmas(factor):
     source, result = room(), uncalibrated(factor)
