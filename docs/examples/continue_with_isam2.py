@@ -4,7 +4,8 @@ The initial map contains a factor graph and its optimum, and ISAM2 takes both wi
 tracker gives the pixels of the landmarks, resection gives the initial pose, and the update adds one projection factor
 for each landmark. The lens is a variable of the graph with a prior, and is refined as well.
 
-Run it as ``python docs/examples/continue_with_isam2.py [SOURCE]``.
+Run it as ``python docs/examples/continue_with_isam2.py [SOURCE [CALIBRATION]]``: a video or any other source, and a file
+of its calibration where the source has none. Without both the focal length is estimated.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 
 from slam_init.bundle.graph import landmark_key, pose_key
 from slam_init.bundle.reprojection import calibration_key, projection
+from slam_init.calibration.files import load_camera
 from slam_init.datasets import open_source
 from slam_init.errors import SlamInitError
 from slam_init.evaluation.metrics import align_positions
@@ -88,21 +90,21 @@ def continue_with_isam2(map_: InitialMap, tracker: Tracker, frames: Iterable[Fra
 def main(argv: Sequence[str] | None = None) -> int:
     """Initialize from a source, continue for half a second, and print the camera positions.
 
-    * ``argv``: The source (``synth:room`` by default); the arguments of the process by default.
+    * ``argv``: The source (``synth:room`` by default), and a file of its calibration; the arguments of the process by
+      default.
     """
     arguments = sys.argv[1:] if argv is None else argv
     try:
-        return _main(arguments[0] if arguments else "synth:room")
+        return _main(*(arguments or ["synth:room"])[:2])
     except SlamInitError as error:
         print(f"continue_with_isam2: {error}", file=sys.stderr)
         return 2
 
 
-def _main(name: str) -> int:
+def _main(name: str, calibration: str | None = None) -> int:
     source = open_source(name)
-    if source.camera is None:
-        raise SlamInitError(f"{name} has no calibration: give a source with a camera.yaml")
-    initializer, frames = Initializer(source.camera), source.frames()
+    camera = source.camera if calibration is None else load_camera(calibration)
+    initializer, frames = Initializer(camera), source.frames()
     for frame in frames:
         if initializer.process(frame):
             break
