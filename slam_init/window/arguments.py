@@ -11,6 +11,8 @@ from slam_init.window.vectors import Vector
 
 #: Coefficients of the field of correlated errors of a view: 1, u, v, u^2, uv, v^2 for each component of the pixel.
 FIELD_TERMS = 12
+#: In place of a field, a view of a camera that rotates has the logarithm of its zoom, and its shift in pixels.
+ZOOM_TERMS = 3
 
 
 class Observed(NamedTuple):
@@ -52,7 +54,7 @@ class Scene(NamedTuple):
     #: R, t: (V, 3, 3), (V, 3)
     R: Floats
     t: Floats
-    #: (V, 12)
+    #: (V, 12) Of a field, or the zoom and the shift of a view.
     field: Floats
     #: (3,)
     plane: Floats
@@ -106,7 +108,8 @@ class Known(NamedTuple):
 class Layout(NamedTuple):
     """The order of the common unknowns."""
 
-    #: Coefficients of the field of correlated errors of a view: none, or :data:`FIELD_TERMS`.
+    #: Coefficients of the field of correlated errors of a view: none, or :data:`FIELD_TERMS`. :data:`ZOOM_TERMS` where
+    #: the view zooms and shifts.
     field: int
     #: Whether the readout is an unknown, and the number of coordinates of the principal point that are.
     readout: int
@@ -123,12 +126,12 @@ class Layout(NamedTuple):
     plane: int
 
     @staticmethod
-    def of(views: int, *, field: bool, readout: bool, principal: bool, rotation_only: bool = False) -> Layout:
+    def of(views: int, *, field: int, readout: bool, principal: bool, rotation_only: bool = False) -> Layout:
         """The order for a number of views and for what is unknown; points at infinity show no translation."""
-        field_size, pose = FIELD_TERMS * field, 3 if rotation_only else 6
-        block = pose + field_size
-        focal, lens = block * (views - 1) + field_size, 2 + readout + 2 * principal
-        return Layout(field_size, int(readout), 2 * principal, pose, block, focal, lens, focal + lens)
+        pose = 3 if rotation_only else 6
+        block = pose + field
+        focal, lens = block * (views - 1) + field, 2 + readout + 2 * principal
+        return Layout(field, int(readout), 2 * principal, pose, block, focal, lens, focal + lens)
 
 
 class Equations(NamedTuple):

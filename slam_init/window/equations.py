@@ -6,7 +6,20 @@ import numpy as np
 
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.lens import Lens
-from slam_init.window.arguments import Equations, Fitted, Known, Layout, Limits, Observed, Scene, Sums, Unknowns, Work
+from slam_init.window.arguments import (
+    FIELD_TERMS,
+    ZOOM_TERMS,
+    Equations,
+    Fitted,
+    Known,
+    Layout,
+    Limits,
+    Observed,
+    Scene,
+    Sums,
+    Unknowns,
+    Work,
+)
 from slam_init.window.optimizer import evaluate, hold_length, optimize
 from slam_init.window.prior_equations import add_priors
 from slam_init.window.projection import camera_vector
@@ -15,6 +28,8 @@ from slam_init.window.steps import move
 from slam_init.window.track_equations import collect
 from slam_init.window.tracks import WindowTracks
 
+#: Weight of an unknown that keeps its value.
+_HELD = 1e12
 #: Of a state without a plane.
 _NO_PLANE: Floats = np.zeros(3)
 
@@ -29,6 +44,13 @@ def observed_by(tracks: WindowTracks, gate_sigmas: float) -> Observed:
         records, view, first,
     )  # fmt: skip
     return Observed(records, view, first, tracks.places, tracks.anchor, gate_sigmas**2)
+
+
+def _field_terms(priors: Priors) -> int:
+    """The number of coefficients of the field of a view, or of its zoom and its shift."""
+    if priors.field_sigma_px > 0:
+        return FIELD_TERMS
+    return ZOOM_TERMS if priors.zoom_sigma > 0 else 0
 
 
 def unknowns_of(state: WindowState) -> Unknowns:
@@ -77,7 +99,7 @@ class WindowEquations:
         self.tracks, self.priors, self.rotation_only = tracks, priors, rotation_only
         views, count = tracks.seen.shape
         self._layout = layout = Layout.of(
-            views, field=priors.field_sigma_px > 0, readout=priors.readout_sigma_s > 0,
+            views, field=_field_terms(priors), readout=priors.readout_sigma_s > 0,
             principal=priors.principal_sigma_px > 0, rotation_only=rotation_only,
         )  # fmt: skip
         self.focal = layout.focal
@@ -189,8 +211,13 @@ class WindowEquations:
             weights[self.focal + 2] = 1 / priors.readout_sigma_s**2
         if self._layout.principal:
             weights[self._principal_columns] = 1 / priors.principal_sigma_px**2
-        if self._layout.field:
+        if priors.field_sigma_px > 0:
             weights[self.columns_of_fields()] = 1 / priors.field_sigma_px**2
+        elif priors.zoom_sigma > 0:
+            sigmas = np.array([priors.zoom_sigma, priors.shift_sigma_px, priors.shift_sigma_px])
+            for k in range(len(self.tracks.seen)):
+                # What all views have in common is the lens.
+                weights[self._field_columns(k)] = sigmas**-2.0 if k else _HELD
         poses = np.arange(self._layout.field, self.focal, self._layout.block)[:, None] + np.arange(3)
         weights[poses] += self.tracks.turned_weights[1:, None]
         return weights

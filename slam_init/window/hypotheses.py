@@ -326,8 +326,15 @@ def _fit_rotation(
 def _far_start(tracks: WindowTracks, rotations: Floats, priors: Priors) -> WindowState:
     """Where the fit of a camera that only rotates starts if nothing is known of it."""
     lens = Lens(readout_s=tracks.readout_s)
-    start = start_at(tracks, rotations, _no_motion(len(rotations)), lens=lens, at_infinity=True)
-    # A wrong focal length moves the tracks by many times their noise, so the fit starts with a noise that allows it.
+    start = start_at(tracks, rotations, no_motion(len(rotations)), lens=lens, at_infinity=True)
+    return approached(tracks, start, priors)
+
+
+def approached(tracks: WindowTracks, start: WindowState, priors: Priors) -> WindowState:
+    """A camera that only rotates, from a start that may be off by many times the noise: near its answer.
+
+    A wrong focal length moves the tracks so far. The first fits have a noise that allows it.
+    """
     factor = start_noise_factor(tracks, start, priors, rotation_only=True)
     for wider in (factor, math.sqrt(factor)) if factor > _FAR_FACTOR else ():
         wide = tracks.with_noise(wider * tracks.noise_px)
@@ -341,7 +348,7 @@ def _fit_turning(tracks: WindowTracks, start: WindowState | Motion, priors: Prio
         R, points, lens = start.R, None, start.lens.centred()
     else:
         R, points, lens = np.array([start.cam_from_world[frame].R for frame in tracks.frames]), start.points, start.lens
-    first = start_at(tracks, R, _no_motion(len(R)), lens=lens, at_infinity=True)
+    first = start_at(tracks, R, no_motion(len(R)), lens=lens, at_infinity=True)
     known = None if points is None else points.start(tracks, first)
     return fit_window(tracks, first, priors, known=known, rotation_only=True, hopeless=hopeless)
 
@@ -351,7 +358,7 @@ def _with_stated_focal(lens: Lens) -> Lens:
     return Lens(k1=lens.k1, readout_s=lens.readout_s)
 
 
-def _no_motion(views: int) -> Floats:
+def no_motion(views: int) -> Floats:
     """Translations (V, 3) without an effect on points at infinity; their length only has to differ from zero."""
     return np.outer(np.arange(views), [1e-9, 0.0, 0.0])
 

@@ -49,6 +49,7 @@ import numpy as np
 from quest.algebra import tangents
 from quest.jit import inlined
 from slam_init.window.arguments import (
+    ZOOM_TERMS,
     Equations,
     Fitted,
     Layout,
@@ -186,8 +187,9 @@ def _observe(
     for n in range(observed.first[i], observed.first[i + 1]):
         k = observed.views[n]
         z = to_view(scene.R, k, Y)
+        zoom = np.exp(scene.field[k, 0]) if layout.field == ZOOM_TERMS else 1.0
         sees, px, py, a0, a1, a2, b0, b1, b2, f0, f1 = project_point(
-            lens.camera, focal_scale, lens.k1,
+            lens.camera, focal_scale * zoom, lens.k1,
             z[0] + rho * scene.t[k, 0], z[1] + rho * scene.t[k, 1], z[2] + rho * scene.t[k, 2],
         )  # fmt: skip
         if behind or not sees:
@@ -224,6 +226,8 @@ def _residual(
     inverse = records[n, 2]
     g0 = (px + lens.principal_px[0] + lens.readout_s * records[n, 7] - records[n, 0]) * inverse
     g1 = (py + lens.principal_px[1] + lens.readout_s * records[n, 8] - records[n, 1]) * inverse
+    if layout.field == ZOOM_TERMS:
+        g0, g1, half = g0 + scene.field[k, 1] * inverse, g1 + scene.field[k, 2] * inverse, 0
     for q in range(half):
         g0 += observed.places[k, i, q] * scene.field[k, q]
         g1 += observed.places[k, i, q] * scene.field[k, half + q]

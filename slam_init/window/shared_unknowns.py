@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from quest.jit import inlined
 from slam_init.types.arrays import Floats
-from slam_init.window.arguments import FIELD_TERMS, Equations, Layout, Observed, PairSums, Row, Track, TrackSums
+from slam_init.window.arguments import ZOOM_TERMS, Equations, Layout, Observed, PairSums, Row, Track, TrackSums
 from slam_init.window.pair_sums import add_six
 from slam_init.window.vectors import by_pose, joint
 
@@ -69,26 +69,27 @@ def add_field(
     turn: Floats,
     sums: TrackSums,
 ) -> None:
-    """Add the information of an observation about the correlated errors of its view, and about the other unknowns.
+    """Add the information of an observation about the field of its view, and about the other unknowns.
+
+    The field is that of correlated errors, or the zoom and the shift of the view.
 
     Shapes: ``turn`` (V, V, 9).
     """
-    i, n, k, a, half = track.i, row.n, row.k, track.anchor, FIELD_TERMS // 2
-    focal, normal, records, places, by = layout.focal, equations.normal, observed.records, observed.places, sums.by
-    first = FIELD_TERMS + layout.block * (k - 1) + layout.pose if k > 0 else 0
-    at_a = FIELD_TERMS + layout.block * (a - 1)
+    i, k, a, field, focal = track.i, row.k, track.anchor, layout.field, layout.focal
+    normal, by = equations.normal, sums.by
+    first = field + layout.block * (k - 1) + layout.pose if k > 0 else 0
+    at_a = field + layout.block * (a - 1)
     (x0, x1, x2), (y0, y1, y2) = row.l0, row.l1
-    for p in range(FIELD_TERMS):
-        place = places[k, i, p % half]
-        f0, f1 = records[n, 3 + p // half] * place, records[n, 5 + p // half] * place
+    for p in range(field):
+        f0, f1 = _by_field(p, track, row, observed, layout, sums)
         sums.share[first + p] += f0 * row.h0 + f1 * row.h1
         g0, g1 = row.weight * f0, row.weight * f1
         equations.back[i, 0, 4 + first + p] = g0 * x0 + g1 * y0
         equations.back[i, 1, 4 + first + p] = g0 * x1 + g1 * y1
         equations.back[i, 2, 4 + first + p] = g0 * x2 + g1 * y2
         for q in range(p + 1):
-            f0, f1 = records[n, 3 + q // half], records[n, 5 + q // half]
-            normal[first + p, first + q] += (g0 * f0 + g1 * f1) * places[k, i, q % half]
+            f0, f1 = _by_field(q, track, row, observed, layout, sums)
+            normal[first + p, first + q] += g0 * f0 + g1 * f1
         for q in range(layout.lens):
             normal[focal + q, first + p] += g0 * sums.lens[0, q] + g1 * sums.lens[1, q]
         if k == a:
@@ -105,3 +106,18 @@ def add_field(
             of, at = 3 * (q // 3), 3 * (q % 3)
             by_view = turn[a, k, at] * turned[of] + turn[a, k, at + 1] * turned[of + 1]
             normal[first + p, first - layout.pose + q] += by_view + turn[a, k, at + 2] * turned[of + 2]
+
+
+@inlined
+def _by_field(
+    p: int, track: Track, row: Row, observed: Observed, layout: Layout, sums: TrackSums
+) -> tuple[float, float]:
+    """The derivative of the residual by coefficient p of the field of a view, or by its zoom and its shift."""
+    records, n, half = observed.records, row.n, layout.field // 2
+    if layout.field == ZOOM_TERMS:
+        # A zoom acts as the focal length does.
+        if p == 0:
+            return sums.lens[0, 0], sums.lens[1, 0]
+        return records[n, 2 + p] * records[n, 2], records[n, 4 + p] * records[n, 2]
+    place = observed.places[row.k, track.i, p % half]
+    return records[n, 3 + p // half] * place, records[n, 5 + p // half] * place

@@ -20,6 +20,10 @@ class Priors(LensPrior):
 
     #: Standard deviation of each coefficient of the field of correlated errors of a view, in pixels; 0 for no field.
     field_sigma_px: float = 0.0
+    #: Standard deviations of the logarithm of the zoom of a view and of its shift, of a camera that only rotates; 0 for
+    #: none. Such views have no field.
+    zoom_sigma: float = 0.0
+    shift_sigma_px: float = 0.0
     #: An observation counts as an outlier around this number of standard deviations.
     gate_sigmas: float = GATE_SIGMAS
     #: Factor on the probability that the lens changes from view to view.
@@ -43,7 +47,7 @@ class WindowState:
     #: (T,) Along the rays, not negative; not used on the plane.
     inverse_distances: Floats
     lens: Lens
-    #: (V, 12) Coefficients of the fields of correlated errors.
+    #: (V, 12) Coefficients of the fields of correlated errors; or the logarithms of the zooms, and the shifts.
     field: Floats
     #: (3,) ``plane . X = 1`` in the world; None without one.
     plane: Floats | None

@@ -2,10 +2,11 @@
 
 A lens that focuses changes the focal length of each view by up to some hundredths. That looks like a motion toward a
 plane. A stabilizer shifts the image of each view by up to a hundredth of its width. That looks like a motion along a
-plane. So a map has to gain over this camera too. A zoom ``z`` and a shift ``s`` of a view are undone in its pixels,
-``c + (x - s - c) / (1 + z)``, and the noise is that of the pixels as measured. First each view is located: its
-rotation, zoom and shift by the rays that earlier views have measured. Then the rotations and the rays of all views are
-fitted jointly, and the views are located again, in turn: without shifts first, then with them, and with both at once.
+plane. So a map has to gain over this camera too. Rotations, zooms and shifts are fitted jointly, with the priors of
+zooms and shifts. The start of a view whose zoom is large is the similarity that most tracks agree on.
+
+In the comparison zooms ``z`` and shifts ``s`` are undone in the pixels, ``c + (x - s - c) / (1 + z)``, and the noise is
+that of the pixels as measured.
 """
 
 from __future__ import annotations
@@ -19,23 +20,17 @@ from quest.algebra import turn
 from slam_init.types.arrays import Floats, evenly_spaced
 from slam_init.types.camera import Camera
 from slam_init.types.lens import Lens
-from slam_init.window.hypotheses import WindowHypotheses
+from slam_init.window.arguments import ZOOM_TERMS
+from slam_init.window.hypotheses import WindowHypotheses, approached, no_motion
 from slam_init.window.joint_fit import fit_window
 from slam_init.window.levels import LARGEST_ZOOM, SHIFTS, ZOOM_LEAVES, ZOOMED_COST, ZOOMS
 from slam_init.window.measured_rays import measured_rays
-from slam_init.window.projection import camera_vector
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
-from slam_init.window.zoomed_view import locate_view
 
-#: Views are located and fitted in turn so often, with so many steps of a fit. It ends where a round lowers the cost by
-#: less than this share of what is left to the best motion: zooms do not explain it then.
-_ROUNDS, _MAX_STEPS, _LEAST_PROGRESS = 8, 8, 0.1
-#: Where zooms leave at most this share of what the rotation leaves to the best motion, further focal lengths of the
-#: reference are tried: off by this factor (as a logarithm). One simulated camera on a tripod zoomed by 1.5 before its
-#: reference: the fit from the stated focal length left 41 %, and with these starts 1 %.
+#: Standard deviation of the logarithm of the focal length of a reference before which a person may have zoomed.
 #: Class: assumption.
-_ZOOMS_LEAVE, _REFERENCE_ZOOM = 0.7, 0.3
+_REFERENCE_ZOOM = 0.3
 #: A similarity by two tracks is tried so often: where two fifths of the tracks are at rest, all fail once in 70 000
 #: times. So many tracks vote. The two tracks lie this far apart, over the width of the image. No view is zoomed by more
 #: than this factor.
@@ -44,8 +39,6 @@ _SIMILARITIES, _SIMILAR_TRACKS, _LEAST_APART, _LARGEST_FACTOR = 64, 100, 0.1, 3.
 _LEAST_SPAN_S = 1e-3
 #: From coordinates to complex numbers.
 _COMPLEX = np.array([1, 1j])
-#: Standard deviation of the shifts where there are none.
-_NO_SHIFT_PX = 1e-6
 #: Fewer tracks than this do not locate a view: twice its four unknowns, at two coordinates a track.
 _LEAST_TRACKS = 4
 
@@ -89,93 +82,76 @@ class ZoomingRotation:
 
     def beside(self, hypotheses: WindowHypotheses) -> ZoomingRotation:
         """The camera beside hypotheses of tracks with another noise, fitted to these from where it is."""
-        part, before = zoomed(hypotheses.tracks, self.zooms, self.shifts), self.hypotheses
-        start = _again(part, before.rotation_only.state)
-        fit = fit_window(part, start, before.rotation_priors, rotation_only=True, max_steps=_MAX_STEPS)
-        fit = replace(fit, cost=fit.cost + self.price)
-        again = replace(hypotheses, tracks=part, rotation_only=fit, rotation_priors=before.rotation_priors)
-        first = replace(self, hypotheses=again)
-        return _alternated(hypotheses, fit.state, before.rotation_priors, first)
+        priors, state = self.hypotheses.rotation_priors, self.hypotheses.rotation_only.state
+        return _fitted(hypotheses, state, self.zooms, self.shifts, priors)
 
     @property
     def explains_all(self) -> bool:
         """Whether the best motion gains nothing over it, so that it is as probable as it can be."""
         return self.hypotheses.gain_over_rotation[0] <= 0
 
-    def explains_much(self, hypotheses: WindowHypotheses) -> bool:
-        """Whether they explain a good part of what a camera that only rotates leaves to the best motion."""
-        best = hypotheses.motions[0].fit.cost
-        return self.cost - best < _ZOOMS_LEAVE * (hypotheses.rotation_only.cost - best)
-
 
 def with_zooms(hypotheses: WindowHypotheses) -> ZoomingRotation:
     """Let the images of the camera that only rotates zoom and shift from view to view."""
-    tracks, rotating = hypotheses.tracks, hypotheses.rotation_only
+    tracks, R = hypotheses.tracks, hypotheses.rotation_only.state.R
     # A readout would take the place of zooms, so it is that of the best motion.
     priors = replace(hypotheses.priors, readout_sigma_s=0.0)
-    t = np.outer(np.arange(len(rotating.state.R)), [1e-9, 0.0, 0.0])
-    lens = Lens(readout_s=hypotheses.motions[0].fit.state.lens.readout_s)
-    state = start_at(tracks, rotating.state.R, t, lens=lens, at_infinity=True)
-    lowest = _alternated(hypotheses, state, priors)
-    if lowest.cost > hypotheses.motions[0].fit.cost and lowest.explains_much(hypotheses):
-        # The reference may be zoomed as well, as its distance from the stated focal length.
-        free = replace(priors, focal_sigma=max(priors.focal_sigma, _REFERENCE_ZOOM))
-        for log_scale in (_REFERENCE_ZOOM, -_REFERENCE_ZOOM):
-            other = _alternated(hypotheses, replace(state, lens=lens._replace(log_scale=log_scale)), free)
-            if other.cost < lowest.cost:
-                lowest = other
-    if lowest.explains_all:
-        return lowest
-    # Shifts come last: beside a zoom that is not known yet, moving objects would lead them away. But without shifts,
-    # zooms and the focal length may take their place: so both come at once too.
-    found = _alternated(hypotheses, state, lowest.hypotheses.rotation_priors if lowest.zooms.any() else priors, lowest)
-    if lowest.zooms.any():
-        found = min(found, _alternated(hypotheses, state, priors, _unchanged(hypotheses)), key=lambda one: one.cost)
-    return found
+    lens, none = Lens(readout_s=hypotheses.motions[0].fit.state.lens.readout_s), np.zeros((len(R), 2))
+    R, zooms = _located(tracks, R, lens)
+    found = _fitted(hypotheses, _as_measured(zoomed(tracks, zooms), R, lens), zooms, none, priors)
+    return found if found.cost < hypotheses.rotation_only.cost else ZoomingRotation(hypotheses, none[:, 0], none)
 
 
-def _unchanged(hypotheses: WindowHypotheses) -> ZoomingRotation:
-    """The camera that only rotates, with a lens that does not change."""
-    views = len(hypotheses.rotation_only.state.R)
-    return ZoomingRotation(hypotheses, np.zeros(views), np.zeros((views, 2)))
+def _as_measured(tracks: WindowTracks, R: Floats, lens: Lens) -> WindowState:
+    """A camera that only rotates, with rays as measured."""
+    return start_at(tracks, R, no_motion(len(R)), lens=lens, at_infinity=True)
 
 
-def _alternated(
-    hypotheses: WindowHypotheses, state: WindowState, priors: Priors, lowest: ZoomingRotation | None = None
+def _fitted(
+    hypotheses: WindowHypotheses, state: WindowState, zooms: Floats, shifts: Floats, priors: Priors
 ) -> ZoomingRotation:
-    """Locate the views and fit them jointly, in turn, from the rotations and the lens of a state.
+    """Fit rotations, zooms and shifts jointly.
 
-    * ``lowest``: To go on from, with shifts; by default there are none.
+    * ``state``: Its rotations, rays and lens are the start.
     """
-    tracks, best = hypotheses.tracks, hypotheses.motions[0].fit
-    sigma_px = _NO_SHIFT_PX if lowest is None else SHIFTS[-1][0] * tracks.camera.width
-    zooms, shifts, rays = np.zeros(len(state.R)), np.zeros((len(state.R), 2)), None
-    if lowest is not None and lowest.zooms.any():
-        zooms, state = lowest.zooms, lowest.hypotheses.rotation_only.state
-        rays = state.rays
-    state, zooms, shifts = _located(tracks, state, zooms, shifts, sigma_px, rays)
-    lowest, before = lowest or _unchanged(hypotheses), math.inf
-    for _ in range(_ROUNDS):
-        part = zoomed(tracks, zooms, shifts)
-        start = _again(part, state)
-        fit = fit_window(part, start, priors, rotation_only=True, max_steps=_MAX_STEPS, hopeless=lowest.cost)
-        price = min(float(np.sum((zooms / LARGEST_ZOOM) ** 2)), ZOOMED_COST)
-        price += float(np.sum((shifts / sigma_px) ** 2))
-        cost = fit.cost + price
-        if cost < lowest.cost:
-            fit_with_price = replace(fit, cost=cost)
-            found = replace(hypotheses, tracks=part, rotation_only=fit_with_price, rotation_priors=priors)
-            lowest = ZoomingRotation(found, zooms, shifts, price)
-        if before - cost < _LEAST_PROGRESS * (cost - best.cost):
-            break
-        before = cost
-        state, zooms, shifts = _located(tracks, fit.state, zooms, shifts, sigma_px, fit.state.rays)
-    return lowest
+    tracks, shift_px = hypotheses.tracks, SHIFTS[-1][0] * hypotheses.tracks.camera.width
+    # A person zooms by any factor, also before the reference.
+    by_person = replace(
+        priors,
+        focal_sigma=max(priors.focal_sigma, _REFERENCE_ZOOM),
+        zoom_sigma=math.log(_LARGEST_FACTOR),
+        shift_sigma_px=shift_px,
+    )
+    near = approached(tracks, _with_field(state, zooms, shifts), by_person)
+    focuses = _cost_of_zooms(_zooms_and_shifts(near)[0]) < ZOOMED_COST
+    zooming = replace(by_person, focal_sigma=priors.focal_sigma, zoom_sigma=LARGEST_ZOOM) if focuses else by_person
+    state = fit_window(tracks, near, zooming, rotation_only=True).state
+    zooms, shifts = _zooms_and_shifts(state)
+    price = min(_cost_of_zooms(zooms), ZOOMED_COST) + float(np.sum((shifts / shift_px) ** 2))
+    # The image zooms about the principal point, as far as that is known.
+    part = zoomed(tracks, zooms, shifts - zooms[:, None] * np.array(state.lens.principal_px))
+    undone, priors = replace(state, field=np.zeros_like(state.field)), replace(zooming, zoom_sigma=0.0)
+    fit = fit_window(part, undone, priors, rotation_only=True, max_steps=0)
+    fit = replace(fit, cost=fit.cost + price)
+    again = replace(hypotheses, tracks=part, rotation_only=fit, rotation_priors=priors)
+    return ZoomingRotation(again, zooms, shifts, price)
 
 
-def _again(tracks: WindowTracks, state: WindowState) -> WindowState:
-    """The rotations and the lens of a state, with the rays as measured."""
-    return start_at(tracks, state.R, state.t, lens=state.lens, at_infinity=True)
+def _with_field(state: WindowState, zooms: Floats, shifts: Floats) -> WindowState:
+    """A state with the zooms (V,) and the shifts (V, 2) of its views."""
+    field = np.zeros_like(state.field)
+    field[:, 0], field[:, 1:ZOOM_TERMS] = np.log1p(zooms), shifts
+    return replace(state, field=field)
+
+
+def _cost_of_zooms(zooms: Floats) -> float:
+    """What the zooms of a lens that focuses cost, in twice the nats."""
+    return float(np.sum((zooms / LARGEST_ZOOM) ** 2))
+
+
+def _zooms_and_shifts(state: WindowState) -> tuple[Floats, Floats]:
+    """The zooms (V,) and the shifts (V, 2) of the views of a state."""
+    return np.expm1(state.field[:, 0]), state.field[:, 1:ZOOM_TERMS].copy()
 
 
 def zoomed(tracks: WindowTracks, zooms: Floats, shifts: Floats | None = None) -> WindowTracks:
@@ -184,50 +160,51 @@ def zoomed(tracks: WindowTracks, zooms: Floats, shifts: Floats | None = None) ->
     Shapes: ``zooms`` (V,), ``shifts`` (V, 2).
     """
     factors, shifts = 1 + zooms, np.zeros((len(zooms), 2)) if shifts is None else shifts
-    pixels = _undone(tracks.pixels, _centre(tracks.camera), zooms[:, None], shifts[:, None])
-    places = tracks.places * factors[:, None, None]
-    return replace(tracks, pixels=pixels, sigma_px=tracks.sigma_px / factors[:, None], places=places)
-
-
-def _undone(pixels: Floats, centre: Floats, zooms: Floats, shifts: Floats) -> Floats:
-    """Pixels (..., 2) with their zooms (...) and shifts (..., 2) undone."""
-    return np.asarray(centre + (pixels - shifts - centre) / (1 + zooms)[..., None])
+    centre = _centre(tracks.camera)
+    pixels = centre + (tracks.pixels - shifts[:, None] - centre) / factors[:, None, None]
+    return replace(
+        tracks,
+        pixels=pixels,
+        sigma_px=tracks.sigma_px / factors[:, None],
+        places=tracks.places * factors[:, None, None],
+        sweep_px_s=tracks.sweep_px_s / factors[:, None, None],
+    )
 
 
 def _centre(camera: Camera) -> Floats:
     return np.array([camera.cx, camera.cy])
 
 
-def _located(
-    tracks: WindowTracks, state: WindowState, zooms: Floats, shifts: Floats, shift_px: float, rays: Floats | None = None
-) -> tuple[WindowState, Floats, Floats]:
-    """The rotations, the zooms (V,) and the shifts (V, 2) of the views, one view after another.
+def _located(tracks: WindowTracks, R: Floats, lens: Lens) -> tuple[Floats, Floats]:
+    """The rotations (V, 3, 3) and the zooms (V,) of the views, one view after another.
 
-    * ``shift_px``: Standard deviation of the shifts.
-    * ``rays``: (T, 3) In the anchor views; by default as measured, with those of the views located before.
+    A view turns as it did without zooms, or as the similarity with the most agreeing tracks says.
+
+    Shapes: ``R`` (V, 3, 3).
     """
-    camera = tracks.camera.refocused(state.lens.log_scale, state.lens.k1)
-    R, zooms, shifts, anchor = state.R.copy(), zooms.copy(), shifts.copy(), np.maximum(tracks.anchor, 0)
-    at_anchor, lens = tracks.pixels[anchor, np.arange(len(anchor))], camera_vector(camera)
-    off_px = np.array(state.lens.principal_px)
+    camera = tracks.camera.refocused(lens.log_scale, lens.k1)
+    R, zooms, anchor, centre = R.copy(), np.zeros(len(R)), np.maximum(tracks.anchor, 0), _centre(tracks.camera)
+    at_anchor = tracks.pixels[anchor, np.arange(len(anchor))]
     for k in range(1, len(R)):
         used = tracks.seen[k] & (tracks.anchor >= 0) & (tracks.anchor < k)
-        measured = tracks.pixels[k] - off_px
-        if rays is None:
-            of_anchor = _undone(at_anchor, _centre(tracks.camera), zooms[anchor], shifts[anchor]) - off_px
-            from_anchor = measured_rays(camera, of_anchor[None], used[None])[0]
-        else:
-            from_anchor = rays
+        undone = centre + (at_anchor - centre) / (1 + zooms[anchor])[:, None]
+        from_anchor = measured_rays(camera, undone[None], used[None])[0]
         used &= np.isfinite(from_anchor).all(axis=1)
         if used.sum() >= _LEAST_TRACKS:
             world = np.einsum("tji,tj->ti", R[anchor[used]], from_anchor[used])
-            starts = [(R[k], zooms[k], shifts[k])]
-            if rays is None:  # nothing is located yet
-                starts.append((*_similar(camera, world, measured[used], R[k]), np.zeros(2)))
-            sigma_px = tracks.sigma_px[k, used]
-            found = [locate_view(lens, world, measured[used], *one, shift_px, sigma_px) for one in starts]
-            R[k], zooms[k], shifts[k], _ = min(found, key=lambda one: one[3])
-    return replace(state, R=R), zooms, shifts
+            pixels = tracks.pixels[k, used]
+            # Without zooms, the rotation of a view that is zoomed by much is any.
+            nearest = min(range(k), key=lambda row: abs(tracks.frames[row] - tracks.frames[k]))
+            starts = [(R[k], 0.0), *(_similar(camera, world, pixels, R[row]) for row in (k, nearest))]
+            R[k], zooms[k] = min(starts, key=lambda one: _median_px(camera, world, pixels, *one))
+    return R, zooms
+
+
+def _median_px(camera: Camera, world: Floats, pixels: Floats, R: Floats, zoom: float) -> float:
+    """How far pixels (N, 2) are from those of rays of the world (N, 3) in a view that zooms, by their median."""
+    centre = _centre(camera)
+    projected = centre + (1 + zoom) * (camera.project(world @ R.T) - centre)
+    return float(np.median(np.nan_to_num(np.linalg.norm(pixels - projected, axis=1), nan=math.inf)))
 
 
 def _similar(camera: Camera, world: Floats, pixels: Floats, R: Floats) -> tuple[Floats, float]:

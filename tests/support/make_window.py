@@ -18,7 +18,7 @@ from slam_init.types.frame import Observations
 from slam_init.types.history import common_tracks
 from slam_init.types.lens import SAME_LENS, Lens
 from slam_init.types.pose import Pose
-from slam_init.window.arguments import FIELD_TERMS, Fitted, Layout, LensNumbers, Sums
+from slam_init.window.arguments import FIELD_TERMS, ZOOM_TERMS, Fitted, Layout, LensNumbers, Sums
 from slam_init.window.arguments import Equations as Arrays
 from slam_init.window.equations import observed_by, unknowns_of
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
@@ -219,12 +219,14 @@ def equations(
     gate: float,
     *,
     with_field: bool = False,
+    with_zoom: bool = False,
     with_readout: bool = False,
     with_principal: bool = False,
 ) -> Equations:
     """The equations at a state, by the compiled loop, without any prior."""
     views, count = tracks.seen.shape
-    layout = Layout.of(views, field=with_field, readout=with_readout, principal=with_principal)
+    terms = FIELD_TERMS * with_field + ZOOM_TERMS * with_zoom
+    layout = Layout.of(views, field=terms, readout=with_readout, principal=with_principal)
     arrays = Arrays.empty(count, layout.plane + (0 if state.plane is None else 3))
     fitted = Fitted.empty(views, count)
     sums = Sums.empty(views, len(arrays.gradient))
@@ -249,6 +251,7 @@ def moved(
     back: np.ndarray,
     *,
     with_field: bool,
+    with_zoom: bool = False,
     with_readout: bool = False,
     with_principal: bool = False,
 ) -> WindowState:
@@ -257,7 +260,7 @@ def moved(
     The unknowns have the order of :mod:`slam_init.window.kernels`. A track moves by ``-A^-1 W step``. The gradient
     of the track is left out, so that the tracks do not move without a step.
     """
-    field_size = FIELD_TERMS if with_field else 0
+    field_size = FIELD_TERMS * with_field + ZOOM_TERMS * with_zoom
     R, t, field = state.R.copy(), state.t.copy(), state.field.copy()
     rest = list(step)
 
@@ -270,8 +273,7 @@ def moved(
         if k:
             R[k] = rotation_from_vector(next_unknowns(3)) @ R[k]
             t[k] = t[k] + next_unknowns(3)
-        if with_field:
-            field[k] += next_unknowns(field_size)
+        field[k, :field_size] += next_unknowns(field_size)
     log_scale, k1 = state.lens.log_scale + float(next_unknowns(1)[0]), state.lens.k1 + float(next_unknowns(1)[0])
     readout_s = state.lens.readout_s + (float(next_unknowns(1)[0]) if with_readout else 0.0)
     x, y = state.lens.principal_px + (next_unknowns(2) if with_principal else np.zeros(2))

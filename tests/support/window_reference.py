@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quest.algebra import tangents
-from slam_init.window.arguments import FIELD_TERMS
+from slam_init.window.arguments import FIELD_TERMS, ZOOM_TERMS
 from slam_init.window.projection import camera_vector, project_point
 from slam_init.window.state import WindowState
 from slam_init.window.tracks import WindowTracks
@@ -29,11 +29,19 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
 
 
 def reference_equations(
-    tracks: WindowTracks, state: WindowState, gate: float, *, with_field: bool, with_readout: bool, with_principal: bool
+    tracks: WindowTracks,
+    state: WindowState,
+    gate: float,
+    *,
+    with_field: bool,
+    with_zoom: bool,
+    with_readout: bool,
+    with_principal: bool,
 ) -> Reference:
     """The equations at a state; all tracks off the plane have a free distance."""
     views, count = tracks.seen.shape
-    fields, block = FIELD_TERMS * with_field, 6 + FIELD_TERMS * with_field
+    fields = FIELD_TERMS * with_field + ZOOM_TERMS * with_zoom
+    block = 6 + fields
     focal = block * (views - 1) + fields
     lens = 2 + with_readout + 2 * with_principal
     size = focal + lens + (0 if state.plane is None else 3)
@@ -64,7 +72,8 @@ def reference_equations(
             Q = state.R[k] @ R_a.T
             v = d - rho * t_a
             x = Q @ v
-            seen, *numbers = project_point(camera, np.exp(state.lens.log_scale), state.lens.k1, *(x + rho * state.t[k]))
+            scale = np.exp(state.lens.log_scale + with_zoom * state.field[k, 0])
+            seen, *numbers = project_point(camera, scale, state.lens.k1, *(x + rho * state.t[k]))
             if not seen or (on_plane and rho <= 0):
                 total += gate**2
                 continue
@@ -85,6 +94,10 @@ def reference_equations(
                 J[:, focal + 2] = tracks.sweep_px_s[k, i]
             if with_principal:
                 J[:, focal + lens - 2 : focal + lens] = np.eye(2)
+            if with_zoom:
+                first = fields + block * (k - 1) + 6 if k else 0
+                J[:, first : first + ZOOM_TERMS] = np.column_stack([pixel - camera[3:5], np.eye(2)])
+                pixel = pixel + state.field[k, 1:ZOOM_TERMS]
             J /= tracks.sigma_px[k, i]
             e = pixel + (state.lens.readout_s - tracks.readout_s) * tracks.sweep_px_s[k, i] - tracks.pixels[k, i]
             e = (e + state.lens.principal_px) / tracks.sigma_px[k, i]

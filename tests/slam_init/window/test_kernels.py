@@ -15,7 +15,7 @@ from slam_init.window.tracks import Readout
 GATE = 5.0
 
 
-def world(kind, seed=1, views=3, camera=None, drift_px=0.0):
+def world(kind, seed=1, views=3, camera=None, drift_px=0.0, *, with_zoom=False):
     """Noisy tracks and a state off the truth by a few standard deviations of the noise."""
     scene = "wall" if kind == "plane" else "room"
     window = make_window(scene, seed, views, 25, noise_px=1.0, baseline=0.3, turning=0.1, camera=camera)
@@ -40,6 +40,7 @@ def world(kind, seed=1, views=3, camera=None, drift_px=0.0):
     # Of the tracks of a plane, a fifth leaves it.
     on_plane = state.on_plane & (np.arange(len(state.on_plane)) % 5 > 0)
     field = 0.2 * rng.normal(size=state.field.shape)
+    field[:, 0] *= 0.02 if with_zoom else 1.0
     return tracks, replace(state, t=t, lens=Lens(2e-3, 0.02, 0.003), field=field, on_plane=on_plane)
 
 
@@ -67,11 +68,11 @@ def test_an_observation_beyond_the_root_of_three_gates_costs_the_gate_and_has_no
     np.testing.assert_array_equal(outlier.gradient, without.gradient)
 
 
-@pytest.mark.parametrize("unknowns", ["", "field readout", "principal"])
+@pytest.mark.parametrize("unknowns", ["", "field readout", "principal", "zoom"])
 @pytest.mark.parametrize("kind", ["free", "plane"])
 def test_the_equations_are_those_of_the_readable_reference(kind, unknowns):
-    tracks, state = world(kind, views=4, camera=CAMERAS["radtan"], drift_px=2.0)
-    options = {f"with_{name}": name in unknowns for name in ("field", "readout", "principal")}
+    tracks, state = world(kind, views=4, camera=CAMERAS["radtan"], drift_px=2.0, with_zoom="zoom" in unknowns)
+    options = {f"with_{name}": name in unknowns for name in ("field", "zoom", "readout", "principal")}
     found, expected = equations(tracks, state, GATE, **options), reference_equations(tracks, state, GATE, **options)
     assert found.cost == pytest.approx(expected.cost)
     scale = np.sqrt(np.diag(expected.normal)) + 1.0
@@ -82,11 +83,13 @@ def test_the_equations_are_those_of_the_readable_reference(kind, unknowns):
     np.testing.assert_allclose(found.shares / scale, expected.shares / scale, atol=1e-8)
 
 
-@pytest.mark.parametrize(("unknowns", "camera"), [("", "pinhole"), ("field readout principal", "fisheye")])
+@pytest.mark.parametrize(
+    ("unknowns", "camera"), [("", "pinhole"), ("field readout principal", "fisheye"), ("zoom", "radtan")]
+)
 @pytest.mark.parametrize("kind", ["free", "plane"])
 def test_the_gradient_is_the_slope_of_the_cost_along_a_step_that_the_tracks_follow(kind, unknowns, camera):
-    tracks, state = world(kind, camera=CAMERAS[camera], drift_px=2.0)
-    options = {f"with_{name}": name in unknowns for name in ("field", "readout", "principal")}
+    tracks, state = world(kind, camera=CAMERAS[camera], drift_px=2.0, with_zoom="zoom" in unknowns)
+    options = {f"with_{name}": name in unknowns for name in ("field", "zoom", "readout", "principal")}
     found = equations(tracks, state, GATE, **options)
     scale = np.sqrt(np.diag(found.normal))
     size, step = len(found.gradient), 1e-4
