@@ -4,8 +4,8 @@ The initial map contains a factor graph and its optimum, and ISAM2 takes both wi
 tracker gives the pixels of the landmarks, resection gives the initial pose, and the update adds one projection factor
 for each landmark. The lens is a variable of the graph with a prior, and is refined as well.
 
-Run it as ``python docs/examples/continue_with_isam2.py [SOURCE [CALIBRATION]]``: a video or any other source, and a file
-of its calibration where the source has none. Without both the focal length is estimated.
+Run it as ``python docs/examples/continue_with_isam2.py [SOURCE [CALIBRATION]]``: a video or any other source, and a
+file of its calibration where the source has none. Without both the focal length is estimated.
 """
 
 from __future__ import annotations
