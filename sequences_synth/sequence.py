@@ -18,7 +18,7 @@ from sequences_synth.quads import Quad
 from sequences_synth.render import View, render, render_lines
 from sequences_synth.scenes import SCENES, build_world
 
-# -- motion blur, exposure, shot and read noise -----------------------------------------------------
+# -- motion blur, exposure, shot and read noise ----------------------------------------------------
 
 
 # Blur of less than this half length in pixels is skipped: it does not affect feature detectors.
@@ -83,7 +83,7 @@ def expose(image: Image, gain: float, noise: float, rng: np.random.Generator) ->
     return cast(Image, np.clip(noisy + np.float32(0.5), 0, 255).astype(np.uint8))
 
 
-# -- the sequence -----------------------------------------------------------------------------------
+# -- the sequence ----------------------------------------------------------------------------------
 
 
 # Focal length over image width: 525 px at 640, as of a usual hand-held RGB-D camera. The horizontal field of view is

@@ -24,10 +24,9 @@ import numpy as np
 from slam_init.calibration.formats import parse_colmap
 from slam_init.calibration.models import COLMAP_PARAMETERS, NUMBERED
 from slam_init.calibration.values import at_place
-from slam_init.datasets.match_chains import PairMatches, chain_matches
 from slam_init.datasets.posed_images import common_camera
 from slam_init.datasets.text import Row, numbers, pose_from_quaternion, read_lines, read_rows
-from slam_init.datasets.track_source import TrackSource, by_name, track_source
+from slam_init.datasets.track_source import PairMatches, TrackSource, by_name, chain_matches, track_source
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.arrays import Floats, Ints

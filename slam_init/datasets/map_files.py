@@ -25,11 +25,9 @@ from numpy.typing import NDArray
 from slam_init.bundle.graph import map_of_graph
 from slam_init.calibration.values import at_place
 from slam_init.config import Config
-from slam_init.datasets.bounded import read_npz
 from slam_init.datasets.colmap import read_model
 from slam_init.datasets.image_files import ImageFileSource, check_size, find_by_end, natural_key
-from slam_init.datasets.layouts.photographs import TRANSFORMS, find_colmap, read_transforms
-from slam_init.datasets.match_chains import TrackTable
+from slam_init.datasets.layouts import TRANSFORMS, find_colmap, read_transforms
 from slam_init.datasets.posed_images import common_camera, file_of
 from slam_init.datasets.text import (
     TUM_COLUMNS,
@@ -40,7 +38,7 @@ from slam_init.datasets.text import (
     trajectory,
     truth_on_clock,
 )
-from slam_init.datasets.track_source import TrackProvider, TrackSource
+from slam_init.datasets.track_source import TrackProvider, TrackSource, TrackTable, read_npz
 from slam_init.errors import SourceError
 from slam_init.frontend.tracks import Tracker
 from slam_init.output.handover import FORMAT, VERSION

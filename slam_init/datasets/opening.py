@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from slam_init.datasets.bounded import first_bytes
 from slam_init.datasets.colmap import SQLITE, open_colmap_database
 from slam_init.datasets.hloc import HDF5, open_hloc
 from slam_init.datasets.image_files import IMAGE_SUFFIXES, image_folder, natural_key, open_folder
@@ -25,14 +24,13 @@ from slam_init.datasets.layouts import LAYOUTS
 from slam_init.datasets.live import is_live, without_password
 from slam_init.datasets.posed_images import Layout
 from slam_init.datasets.ros.bag import MCAP, ROS1, STORAGE_SUFFIXES, is_bag_folder
-from slam_init.datasets.ros.source import RosSource
-from slam_init.datasets.ros.topics import BagName
+from slam_init.datasets.ros.source import BagName, RosSource
 from slam_init.datasets.synth import PREFIX, open_synth
 from slam_init.datasets.text import image_times
 from slam_init.datasets.track_source import open_tracks_file
 from slam_init.datasets.video import open_video
 from slam_init.errors import SlamInitError, SourceError, check_type
-from slam_init.system.regular_file import kind_problem, user_path
+from slam_init.system.regular_file import first_bytes, kind_problem, user_path
 from slam_init.system.user_code import attribute_of, described_error
 from slam_init.types.frame import TimedSource
 

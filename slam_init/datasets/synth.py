@@ -18,9 +18,8 @@ import numpy as np
 
 from slam_init.datasets.image_files import frame_range
 from slam_init.datasets.inertial import InertialSensor, of_sensor
-from slam_init.datasets.match_chains import TrackTable
 from slam_init.datasets.text import pose_from_matrix
-from slam_init.datasets.track_source import TrackSource
+from slam_init.datasets.track_source import TrackSource, TrackTable
 from slam_init.errors import SourceError
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera

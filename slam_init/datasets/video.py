@@ -27,10 +27,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.datasets.bounded import first_bytes
 from slam_init.datasets.image_files import NOMINAL_RATE_HZ, check_pixels, check_size, frame_range
 from slam_init.errors import SourceError
-from slam_init.system.regular_file import open_regular
+from slam_init.system.regular_file import first_bytes, open_regular
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame

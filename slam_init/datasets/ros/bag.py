@@ -14,9 +14,8 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from slam_init.datasets.bounded import first_bytes
 from slam_init.errors import SourceError, plain_line
-from slam_init.system.regular_file import check_inside, kind_problem
+from slam_init.system.regular_file import check_inside, first_bytes, kind_problem
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore

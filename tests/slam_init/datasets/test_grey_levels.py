@@ -7,7 +7,7 @@ import numpy as np
 from make_files import write, write_image
 
 from slam_init.datasets import open_source
-from slam_init.datasets.grey_levels import GreyLevels
+from slam_init.datasets.image_files import GreyLevels
 
 RAMP = np.linspace(0.0, 1.0, 48 * 64).reshape(48, 64)
 

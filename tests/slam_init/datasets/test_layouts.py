@@ -11,7 +11,7 @@ from make_layouts import FRAMES, LAYOUTS, POINT
 from paths import DATA
 
 from slam_init.datasets import detect_kind, layouts, open_source, opening
-from slam_init.datasets.layouts.photographs import read_transforms
+from slam_init.datasets.layouts import read_transforms
 from slam_init.datasets.posed_images import common_camera
 from slam_init.errors import CalibrationError, SlamInitError, SourceError
 from slam_init.types.camera import Camera

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slam_init.datasets.match_chains import PairMatches, chain_matches
+from slam_init.datasets.track_source import PairMatches, chain_matches
 from slam_init.errors import SourceError
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from make_files import picture
 
-from slam_init.datasets.live.source import read_pipe
+from slam_init.datasets.live import read_pipe
 from slam_init.datasets.video import open_video
 from slam_init.errors import SourceError
 

@@ -10,8 +10,7 @@ import pytest
 
 from slam_init.config import Config
 from slam_init.datasets import open_source
-from slam_init.datasets.live import LiveSource, is_live, open_live, without_password
-from slam_init.datasets.live.source import QUEUE_FRAMES, StreamImage
+from slam_init.datasets.live import QUEUE_FRAMES, LiveSource, StreamImage, is_live, open_live, without_password
 from slam_init.errors import SourceError
 from slam_init.runner import run
 from slam_init.types.camera import Camera

@@ -10,7 +10,7 @@ from make_files import picture
 
 from slam_init.cli import main
 from slam_init.datasets import detect_kind, open_source
-from slam_init.datasets.grey_levels import GreyLevels
+from slam_init.datasets.image_files import GreyLevels
 from slam_init.datasets.views import SourceView
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.types.camera import Camera
