@@ -48,12 +48,12 @@ def camera_of_content(content: Content, image_size: Size) -> Camera:
     content = _parts(content).get("cameras", content)
     read = next((read for fits, read in _MAPPINGS if fits(content)), None)
     content = content if read is None else read(content)
-    if not _is_camera(content):
+    section = Section(content)
+    if not _has_focal(content) and not any(map(models.states_model, section.values)):
         raise CalibrationError(
             "no known calibration format: expected fx, fy, cx, cy; camera_matrix or K; intrinsics (Kalibr, EuRoC); "
             "Camera.fx; value0 (Basalt); model_type (camodocal)"
         )
-    section = Section(content)
     model, size = models.model_of(section), section.size(image_size)
     shape, focal, after, skew = _intrinsics(section, model)
     distortion = [*shape, *(_distortion_list(section) or after)] or models.named_coefficients(section, model)
@@ -72,10 +72,6 @@ def _has_focal(content: Content) -> bool:
     values = Section(content).values
     found = [values[name] for name in (*_MATRICES, *_LISTS, *_FOCAL) if name in values]
     return any(not isinstance(value, dict) or "data" in value for value in found)
-
-
-def _is_camera(content: Content) -> bool:
-    return _has_focal(content) or any(map(models.states_model, Section(content).values))
 
 
 def _intrinsics(section: Section, model: str) -> tuple[list[float], list[float], list[float], float]:

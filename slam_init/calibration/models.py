@@ -77,8 +77,10 @@ def model_of(section: Section) -> str:
             if value.lower() not in _FLAGS:
                 raise CalibrationError(f"{key} is {value[:40]!r}: give true or false")
             model = "fisheye" if _FLAGS[value.lower()] else "pinhole"
-        else:
-            model = _model_named(value, key)
+        elif (model := _MODELS.get(re.sub("[ -]", "_", value.strip().lower()), "unknown")) == "unknown":
+            known = ", ".join(one.replace("_", "-") for one in _NAMES)
+            give = f"use one of {known}, or a name of theirs in docs/how-to/camera.md"
+            raise CalibrationError(f"{key} is {value[:40]!r}: {give}; leave the line out if it does not state a lens")
         stated.setdefault(model, key)
     bent = {model: key for model, key in stated.items() if model != "pinhole"}
     if set(bent) == {"omni", "radtan"}:
@@ -87,15 +89,6 @@ def model_of(section: Section) -> str:
         both = " and ".join(f"{key} states {model}" for model, key in bent.items())
         raise CalibrationError(f"{both}: no lens is both, so leave one of the lines out")
     return next(iter(bent), "pinhole")
-
-
-def _model_named(name: str, key: str) -> str:
-    found = _MODELS.get(re.sub("[ -]", "_", name.strip().lower()))
-    if found is None:
-        known = ", ".join(one.replace("_", "-") for one in _NAMES)
-        give = f"use one of {known}, or a name of theirs in docs/how-to/camera.md"
-        raise CalibrationError(f"{key} is {name[:40]!r}: {give}; leave the line out if it does not state a lens")
-    return found
 
 
 def shape_names(model: str) -> list[str]:

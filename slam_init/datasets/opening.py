@@ -44,6 +44,8 @@ _REQUIRED_ATTRIBUTES = ("name", "kind", "camera", "groundtruth", "timestamps_s",
 def open_python(text: str) -> TimedSource:
     """Open a source by importing an attribute of a module and calling it without arguments.
 
+    What it states is checked: a time in seconds for each frame, and true poses.
+
     * ``text``: ``python:package.module:attribute`` or ``python:FILE.py:attribute``; the call returns a
       :class:`~slam_init.types.frame.TimedSource`.
     """
@@ -55,12 +57,6 @@ def open_python(text: str) -> TimedSource:
         raise SourceError(f"{text}: cannot be opened ({described_error(error)}): {_FORM}") from error
     if missing := [name for name in _REQUIRED_ATTRIBUTES if not hasattr(source, name)]:
         raise SourceError(f"{text}: the returned object is not a source: it has no {missing[0]}")
-    _check_times(text, source)
-    return source
-
-
-def _check_times(text: str, source: TimedSource) -> None:
-    """Check what the source of a user states: a time in seconds for each frame, and true poses."""
     try:
         stamps = np.asarray(source.timestamps_s, float)
         count = len(source)
@@ -73,6 +69,7 @@ def _check_times(text: str, source: TimedSource) -> None:
             raise SourceError(f"{text}: groundtruth: pose {index} {problem}")
     if image_times(stamps.tolist(), [f"{text}: frame {index}" for index in range(count)])[1]:
         raise SourceError(f"{text}: timestamps_s steps by {np.median(np.diff(stamps)):g}: give seconds")
+    return source
 
 
 _FOLDERS: tuple[Layout, ...] = (

@@ -40,8 +40,6 @@ POSES = (
 #: Given as the topic of the ground truth, it means that there is none.
 NO_TRUTH = "none"
 
-_QUERY = "?"
-
 
 @dataclass(frozen=True)
 class BagName:
@@ -56,7 +54,7 @@ class BagName:
     @staticmethod
     def parse(text: str) -> BagName | None:
         """Read the text form."""
-        path, mark, query = text.rpartition(_QUERY)
+        path, mark, query = text.rpartition("?")
         options = dict(parse_qsl(query))
         is_path = os.path.exists(user_path(text))  # noqa: PTH110 (a Path raises for a null byte)
         if not mark or not options or set(options) - {"topic", "truth_topic"} or is_path:
@@ -66,7 +64,7 @@ class BagName:
     def __str__(self) -> str:
         options = {"topic": self.topic, "truth_topic": self.truth_topic}
         query = urlencode({key: value for key, value in options.items() if value is not None}, safe="/")
-        return f"{self.path}{_QUERY}{query}" if query else self.path
+        return f"{self.path}?{query}" if query else self.path
 
 
 def image_topic(bag: Bag, name: str | None) -> tuple[Topic, tuple[str, ...]]:
