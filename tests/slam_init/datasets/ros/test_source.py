@@ -65,7 +65,7 @@ def test_compressed_messages_storages_and_files_of_ros_2_are_read(tmp_path, mode
     np.testing.assert_array_equal(next(open_source(path).frames(2)).image, GREY[2])
 
 
-# -- images ---------------------------------------------------------------------------------------
+# -- images ----------------------------------------------------------------------------------------
 
 
 def colour_bag(tmp_path, pixels, encoding, **more):
@@ -136,7 +136,7 @@ def test_an_image_that_cannot_be_decoded_is_refused_by_name(tmp_path, encoding, 
     assert "/cam/image_raw, message 0" in str(caught.value)
 
 
-# -- times ----------------------------------------------------------------------------------------
+# -- times -----------------------------------------------------------------------------------------
 
 
 def test_images_without_stamps_have_the_times_of_the_recording(tmp_path):
@@ -188,7 +188,7 @@ def test_images_that_the_index_names_and_the_bag_lacks_are_reported(tmp_path):
     assert any("names 3 images" in note and "2 can be read" in note for note in source.notes)
 
 
-# -- topics ---------------------------------------------------------------------------------------
+# -- topics ----------------------------------------------------------------------------------------
 
 
 def two_cameras(tmp_path):
@@ -240,7 +240,7 @@ def test_a_path_that_holds_a_question_mark_is_no_choice_of_topics(tmp_path):
         open_source(f"{tmp_path}/video.avi?topic=/a")
 
 
-# -- calibration ----------------------------------------------------------------------------------
+# -- calibration -----------------------------------------------------------------------------------
 
 
 def info_bag(tmp_path, topic="/cam/image_raw", info="/cam/camera_info", camera=CAMERA, **more):
