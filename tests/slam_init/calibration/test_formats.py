@@ -418,14 +418,9 @@ def test_a_skew_below_a_pixel_over_the_image_is_left_out_with_a_note(tmp_path):
 
 
 def test_no_value_of_a_key_that_states_a_model_is_passed_over(tmp_path):
-    keys = ("model", "type", "Model", "camera_model", "cameraModel", "camera_type", "distortion_type", "lens_model")
-    keys += (
-        "projection_type",
-        "calibration_model",
-        "fisheye",
-        "is_fisheye",
-        "fisheye_model",
-        "bFishEye",
+    keys = (
+        *("model", "type", "Model", "camera_model", "cameraModel", "camera_type", "distortion_type", "lens_model"),
+        *("projection_type", "calibration_model", "fisheye", "is_fisheye", "fisheye_model", "bFishEye"),
         "distortionModel",
     )
     cases = [own() + f"{key}: squint\n" for key in keys]

@@ -3,9 +3,10 @@
 from dataclasses import replace
 from itertools import pairwise
 
+import make_layouts
 import numpy as np
 import pytest
-from make_files import picture, write, write_image
+from make_files import write
 
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
 from slam_init.config import Config
@@ -101,16 +102,10 @@ def test_the_bias_is_measured_at_rest_and_a_uniform_turn_is_no_rest():
 @pytest.fixture
 def euroc(tmp_path):
     """Six images at 20 Hz, and a gyroscope at 200 Hz that turns at a constant rate."""
-    mav = tmp_path / "seq" / "mav0"
     stamps = [1403636579763555584 + 50_000_000 * k for k in range(6)]
-    for k, stamp in enumerate(stamps):
-        write_image(mav / "cam0" / "data" / f"{stamp}.png", picture(k, channels=1))
-    write(mav / "cam0" / "data.csv", "#t,f\n" + "".join(f"{s},{s}.png\n" for s in stamps))
-    body_from_cam, body_from_imu = np.eye(4), np.eye(4)
-    body_from_cam[:3, :3] = rotation_from_vector(np.array([0.0, 0.0, 1.5]))
-    body_from_imu[:3, :3] = body_from_cam[:3, :3] @ CAM_FROM_IMU
-    lens = "intrinsics: [60, 61, 31, 23]\nresolution: [64, 48]\ndistortion_model: radial-tangential\n"
-    write(mav / "cam0" / "sensor.yaml", f"T_BS:\n  data: {body_from_cam.ravel().tolist()}\n{lens}")
+    mav = make_layouts.euroc(tmp_path, stamps) / "mav0"
+    body_from_imu = np.eye(4)
+    body_from_imu[:3, :3] = make_layouts.axes("left", "down", "backward") @ CAM_FROM_IMU
     pose = body_from_imu.ravel().tolist()
     write(mav / "imu0" / "sensor.yaml", f"T_BS:\n  data: {pose}\ngyroscope_noise_density: 2e-4\n")
     rates = ",".join(map(str, RATE))
