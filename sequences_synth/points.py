@@ -9,7 +9,7 @@ and ``handheld-wall`` it is the pose about which the hand turns the camera. The 
 the median depth of the scene ::
 
     sequence = make_points("wall", seed=3, options=PointOptions(noise_px=1.0))
-    track_ids, pixels = sequence.observe(5)
+    pixels = sequence.pixels[5, sequence.visible[5]]
 """
 
 from __future__ import annotations
@@ -475,14 +475,6 @@ class PointSequence:
 
     def __len__(self) -> int:
         return len(self.poses)
-
-    def observe(self, index: int) -> tuple[Ints, Floats]:
-        """Read the tracks that one view sees.
-
-        Shapes: returns ``track_ids`` (N,), returns ``pixels`` (N, 2).
-        """
-        ids = np.flatnonzero(self.visible[index])
-        return ids.astype(np.int64), self.pixels[index, ids]
 
     def depths(self, index: int) -> Floats:
         """Compute the true depth of each track in one view.

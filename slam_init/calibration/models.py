@@ -116,8 +116,6 @@ def camera_of_values(model: str, size: tuple[int, int], focal: Sequence[float], 
         model, k = "pinhole", []
     elif model == "fisheye":
         k = k if any(k[4:]) else k[:4]  # drivers pad the list to five
-        if len(k) != 4:
-            raise CalibrationError(f"{len(k)} distortion coefficients for a fisheye camera: give k1, k2, k3, k4")
     elif model in ("pinhole", "radtan"):  # files of OpenCV have coefficients and do not name the model
         model, k = _simplest_opencv(k)
     elif model == "ucm":
@@ -146,8 +144,6 @@ def _simplest_opencv(k: list[float]) -> tuple[str, list[float]]:
     if any(k[8:12]):
         return "thin-prism", (k + 4 * [0.0])[:12]
     if any(k[5:8]):
-        if len(k) < 8:
-            raise CalibrationError(f"{len(k)} distortion coefficients: give 4, 5 or 8 (rational_polynomial)")
         return "rational", k[:8]
     k = (k[:5] + [0.0] * 4)[: max(4, min(len(k), 5))]
     if len(k) == 5 and k[4] == 0:

@@ -252,8 +252,6 @@ def _cameras(path: Path, database: sqlite3.Connection) -> dict[int, tuple[Camera
     query = "SELECT camera_id, model, width, height, params, prior_focal_length FROM cameras"
     for camera_id, model, width, height, blob, prior in database.execute(query):
         place = f"{path}: camera {camera_id}"
-        if len(blob or b"") % 8:
-            raise SourceError(f"{place}: its parameters are no numbers")
         parameters = np.frombuffer(blob or b"", "<f8").tolist()
         camera = _numbered_camera(place, _model_name(place, int(model)), int(width), int(height), parameters)
         cameras[int(camera_id)] = camera, bool(prior)

@@ -111,17 +111,17 @@ def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
 
 def find_by_end(names: Iterable[str], known: Iterable[str]) -> list[list[int]]:
     """Find paths whose folders have another place: for each name the known paths with the longest common end."""
-    by_file: dict[str, list[tuple[list[str], int]]] = {}
+    by_end: dict[str, list[int]] = {}
     for i, path in enumerate(known):
-        parts = path.split("/")[::-1]
-        by_file.setdefault(parts[0], []).append((parts, i))
-    found = []
-    for name in names:
-        parts = name.split("/")[::-1]
-        ends = ((i, os.path.commonprefix([parts, other])) for other, i in by_file.get(parts[0], ()))  # noqa: RUF071 (parts)
-        shared = {i: len(end) for i, end in ends}
-        found.append([i for i, count in shared.items() if count == max(shared.values())])
-    return found
+        for end in _ends(path):
+            by_end.setdefault(end, []).append(i)
+    return [next((by_end[end] for end in _ends(name) if end in by_end), []) for name in names]
+
+
+def _ends(path: str) -> list[str]:
+    """A path, and what is left of it without its first folders."""
+    parts = path.split("/")
+    return ["/".join(parts[k:]) for k in range(len(parts))]
 
 
 def list_images(folder: Path) -> list[Path]:

@@ -98,15 +98,11 @@ class MapFile:
             return []
         views = []
         for frame in self.frames:
-            rows = np.flatnonzero(table.frames == frame)
-            ids, pixels = table.track_ids[rows], table.pixels[rows]
             # A graph of gtsam has a guess of the size. What lies a whole image beside the image is no observation.
             size = np.array([camera.width, camera.height])
-            near = ((pixels > -size) & (pixels < 2 * size)).all(axis=1)
-            ids, pixels = ids[near], pixels[near]
-            bearings = camera.bearings(pixels)
-            seen = np.isfinite(bearings).all(axis=1)
-            views.append(Observations(frame, float(frame), str(frame), ids[seen], pixels[seen], bearings[seen]))
+            near = ((table.pixels > -size) & (table.pixels < 2 * size)).all(axis=1)
+            rows = np.flatnonzero((table.frames == frame) & near)
+            views.append(Observations(frame, float(frame), str(frame), *table.seen(rows, camera)))
         return views
 
 

@@ -76,6 +76,15 @@ class TrackTable:
         order = np.lexsort((track_ids, frames))
         return TrackTable(frames[order], track_ids[order], pixels[order])
 
+    def seen(self, rows: Ints | slice, camera: Camera) -> tuple[Ints, Floats, Floats]:
+        """Give the tracks, pixels and bearings of rows, without those that the camera cannot have seen.
+
+        Shapes: returns (N,), returns (N, 2), returns (N, 3).
+        """
+        bearings = camera.bearings(self.pixels[rows])
+        seen = np.isfinite(bearings).all(axis=1)
+        return self.track_ids[rows][seen], self.pixels[rows][seen], bearings[seen]
+
 
 def chain_matches(
     keypoints: Sequence[Floats], pairs: Iterable[PairMatches], what: str
@@ -246,11 +255,7 @@ class TrackSource:
 
     def observed(self, frame: Frame, camera: Camera) -> Observations:
         """Give the tracks of a frame, without those that the camera cannot have seen."""
-        rows = self._rows(frame.index)
-        pixels = self.table.pixels[rows]
-        bearings = camera.bearings(pixels)
-        seen = np.isfinite(bearings).all(axis=1)
-        ids, pixels, bearings = self.table.track_ids[rows][seen], pixels[seen], bearings[seen]
+        ids, pixels, bearings = self.table.seen(self._rows(frame.index), camera)
         column, row = np.round(pixels).astype(int).T
         height, width = frame.image.shape[:2]
         values = frame.image[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]

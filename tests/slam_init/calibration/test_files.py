@@ -1,7 +1,6 @@
 """Calibration files: paths, sizes; broken, unsafe and impossible files are refused in one line. Single numbers."""
 
 import math
-import os
 import re
 
 import numpy as np
@@ -33,7 +32,6 @@ BROKEN = {
     "a word": ("hello", "key: value"),
     "broken yaml": ("fx: [1, 2\nfy: }", "broken YAML"),
     "tab": ("fx:\t\t1\n\tfy: 2", "YAML"),
-    "unsafe yaml": ("fx: !!python/object/apply:os.system ['true']\n", "refused YAML"),
     "a list that is called a mapping": ("fx: !!opencv-matrix [a, b]\n", "refused YAML"),
     "mappings that are called pairs": ("fx: !!map\n  - {a: 1}\n", "refused YAML"),
     "aliases": (BILLION_LAUGHS, "aliases"),
@@ -77,17 +75,9 @@ def test_an_impossible_calibration_is_refused_in_one_line(tmp_path):
         assert_refused(write(tmp_path / "bad.yaml", good.replace(old, new)), word)
 
 
-def test_a_pipe_is_refused_without_waiting_for_its_writer(tmp_path):
-    os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(CalibrationError, match="not a file"):
-        load_camera(tmp_path / "pipe")
-
-
 def test_unsafe_yaml_executes_nothing(tmp_path):
     victim = tmp_path / "victim"
-    path = write(tmp_path / "c.yaml", f"fx: !!python/object/apply:os.mkdir ['{victim}']\n")
-    with pytest.raises(CalibrationError):
-        load_camera(path)
+    assert_refused(write(tmp_path / "c.yaml", f"fx: !!python/object/apply:os.mkdir ['{victim}']\n"), "refused YAML")
     assert not victim.exists()
 
 

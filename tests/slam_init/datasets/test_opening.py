@@ -90,6 +90,8 @@ MIRRORED = "groundtruth = Trajectory(np.arange(2.0), (Pose(-np.eye(3), np.zeros(
         ("[0.0, 0.1]", "[0.1, 0.1]", "after"),
         ("[0.0, 0.1]", "[0.1]", "shape"),
         ("[0.0, 0.1]", "['a', 'b']", "numbers"),
+        ("[0.0, 0.1]", "[0.0, 100.0]", "steps by 100: give seconds"),
+        ("[0.0, 0.1]", "[-1.0, 0.1]", "negative"),
         ("[0.0, 0.1]", "[0.0, float('nan')]", "finite"),
         ("class", "1 = class", r"cannot be opened \(cannot assign"),
         ("class", "1 / 0\nclass", r"cannot be opened \(division by zero\)"),

@@ -116,7 +116,7 @@ DAMAGES = {
     "UPDATE images SET name = 'a.png'": "is there 4 times",
     "UPDATE cameras SET model = 99": "camera 1",
     "UPDATE cameras SET width = 40000, height = 40000": "million",
-    "UPDATE cameras SET params = x'01'": "no numbers",
+    "UPDATE cameras SET params = x'01'": "unexpected type",
     "UPDATE keypoints SET rows = 1000000000": "are no 1000000000x6 numbers",
     "UPDATE keypoints SET rows = 'many'": "unexpected type",
     "UPDATE keypoints SET data = zeroblob(length(data) - 1)": "numbers",
