@@ -14,9 +14,9 @@ from sequences_synth.arrays import Floats, Floats32, Image
 from sequences_synth.camera import Shutter, SynthCamera, all_sights, lens_camera, stated_camera
 from sequences_synth.inertial import InertialSamples, measure
 from sequences_synth.options import SynthOptions, check_scene, stream
-from sequences_synth.quads import Quad
 from sequences_synth.render import View, render, render_lines
 from sequences_synth.scenes import SCENES, build_world
+from sequences_synth.texture import Quad
 
 # -- motion blur, exposure, shot and read noise ----------------------------------------------------
 

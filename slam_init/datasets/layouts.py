@@ -77,8 +77,7 @@ from pathlib import Path
 import numpy as np
 
 from slam_init.calibration.files import as_text, camera_of, load_camera, load_yaml
-from slam_init.calibration.syntax import parse_json
-from slam_init.calibration.values import Section, at_place
+from slam_init.calibration.values import Section, at_place, parse_json
 from slam_init.datasets.colmap import model_files, read_model
 from slam_init.datasets.image_files import (
     IMAGE_SUFFIXES,
