@@ -32,6 +32,13 @@ def with_images() -> Messages:
     return messages
 
 
+def with_truth(kind: str = POSE, child: str = "body") -> Messages:
+    messages = with_images()
+    for k, each in enumerate(WORLD_FROM_BODY):
+        messages.pose("/truth", 1 + k / 20, each, kind, child)
+    return messages
+
+
 def fix_camera(messages: Messages, topic: str = "/tf_static") -> None:
     messages.tf(
         topic,
@@ -51,10 +58,8 @@ def assert_poses(source, expected) -> None:
 
 @pytest.mark.parametrize("kind", [POSE, ODOMETRY, TRANSFORM])
 def test_the_pose_of_a_body_becomes_that_of_the_camera(tmp_path, kind):
-    messages = with_images()
+    messages = with_truth(kind)
     fix_camera(messages)
-    for k, each in enumerate(WORLD_FROM_BODY):
-        messages.pose("/truth", 1 + k / 20, each, kind)
     source = open_source(messages.write(tmp_path / "bag"))
     assert_poses(source, [each @ BODY_FROM_CAM for each in WORLD_FROM_BODY])
     assert any("the pose of body" in note and "to cam" in note for note in source.notes)
@@ -62,29 +67,22 @@ def test_the_pose_of_a_body_becomes_that_of_the_camera(tmp_path, kind):
 
 @pytest.mark.parametrize("kind", [POSE, ODOMETRY])
 def test_without_a_transform_the_pose_is_that_of_the_body_and_a_note_says_so(tmp_path, kind):
-    messages = with_images()
-    for k, each in enumerate(WORLD_FROM_BODY):
-        messages.pose("/truth", 1 + k / 20, each, kind)
-    source = open_source(messages.write(tmp_path / "bag"))
+    source = open_source(with_truth(kind).write(tmp_path / "bag"))
     assert_poses(source, WORLD_FROM_BODY)
     assert any("the pose of the body, since the bag has no transform" in note for note in source.notes)
 
 
 def test_a_body_that_is_the_camera_needs_no_transform(tmp_path):
-    messages = with_images()
-    for k, each in enumerate(WORLD_FROM_BODY):
-        messages.pose("/truth", 1 + k / 20, each, ODOMETRY, child="cam")
-    source = open_source(messages.write(tmp_path / "bag"))
+    source = open_source(with_truth(ODOMETRY, "cam").write(tmp_path / "bag"))
     assert_poses(source, WORLD_FROM_BODY)
     assert any("the pose of cam" in note for note in source.notes)
 
 
 def test_a_fixed_transform_may_be_sent_again_and_again_and_a_moving_one_is_none(tmp_path):
     for moves in (False, True):
-        messages = with_images()
+        messages = with_truth(ODOMETRY)
         for k, each in enumerate(WORLD_FROM_BODY):
             fix_camera(messages, "/tf")  # as ROS 1 does
-            messages.pose("/truth", 1 + k / 20, each, ODOMETRY)
             if moves:
                 messages.tf("/tf", 1 + k / 20, messages.transform(1 + k / 20, "mount", "cam", each))
         source = open_source(messages.write(tmp_path / f"bag{moves}"))
