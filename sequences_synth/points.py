@@ -219,7 +219,8 @@ def film(
     """
     interval_s, last_tick = 1 / options.fps, views - 1
     layout = LAYOUTS[name](rng, Handling(last_tick * interval_s, options.turning_deg_s, options.speed))
-    depth = _median_depth(layout, camera, rng)
+    depths = layout.depth(np.zeros((500, 3)), _rays(camera, 500, rng))
+    depth = float(np.median(depths[depths > 0]))
     scale = depth if layout.in_depths else options.baseline * depth
     phases, sizes = rng.uniform(0, 2 * np.pi, (2, 3)), rng.uniform(0.3, 1.0, (2, 3))
     path = PointPath(layout, scale, last_tick, phases, sizes)
@@ -236,11 +237,6 @@ def film(
     size = camera.width, camera.height
     shutter = Shutter(options.readout_ms / 1000, options.readout_direction, *size)
     return Shot(camera, shutter, path, objects, points, interval_s), kinds
-
-
-def _median_depth(layout: Layout, camera: SynthCamera, rng: np.random.Generator) -> float:
-    depths = layout.depth(np.zeros((500, 3)), _rays(camera, 500, rng))
-    return float(np.median(depths[depths > 0]))
 
 
 def _rays(camera: SynthCamera, count: int, rng: np.random.Generator) -> Floats:

@@ -41,14 +41,29 @@ _MAX_TEXELS = 4096
 _SUN = np.array([-0.35, -0.5, 0.79])
 
 
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """Input of every scene builder: the random generator and the camera."""
+
+    #: Source of all draws of the scene.
+    rng: np.random.Generator
+    #: Entropy of the scene, from which the textures are seeded.
+    seed: tuple[int, ...]
+    #: (3, 3) True calibration matrix, pixels.
+    K: Floats
+    options: SynthOptions
+
+    def random_sign(self) -> float:
+        """Draw a sign."""
+        return float(self.rng.choice([-1.0, 1.0]))
+
+
 @dataclass(eq=False)
 class Painter:
     """Makes quads. All textures are different, and each is as fine as the distance of the camera requires."""
 
-    #: Entropy of the world; each texture adds its number.
-    seed: tuple[int, ...]
-    #: Focal length of the camera in pixels.
-    focal_px: float
+    #: Each texture adds its number to the entropy. The textures suit the camera.
+    setup: Setup
     #: (3,) Approximate position of the camera in the world, metres.
     viewpoint: Floats
     #: Least distance between the camera and any surface, metres.
@@ -76,11 +91,11 @@ class Painter:
         grid = np.linspace(0, 1, 9)
         a, b = (x.ravel()[:, None] for x in np.meshgrid(grid, grid))
         distance = np.linalg.norm(corner + a * edge_u + b * edge_v - self.viewpoint, axis=1).min()
-        density = 1.1 * self.focal_px / max(float(distance), self.nearest_m, nearest_m)
+        density = 1.1 * float(self.setup.K[0, 0]) / max(float(distance), self.nearest_m, nearest_m)
         width, height = (
             int(np.clip(round(density * float(np.linalg.norm(edge))), 24, _MAX_TEXELS)) for edge in (edge_u, edge_v)
         )
-        texture = Texture((*self.seed, self.count), width, height, look)
+        texture = Texture((*self.setup.seed, self.count), width, height, look)
         self.count += 1
         return Quad(corner, edge_u, edge_v, texture, light, one_sided)
 
@@ -110,30 +125,6 @@ def box(
     return quads
 
 
-@dataclass(frozen=True, eq=False)
-class Setup:
-    """Input of every scene builder: the random generator and the camera."""
-
-    #: Source of all draws of the scene.
-    rng: np.random.Generator
-    #: Entropy of the scene, from which the textures are seeded.
-    seed: tuple[int, ...]
-    #: (3, 3) True calibration matrix, pixels.
-    K: Floats
-    options: SynthOptions
-
-    def painter(self, viewpoint: Floats, nearest_m: float) -> Painter:
-        """Make a painter whose textures suit this camera.
-
-        Shapes: ``viewpoint`` (3,).
-        """
-        return Painter(self.seed, float(self.K[0, 0]), viewpoint, nearest_m)
-
-    def random_sign(self) -> float:
-        """Draw a sign."""
-        return float(self.rng.choice([-1.0, 1.0]))
-
-
 # -- the surfaces of rooms -------------------------------------------------------------------------
 
 
@@ -147,7 +138,7 @@ def furnished_room(setup: Setup, viewpoint: Floats) -> list[Quad]:
     Shapes: ``viewpoint`` (3,).
     """
     rng = setup.rng
-    painter = setup.painter(viewpoint, 1.3)
+    painter = Painter(setup, viewpoint, 1.3)
     left, right = -rng.uniform(2.3, 3.4), rng.uniform(2.3, 3.4)
     front, back, top = rng.uniform(4.2, 6.5), -rng.uniform(1.6, 2.5), rng.uniform(2.5, 3.0)
     quads = _shell(painter, rng, left, right, back, front, top)
@@ -316,7 +307,7 @@ def corridor(setup: Setup) -> tuple[list[Quad], Path]:
     turn_from = np.radians([rng.uniform(-3, 3), rng.uniform(-5, 0), rng.uniform(-1, 1)])
     turn_by = np.radians([rng.uniform(-4, 4), rng.uniform(-2, 2), rng.uniform(-2, 2)])
     path = _carried(setup, start, along, np.zeros(3), turn_from, turn_by, 2.0)
-    painter = setup.painter(start, 1.4)
+    painter = Painter(setup, start, 1.4)
     quads = corridor_walls(painter, rng, half, top, length)
     for _ in range(int(rng.integers(6, 10))):
         side = setup.random_sign()
@@ -342,7 +333,7 @@ def desk(setup: Setup) -> tuple[list[Quad], Path]:
     turn_by = np.radians([side * rng.uniform(2, 14), rng.uniform(-3, 3), rng.uniform(-5, 5)])
     start = start - 0.5 * along
     path = _carried(setup, start, along, bend, turn_from, turn_by, 1.0)
-    painter = setup.painter(start, 0.6)
+    painter = Painter(setup, start, 0.6)
     wide, deep = rng.uniform(1.0, 1.3), rng.uniform(0.75, 0.95)
     quads = [
         painter.quad(
@@ -381,7 +372,7 @@ def _plane(setup: Setup, path: Path, origin: Floats, u: Floats, v: Floats, look:
     low, high = _extent(setup, poses, origin, u, v, np.cross(u, v))
     # The steady path has no tremor. A margin of 5 % is many times the displacement by the tremor.
     margin = 0.05 * (high - low)
-    return _part_of_plane(setup.painter(path.centre(0.0), nearest_m), origin, u, v, low - margin, high + margin, look)
+    return _part_of_plane(Painter(setup, path.centre(0.0), nearest_m), origin, u, v, low - margin, high + margin, look)
 
 
 def _extent(
@@ -567,7 +558,7 @@ def handheld_wall(setup: Setup) -> Built:
     poses = [path(float(frame)) for frame in np.linspace(0, _WALL_S * setup.options.fps, 1500)]
     low, high = _extent(setup, poses, origin, right, down, normal)
     # A lens with a barrel distortion and the gaps between the instants need some more.
-    painter = setup.painter(start[:3, 3], 0.8 * distance)
+    painter = Painter(setup, start[:3, 3], 0.8 * distance)
     return [_part_of_plane(painter, origin, right, down, 1.35 * low, 1.35 * high, "wall")], path
 
 

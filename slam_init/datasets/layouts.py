@@ -394,7 +394,9 @@ def read_transforms(path: Path, folder: Path) -> Iterator[PosedImage]:
         place = f"{path}: frame {number}"
         if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
             raise SourceError(f"{place}: file_path is missing")
-        image = _image_path(folder, frame["file_path"])
+        image = folder / frame["file_path"]
+        if image.suffix.lower() not in IMAGE_SUFFIXES:  # Blender's scenes name an image without its suffix
+            image = image.with_name(image.name + ".png")
         what, give = f"{place}: transform_matrix", "4x4 finite numbers"
         matrix = as_array(frame.get("transform_matrix"), np.float64, (None, 4), what, give, SourceError)
         if len(matrix) not in (3, 4):
@@ -407,12 +409,6 @@ def read_transforms(path: Path, folder: Path) -> Iterator[PosedImage]:
             given: JsonObject = {name: value for name, value in stated.items() if value is not None}
             cameras[key] = _transforms_camera(place, given, size)
         yield PosedImage(image, with_axes(pose_from_matrix(place, matrix), "right, up, backward"), cameras[key])
-
-
-def _image_path(folder: Path, text: str) -> Path:
-    """The file of an image; Blender's scenes name it without its suffix."""
-    path = folder / text
-    return path if path.suffix.lower() in IMAGE_SUFFIXES else path.with_name(path.name + ".png")
 
 
 def _transforms_camera(place: str, stated: JsonObject, size: tuple[int, int] | None) -> Camera | None:

@@ -392,7 +392,18 @@ def open_tracks_file(path: Path) -> TrackSource:
     source = track_source(
         path, "tracks", names, (width, height), table, camera=camera, timestamps_s=timestamps_s, notes=notes
     )
-    return source if "world_from_cam" not in arrays else _with_truth(path, source, arrays["world_from_cam"])
+    if "world_from_cam" not in arrays:
+        return source
+    matrices = arrays["world_from_cam"]
+    if matrices.shape != (len(source), 4, 4) or matrices.dtype.kind != "f":
+        found = f"{matrices.dtype} of shape {matrices.shape}"
+        raise SourceError(f"{path}: world_from_cam is {found}: expected numbers ({len(source)}, 4, 4)")
+    stamped = [
+        (float(source.timestamps_s[i]), pose_from_matrix(f"{path}: world_from_cam[{i}]", matrix))
+        for i, matrix in enumerate(matrices.astype(float))
+        if np.isfinite(matrix).all()  # NaN: unknown
+    ]
+    return replace(source, groundtruth=trajectory(stamped))
 
 
 def _names(path: Path, stated: NDArray[Any] | None, count: int) -> tuple[str, ...]:
@@ -403,15 +414,3 @@ def _names(path: Path, stated: NDArray[Any] | None, count: int) -> tuple[str, ..
     names = [str(name) for name in stated.ravel()]
     by_name(path, names)  # checks them; the order is that of the file
     return tuple(names)
-
-
-def _with_truth(path: Path, source: TrackSource, matrices: NDArray[Any]) -> TrackSource:
-    if matrices.shape != (len(source), 4, 4) or matrices.dtype.kind != "f":
-        found = f"{matrices.dtype} of shape {matrices.shape}"
-        raise SourceError(f"{path}: world_from_cam is {found}: expected numbers ({len(source)}, 4, 4)")
-    stamped = [
-        (float(source.timestamps_s[i]), pose_from_matrix(f"{path}: world_from_cam[{i}]", matrix))
-        for i, matrix in enumerate(matrices.astype(float))
-        if np.isfinite(matrix).all()  # NaN: unknown
-    ]
-    return replace(source, groundtruth=trajectory(stamped))

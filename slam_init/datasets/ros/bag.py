@@ -52,12 +52,6 @@ def _storage_files(folder: Path) -> list[Path]:
     return [folder / name for name in sorted(names) if not name.startswith(".")]
 
 
-def _version(path: Path) -> int:
-    """The version of ROS that a bag is of. A broken file with the suffix of a bag is one."""
-    is_ros1 = path.is_file() and (path.suffix.lower() == ".bag" or first_bytes(path, len(ROS1)) == ROS1)
-    return 1 if is_ros1 else 2
-
-
 @dataclass(frozen=True)
 class Topic:
     """A topic of a bag."""
@@ -101,7 +95,9 @@ class Bag:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path, self.version = path, _version(path)
+        # A broken file with the suffix of a bag is one.
+        is_ros1 = path.is_file() and (path.suffix.lower() == ".bag" or first_bytes(path, len(ROS1)) == ROS1)
+        self.path, self.version = path, 1 if is_ros1 else 2
         try:
             from rosbags import rosbag1, rosbag2
 
