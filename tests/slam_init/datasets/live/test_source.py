@@ -47,6 +47,14 @@ def lost(given: list[StreamImage]) -> Iterator[StreamImage]:
     raise SourceError("test: no more images")
 
 
+def paused(before: int, begun: threading.Event, after: int, taken: threading.Event) -> Iterator[StreamImage]:
+    """Images, and more of them when the processing has begun."""
+    yield from images(before)
+    begun.wait()
+    yield from images(after)
+    taken.set()
+
+
 def numbers(frames) -> list[int]:
     return [int(frame.image[0, 0]) for frame in frames]
 
@@ -68,14 +76,7 @@ def test_a_frame_that_was_looked_at_is_not_lost():
 
 def test_the_oldest_frames_are_dropped_and_counted():
     begun, taken = threading.Event(), threading.Event()
-
-    def stream():
-        yield from images(2)
-        begun.wait()
-        yield from images(100)
-        taken.set()
-
-    with LiveSource("test", stream) as source:
+    with LiveSource("test", lambda: paused(2, begun, 100, taken)) as source:
         frames = source.frames()
         first = [next(frames), next(frames)]
         begun.set()
@@ -90,14 +91,7 @@ def test_the_oldest_frames_are_dropped_and_counted():
 
 def test_what_is_dropped_before_the_processing_begins_does_not_count():
     begun, taken = threading.Event(), threading.Event()
-
-    def stream():
-        yield images(1)[0]
-        begun.wait()
-        yield from images(50)
-        taken.set()
-
-    with LiveSource("test", stream) as source:
+    with LiveSource("test", lambda: paused(1, begun, 50, taken)) as source:
         assert len(list(source.frames(0, 1))) == 1
         begun.set()
         assert taken.wait(10)
