@@ -215,7 +215,7 @@ def all_sights(camera: SynthCamera, per_pixel: int) -> Sights:
     return u, v, np.broadcast_to(w[:1, :1], u.shape) if camera.is_pinhole else w
 
 
-# -- the shutter ------------------------------------------------------------------------------------
+# -- the shutter -----------------------------------------------------------------------------------
 
 
 #: The directions in which the rows or columns are read.

@@ -30,7 +30,7 @@ import numpy as np
 
 from sequences_synth.arrays import Bools, Floats, Floats32, Ids, Image, Ints
 from sequences_synth.camera import Sights, SynthCamera, all_sights, sights_of
-from sequences_synth.quads import Quad
+from sequences_synth.texture import Quad
 
 #: The near plane in metres: a surface that is nearer would fill the view.
 NEAR_M = 0.05

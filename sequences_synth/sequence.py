@@ -14,11 +14,11 @@ from sequences_synth.arrays import Floats, Floats32, Image
 from sequences_synth.camera import Shutter, SynthCamera, all_sights, lens_camera, stated_camera
 from sequences_synth.inertial import InertialSamples, measure
 from sequences_synth.options import SynthOptions, check_scene, stream
-from sequences_synth.quads import Quad
 from sequences_synth.render import View, render, render_lines
 from sequences_synth.scenes import SCENES, build_world
+from sequences_synth.texture import Quad
 
-# -- motion blur, exposure, shot and read noise -----------------------------------------------------
+# -- motion blur, exposure, shot and read noise ----------------------------------------------------
 
 
 # Blur of less than this half length in pixels is skipped: it does not affect feature detectors.
@@ -83,7 +83,7 @@ def expose(image: Image, gain: float, noise: float, rng: np.random.Generator) ->
     return cast(Image, np.clip(noisy + np.float32(0.5), 0, 255).astype(np.uint8))
 
 
-# -- the sequence -----------------------------------------------------------------------------------
+# -- the sequence ----------------------------------------------------------------------------------
 
 
 # Focal length over image width: 525 px at 640, as of a usual hand-held RGB-D camera. The horizontal field of view is
@@ -114,8 +114,8 @@ class Sensor:
     #: (float, float) The exposure changes slowly as a sine: its phase at frame 0 and its advance per frame, radians.
     exposure_phase: tuple[float, float]
 
-    def view(self, frame: int) -> View:
-        """Render a sharp frame.
+    def expose(self, frame: int) -> View:
+        """Render a frame with its motion blur; depth and ids are those of the middle of the exposure.
 
         * Returns: With a lens camera its inverse depth is the inverse distance along the ray.
         """
@@ -123,13 +123,9 @@ class Sensor:
         # One homography for each surface is enough with a global shutter and without a lens.
         if camera.is_pinhole and self.shutter.readout_s == 0.0:
             cam_from_world = np.asarray(np.linalg.inv(self.pose(frame)), float)
-            return render(self.quads, camera.K, cam_from_world, camera.width, camera.height)
-        frames_of = partial(self._frames_of, frame)
-        return render_lines(self.quads, camera, frames_of, self.pose)
-
-    def expose(self, frame: int) -> View:
-        """Render a frame with its motion blur; depth and ids are those of the middle of the exposure."""
-        view = self.view(frame)
+            view = render(self.quads, camera.K, cam_from_world, camera.width, camera.height)
+        else:
+            view = render_lines(self.quads, camera, partial(self._frames_of, frame), self.pose)
         if self.motion_blur == 0:
             return view
         return replace(view, image=blur_along(view.image, self._half_flow(frame, view)))

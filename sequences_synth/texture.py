@@ -1,7 +1,8 @@
-"""Procedural textures: 1/f noise under shapes, lines and letters of many sizes, without repetition.
+"""Procedural textures: 1/f noise under shapes, lines and letters of many sizes; and the quads that they cover.
 
 Feature detectors need corners at every scale at which a surface may be seen. Therefore the sizes of the marks follow a
-power law. Matchers need each corner to look different from its neighbours. Therefore no texture is tiled.
+power law. Matchers need each corner to look different from its neighbours. Therefore no texture is tiled. Every
+surface of a world is a textured parallelogram (quad).
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from sequences_synth.arrays import Floats32, Image
+from sequences_synth.arrays import Floats, Floats32, Image
 
 Color = tuple[float, float, float]
 
@@ -99,6 +100,35 @@ class Texture:
         Shapes: returns (H, W, 3).
         """
         return halved(_paint(np.random.default_rng(list(self.seed)), self.height, self.width, LOOKS[self.look]))
+
+
+@dataclass(frozen=True, eq=False)
+class Quad:
+    """A textured parallelogram ``corner + a edge_u + b edge_v``, a and b in [0, 1]."""
+
+    #: corner, edge_u, edge_v: (3,) World frame, metres. Texel (s, t) lies at a = s / (width - 1), b = t / (height -
+    #: 1).
+    corner: Floats
+    edge_u: Floats
+    edge_v: Floats
+    texture: Texture
+    #: Factor on the texture's grey levels.
+    light: float = 1.0
+    #: If true, the quad is visible only where ``edge_u x edge_v`` points away from the camera, that is from the side
+    #: from which u runs right and v runs down. Used for the faces of closed boxes.
+    one_sided: bool = False
+
+    @cached_property
+    def world_from_texel(self) -> Floats:
+        """(3, 3) whose product with (s, t, 1) is the world point of texel (s, t), metres."""
+        u = self.edge_u / (self.texture.width - 1)
+        v = self.edge_v / (self.texture.height - 1)
+        return np.column_stack([u, v, self.corner])
+
+    @cached_property
+    def texel_area(self) -> float:
+        """Area of a texel in square metres."""
+        return float(np.linalg.norm(np.cross(self.world_from_texel[:, 0], self.world_from_texel[:, 1])))
 
 
 def halved(image: Image) -> list[Image]:

@@ -215,22 +215,17 @@ def _turned(sizes_rad: Floats, rates_rad_s: Floats, phases_rad: Floats, time_s: 
     return np.asarray(np.sum(sizes_rad * np.sin(angles), axis=-1))
 
 
-def _speed_deg_s(sizes_rad: Floats, rates_rad_s: Floats, phases_rad: Floats, duration_s: float) -> float:
-    """The angular speed of a turning."""
-    rate_hz = _RATE_HZ * float(np.max(rates_rad_s)) / (2 * np.pi * _HERTZ[-1])
-    times_s = np.linspace(0, duration_s, 2 + int(np.ceil(rate_hz * duration_s)))
-    R = rotations_from_vectors(_turned(sizes_rad, rates_rad_s, phases_rad, times_s))
-    # The chord of a small rotation: |A - B| = 2 sqrt(2) sin(angle / 2).
-    chords = np.linalg.norm(np.diff(R, axis=0), axis=(1, 2))
-    steps_rad = 2 * np.arcsin(np.minimum(chords / np.sqrt(8), 1.0))
-    return float(np.degrees(np.sqrt(np.mean(steps_rad**2)) * len(steps_rad) / duration_s))
-
-
 def _at_speed(sizes_rad: Floats, rates_rad_s: Floats, phases_rad: Floats, handling: Handling) -> Floats:
     """The amplitudes at which a turning has the requested speed."""
+    rate_hz, duration_s = _RATE_HZ * float(np.max(rates_rad_s)) / (2 * np.pi * _HERTZ[-1]), handling.duration_s
+    times_s = np.linspace(0, duration_s, 2 + int(np.ceil(rate_hz * duration_s)))
     for _ in range(_SCALINGS):
-        factor = handling.turning_deg_s / _speed_deg_s(sizes_rad, rates_rad_s, phases_rad, handling.duration_s)
-        sizes_rad = sizes_rad * factor
+        R = rotations_from_vectors(_turned(sizes_rad, rates_rad_s, phases_rad, times_s))
+        # The chord of a small rotation: |A - B| = 2 sqrt(2) sin(angle / 2).
+        chords = np.linalg.norm(np.diff(R, axis=0), axis=(1, 2))
+        steps_rad = 2 * np.arcsin(np.minimum(chords / np.sqrt(8), 1.0))
+        speed_deg_s = float(np.degrees(np.sqrt(np.mean(steps_rad**2)) * len(steps_rad) / duration_s))
+        sizes_rad = sizes_rad * (handling.turning_deg_s / speed_deg_s)
         if np.abs(_turned(sizes_rad, rates_rad_s, phases_rad, np.zeros(1))).max() > 10 * _LARGEST_RAD:
             break
     return sizes_rad

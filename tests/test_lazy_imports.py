@@ -32,7 +32,7 @@ def loaded_by(code, names=HEAVY):
     return done.stdout.split()
 
 
-@pytest.mark.parametrize("module", ["slam_init.cli", "slam_init.initializer", "quest"])
+@pytest.mark.parametrize("module", ["slam_init.cli", "slam_init.initializer", "quest", "sequences_synth"])
 def test_a_fresh_interpreter_loads_nothing_heavy(module):
     assert loaded_by(f"import {module}") == []
 

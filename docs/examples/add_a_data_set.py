@@ -15,7 +15,7 @@ kind and opens it. An installed package announces it by an entry point: ::
     poster = "add_a_data_set:LAYOUT"
 
 Then every command opens such a folder by its path. Readers of packages are asked before those of slam-init. A folder of
-images with time stamps, calibrations and true poses needs no class of its own: call
+images with time stamps, a calibration and true poses needs no class of its own: call
 :func:`~slam_init.datasets.posed_images.image_sequence`, which checks them and makes the source.
 """
 

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from slam_init.calibration.files import camera_with_focal, load_camera, prior_camera
-from slam_init.calibration.models import check_centre
+from slam_init.calibration.formats import check_centre
+from slam_init.calibration.metadata import focal_from_metadata, photograph_facts
 from slam_init.errors import CalibrationError
 from slam_init.system.regular_file import check_inside
 from slam_init.types.arrays import as_array
@@ -23,8 +24,8 @@ from slam_init.types.frame import Source
 #: What a caller may give: a camera, a calibration matrix K (3, 3), or None where nothing is known.
 GivenCamera: TypeAlias = Camera | ArrayLike | None
 
-#: The kinds of sources whose files may state a focal length.
-_WITH_METADATA = ("images", "video")
+#: The kinds of sources whose files may state a focal length, and the attribute that names the files.
+_WITH_METADATA = {"images": "paths", "video": "path"}
 
 
 def camera_of_size(given: GivenCamera, size: tuple[int, int]) -> Camera:
@@ -81,13 +82,10 @@ def _files_of(source: Source) -> Any:
 
 def camera_of_metadata(source: Source, size: tuple[int, int]) -> Camera | None:
     """The camera by what a video or photographs state of their lens; None where they state nothing."""
-    from slam_init.calibration.metadata import focal_from_metadata
-
-    if source.kind not in _WITH_METADATA:
-        return None
     files = _files_of(source)
-    place = getattr(files, "path", None) or next((path.parent for path in getattr(files, "paths", ())), None)
-    found = focal_from_metadata(place, size) if isinstance(place, str | os.PathLike) else None
+    paths = getattr(files, _WITH_METADATA.get(source.kind, ""), ())
+    paths = [paths] if isinstance(paths, str | os.PathLike) else paths
+    found = focal_from_metadata(paths, size, getattr(files, "root", None)) if paths else None
     if found is None:
         return None
     return camera_with_focal(size, found.focal_px, found.sigma_px / found.focal_px, "metadata")
@@ -95,7 +93,5 @@ def camera_of_metadata(source: Source, size: tuple[int, int]) -> Camera | None:
 
 def orientation_of(source: Source) -> int:
     """The EXIF orientation of the images of a source; 1 for an upright one, or where none is stated."""
-    from slam_init.calibration.metadata import photograph_facts
-
     first = next(iter(getattr(_files_of(source), "paths", ())), None)
     return 1 if first is None else photograph_facts(first).orientation

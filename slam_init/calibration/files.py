@@ -17,8 +17,7 @@ import numpy as np
 
 from slam_init.calibration.formats import camera_of_content, content_of_text
 from slam_init.calibration.metadata import size_remedy
-from slam_init.calibration.syntax import parse_arrays, parse_yaml
-from slam_init.calibration.values import at_place
+from slam_init.calibration.values import at_place, parse_arrays, parse_yaml
 from slam_init.errors import CalibrationError
 from slam_init.system.regular_file import read_regular, user_path
 from slam_init.types.camera import Camera

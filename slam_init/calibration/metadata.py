@@ -26,17 +26,16 @@ from __future__ import annotations
 
 import io
 import math
-import os
 import re
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from slam_init.errors import CalibrationError, SourceError
-from slam_init.system.regular_file import check_inside, open_regular, user_path
+from slam_init.errors import SourceError
+from slam_init.system.regular_file import check_inside, open_regular
 
 #: A focal length in pixels, with the relative standard deviation of what is known besides the nominal value.
 _Statement: TypeAlias = tuple[float, float]
@@ -64,7 +63,6 @@ _ASPECT_TOLERANCE = 0.02
 _SAME_ZOOM = 0.01
 
 _IMAGE_FORMATS = ("JPEG", "TIFF", "PNG", "WEBP")
-_IMAGE_SUFFIXES = (".jpg", ".jpeg", ".tif", ".tiff", ".png", ".webp")
 
 # Numbers of EXIF tags.
 _MAKE, _MODEL, _ORIENTATION, _EXIF_IFD = 0x010F, 0x0110, 0x0112, 0x8769
@@ -87,40 +85,24 @@ class MetadataFocal:
     sigma_px: float
 
 
-def focal_from_metadata(path: str | os.PathLike[str], size: tuple[int, int]) -> MetadataFocal | None:
-    """Read the focal length that a file states.
+def focal_from_metadata(paths: Sequence[Path], size: tuple[int, int], root: Path | None = None) -> MetadataFocal | None:
+    """Read the focal length that a video or photographs state.
 
-    * ``path``: A photograph (JPEG, TIFF, PNG or WebP), a video, or a folder of photographs or with a subfolder
-      ``images``.
+    * ``paths``: A video, or photographs (JPEG, TIFF, PNG or WebP), of which the first and the last are read.
     * ``size``: Width and height of the images that are used, in pixels. They may have been resized, and turned.
+    * ``root``: The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
     * Returns: None where the metadata state no focal length, where the images were cut to another format, or where the
-      first and the last photograph of a folder have different ones (a zoom).
+      first and the last photograph have different ones (a zoom).
     """
-    path = user_path(path)
-    if min(size) < 1:
-        raise CalibrationError(f"images of {size[0]}x{size[1]} pixels: give their width and height")
-    files = _first_and_last(path) if path.is_dir() else [path]
-    found = [one for one in (_of_file(file, size) for file in files) if one is not None]
-    if not found or len(found) < len(files):
+    first = _of_file(paths[0], size, root)
+    last = first if len(paths) == 1 else _of_file(paths[-1], size, root)
+    if first is None or last is None:
         return None
-    return found[0] if abs(found[0].focal_px - found[-1].focal_px) <= _SAME_ZOOM * found[0].focal_px else None
+    return first if abs(first.focal_px - last.focal_px) <= _SAME_ZOOM * first.focal_px else None
 
 
-def _first_and_last(folder: Path) -> list[Path]:
-    """The first and the last photograph of a folder by name; those of its subfolder ``images`` if it has none."""
-    for place in (folder, folder / "images"):
-        names = sorted(os.listdir(place)) if place.is_dir() else []  # noqa: PTH208 (no Path for each of a million)
-        names = [name for name in names if name.lower().endswith(_IMAGE_SUFFIXES) and not name.startswith(".")]
-        if names:
-            ends = [place / name for name in dict.fromkeys((names[0], names[-1]))]
-            for path in ends:
-                check_inside(path, folder)
-            return ends
-    return []
-
-
-def _of_file(path: Path, size: tuple[int, int]) -> MetadataFocal | None:
-    tags = _exif(path)
+def _of_file(path: Path, size: tuple[int, int], root: Path | None) -> MetadataFocal | None:
+    tags = _exif(path, root)
     if tags is not None:
         return _best(_statements(tags, size), size)
     stated = re.match(r"\s*([0-9.]+)", _video_tags(path).get(_VIDEO_FOCAL, ""))
@@ -157,10 +139,12 @@ def jpeg_head(data: bytes) -> bytes | None:
     return _JPEG + b"\xff" + data[len(_JPEG) : _JPEG_HEADER].lstrip(b"\xff")
 
 
-def _exif(path: Path) -> dict[int, Any] | None:
+def _exif(path: Path, root: Path | None) -> dict[int, Any] | None:
     """The EXIF tags of a photograph; None if the file is no photograph."""
     from PIL import Image, UnidentifiedImageError
 
+    if root is not None:
+        check_inside(path, root)
     with open_regular(path, SourceError) as file, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Pillow warns about broken tags and large images; no pixel is decoded here
         try:
@@ -191,9 +175,7 @@ def photograph_facts(path: Path, root: Path | None = None) -> PhotographFacts:
     * ``root``: The folder of the source; see :func:`slam_init.system.regular_file.check_inside`.
     """
     with suppress(SourceError):
-        if root is not None:
-            check_inside(path, root)
-        tags = _exif(path) or {}
+        tags = _exif(path, root) or {}
         stated = tags.get(_ORIENTATION)
         orientation = stated if isinstance(stated, int) and 1 <= stated <= 8 else 1
         return PhotographFacts(orientation, bool(_text(tags.get(_MAKE)) or _text(tags.get(_MODEL))))

@@ -97,7 +97,7 @@ def with_topics(arguments: argparse.Namespace, source: str) -> str:
     if arguments.topic is None and arguments.truth_topic is None:
         return source
     from slam_init.datasets import detect_kind
-    from slam_init.datasets.ros.topics import BagName
+    from slam_init.datasets.ros.source import BagName
 
     try:
         if not detect_kind(source).startswith("ros"):

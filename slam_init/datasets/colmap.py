@@ -21,13 +21,11 @@ from pathlib import Path
 
 import numpy as np
 
-from slam_init.calibration.formats import parse_colmap
-from slam_init.calibration.models import COLMAP_PARAMETERS, NUMBERED
+from slam_init.calibration.formats import COLMAP_PARAMETERS, NUMBERED, parse_colmap
 from slam_init.calibration.values import at_place
-from slam_init.datasets.match_chains import PairMatches, chain_matches
 from slam_init.datasets.posed_images import common_camera
 from slam_init.datasets.text import Row, numbers, pose_from_quaternion, read_lines, read_rows
-from slam_init.datasets.track_source import TrackSource, by_name, track_source
+from slam_init.datasets.track_source import PairMatches, TrackSource, by_name, chain_matches, track_source
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.arrays import Floats, Ints
@@ -218,17 +216,17 @@ def open_colmap_database(path: Path) -> TrackSource:
 
 
 def _read(path: Path, database: sqlite3.Connection) -> TrackSource:
-    cameras, known = _cameras(path, database)
+    cameras = _cameras(path, database)
     listed = database.execute("SELECT image_id, name, camera_id FROM images").fetchall()
     rows = [listed[i] for i in by_name(path, [str(name) for _, name, _ in listed])]
     for image_id, name, camera_id in rows:
         if camera_id not in cameras:
             raise SourceError(f"{path}: image {image_id} ({str(name)[:100]}) has camera {camera_id}, which is missing")
-    camera, kept, notes = common_camera([cameras[camera_id] for _, _, camera_id in rows], str(path))
+    camera, kept, notes = common_camera([cameras[camera_id][0] for _, _, camera_id in rows], str(path))
     rows = [row for row, keep in zip(rows, kept, strict=True) if keep]
     if camera is None:
         raise SourceError(f"{path}: holds no image")
-    is_calibrated = all(known[camera_id] for _, _, camera_id in rows)
+    is_calibrated = all(cameras[camera_id][1] for _, _, camera_id in rows)
     if not is_calibrated:
         notes = (*notes, "the focal length of the database is no calibration (prior_focal_length is 0): it is not used")
     index = {int(image_id): i for i, (image_id, _, _) in enumerate(rows)}
@@ -247,19 +245,16 @@ def _array(place: str, rows: int, columns: int, data: bytes | None, dtype: str) 
     return np.frombuffer(blob, dtype).reshape(rows, columns)[:, :2].astype(float)
 
 
-def _cameras(path: Path, database: sqlite3.Connection) -> tuple[dict[int, Camera], dict[int, bool]]:
+def _cameras(path: Path, database: sqlite3.Connection) -> dict[int, tuple[Camera, bool]]:
     """The cameras, and whether the focal length of each is known."""
-    cameras, known = {}, {}
+    cameras = {}
     query = "SELECT camera_id, model, width, height, params, prior_focal_length FROM cameras"
     for camera_id, model, width, height, blob, prior in database.execute(query):
         place = f"{path}: camera {camera_id}"
-        if len(blob or b"") % 8:
-            raise SourceError(f"{place}: its parameters are no numbers")
         parameters = np.frombuffer(blob or b"", "<f8").tolist()
-        name = _model_name(place, int(model))
-        cameras[int(camera_id)] = _numbered_camera(place, name, int(width), int(height), parameters)
-        known[int(camera_id)] = bool(prior)
-    return cameras, known
+        camera = _numbered_camera(place, _model_name(place, int(model)), int(width), int(height), parameters)
+        cameras[int(camera_id)] = camera, bool(prior)
+    return cameras
 
 
 def _keypoints(path: Path, database: sqlite3.Connection, index: dict[int, int]) -> list[Floats]:

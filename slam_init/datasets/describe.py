@@ -8,8 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from slam_init.datasets import TimedSource
-from slam_init.datasets.match_chains import TrackTable
-from slam_init.datasets.track_source import TrackSource
+from slam_init.datasets.track_source import TrackSource, TrackTable
 from slam_init.errors import plain_line
 from slam_init.output.records import CameraRecord, record
 from slam_init.types.camera import Camera

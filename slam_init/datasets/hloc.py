@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.datasets.match_chains import PairMatches, chain_matches
-from slam_init.datasets.track_source import TrackSource, by_name, track_source
+from slam_init.datasets.track_source import PairMatches, TrackSource, by_name, chain_matches, track_source
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import check_inside
 from slam_init.types.arrays import Floats, as_array

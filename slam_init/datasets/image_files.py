@@ -12,21 +12,82 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import cast
+from typing import TypeAlias, cast
 
 import numpy as np
 
 from slam_init.calibration.metadata import TURNS, jpeg_head, photograph_facts, size_remedy
-from slam_init.datasets.grey_levels import SAMPLES, GreyLevels, Pixels
 from slam_init.datasets.inertial import InertialSensor, of_sensor
 from slam_init.datasets.text import image_times
 from slam_init.errors import SourceError, check_type
 from slam_init.system.regular_file import check_inside, read_regular
-from slam_init.types.arrays import Floats, Floats32, Image, evenly_spaced
+from slam_init.types.arrays import Floats, Floats32, Image, Pairs, evenly_spaced
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.pose import Trajectory
 from slam_init.types.time_stamps import TimeUnit
+
+# -- grey levels of 16 bits ------------------------------------------------------------------------
+
+
+# A thermal camera, or one with 12 bits, uses a small part of 65 536 grey levels: their upper eight bits may be four
+# levels. So the range of the sequence is stretched, for all images alike. It is that of a few of its images and does
+# not change: a track would take a change for one of the brightness. What lies beyond becomes black or white.
+
+#: An image as it is stored.
+Pixels: TypeAlias = Image | Pairs
+
+#: Number of images that give the range.
+SAMPLES = 9
+
+# Percentiles of an image, so that hot and dead pixels do not count.
+_TAILS = (0.1, 99.9)
+# The range is widened by this share of itself at both ends, for images that were not looked at. The range that was seen
+# keeps two thirds of the 256 levels.
+_MARGIN = 0.25
+_BLACK, _WHITE = 0, 65535
+
+
+@dataclass(frozen=True)
+class GreyLevels:
+    """The levels that become black and white."""
+
+    low: int = _BLACK
+    high: int = _WHITE
+
+    @classmethod
+    def of(cls, images: Iterable[Pixels]) -> GreyLevels:
+        """The range of some images. Those of 8 bits, and black and white ones, are no measurement."""
+        ranges = [
+            np.percentile(seen, _TAILS)
+            for image in images
+            if image.dtype == np.uint16 and len(seen := image[(image > _BLACK) & (image < _WHITE)])
+        ]
+        if not ranges:
+            return cls()
+        low, high = float(np.min(ranges)), float(np.max(ranges))
+        # A level of the image is never spread over several: that would add no texture, and amplify the noise.
+        margin = max(_MARGIN * (high - low), 0.5 * (255 - (high - low)))
+        low = max(round(low - margin), _BLACK)
+        return cls(low, min(max(round(high + margin), low + 255), _WHITE))
+
+    @property
+    def note(self) -> str:
+        """Note for the user."""
+        return f"the images have 16 bits: their grey levels {self.low} to {self.high} are stretched to 8 bits"
+
+    def reduced(self, image: Pixels) -> Image:
+        """The image with 8 bits; one that has 8 bits is returned as it is."""
+        return cast(Image, image if image.dtype == np.uint8 else self._table[image])
+
+    @cached_property
+    def _table(self) -> Image:
+        levels = np.clip(np.arange(_WHITE + 1), self.low, self.high) - self.low
+        return np.round(levels * (255 / (self.high - self.low))).astype(np.uint8)
+
+
+# -- files -----------------------------------------------------------------------------------------
+
 
 #: Suffixes of image files, lower case.
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".ppm", ".pgm", ".pnm", ".tif", ".tiff", ".webp", ".jp2"})
@@ -50,17 +111,17 @@ def natural_key(name: str) -> tuple[tuple[int, int, str], ...]:
 
 def find_by_end(names: Iterable[str], known: Iterable[str]) -> list[list[int]]:
     """Find paths whose folders have another place: for each name the known paths with the longest common end."""
-    by_file: dict[str, list[tuple[list[str], int]]] = {}
+    by_end: dict[str, list[int]] = {}
     for i, path in enumerate(known):
-        parts = path.split("/")[::-1]
-        by_file.setdefault(parts[0], []).append((parts, i))
-    found = []
-    for name in names:
-        parts = name.split("/")[::-1]
-        ends = ((i, os.path.commonprefix([parts, other])) for other, i in by_file.get(parts[0], ()))  # noqa: RUF071 (parts)
-        shared = {i: len(end) for i, end in ends}
-        found.append([i for i, count in shared.items() if count == max(shared.values())])
-    return found
+        for end in _ends(path):
+            by_end.setdefault(end, []).append(i)
+    return [next((by_end[end] for end in _ends(name) if end in by_end), []) for name in names]
+
+
+def _ends(path: str) -> list[str]:
+    """A path, and what is left of it without its first folders."""
+    parts = path.split("/")
+    return ["/".join(parts[k:]) for k in range(len(parts))]
 
 
 def list_images(folder: Path) -> list[Path]:
@@ -351,7 +412,7 @@ def _is_video(paths: list[Path], root: Path) -> bool:
         return False
 
 
-# -- are they a video? ------------------------------------------------------------------------------
+# -- are they a video? -----------------------------------------------------------------------------
 
 
 # A video moves on as it did: from step to step, the shift of its images changes by 0.1 to 0.9 % of their width (medians

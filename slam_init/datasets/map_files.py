@@ -25,11 +25,9 @@ from numpy.typing import NDArray
 from slam_init.bundle.graph import map_of_graph
 from slam_init.calibration.values import at_place
 from slam_init.config import Config
-from slam_init.datasets.bounded import read_npz
 from slam_init.datasets.colmap import read_model
 from slam_init.datasets.image_files import ImageFileSource, check_size, find_by_end, natural_key
-from slam_init.datasets.layouts.photographs import TRANSFORMS, find_colmap, read_transforms
-from slam_init.datasets.match_chains import TrackTable
+from slam_init.datasets.layouts import TRANSFORMS, find_colmap, read_transforms
 from slam_init.datasets.posed_images import common_camera, file_of
 from slam_init.datasets.text import (
     TUM_COLUMNS,
@@ -40,7 +38,7 @@ from slam_init.datasets.text import (
     trajectory,
     truth_on_clock,
 )
-from slam_init.datasets.track_source import TrackProvider, TrackSource
+from slam_init.datasets.track_source import TrackProvider, TrackSource, TrackTable, read_npz
 from slam_init.errors import SourceError
 from slam_init.frontend.tracks import Tracker
 from slam_init.output.handover import FORMAT, VERSION
@@ -100,15 +98,11 @@ class MapFile:
             return []
         views = []
         for frame in self.frames:
-            rows = np.flatnonzero(table.frames == frame)
-            ids, pixels = table.track_ids[rows], table.pixels[rows]
             # A graph of gtsam has a guess of the size. What lies a whole image beside the image is no observation.
             size = np.array([camera.width, camera.height])
-            near = ((pixels > -size) & (pixels < 2 * size)).all(axis=1)
-            ids, pixels = ids[near], pixels[near]
-            bearings = camera.bearings(pixels)
-            seen = np.isfinite(bearings).all(axis=1)
-            views.append(Observations(frame, float(frame), str(frame), ids[seen], pixels[seen], bearings[seen]))
+            near = ((table.pixels > -size) & (table.pixels < 2 * size)).all(axis=1)
+            rows = np.flatnonzero((table.frames == frame) & near)
+            views.append(Observations(frame, float(frame), str(frame), *table.seen(rows, camera)))
         return views
 
 

@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from slam_init.datasets.bounded import first_bytes
 from slam_init.datasets.colmap import SQLITE, open_colmap_database
 from slam_init.datasets.hloc import HDF5, open_hloc
 from slam_init.datasets.image_files import IMAGE_SUFFIXES, image_folder, natural_key, open_folder
@@ -25,14 +24,13 @@ from slam_init.datasets.layouts import LAYOUTS
 from slam_init.datasets.live import is_live, without_password
 from slam_init.datasets.posed_images import Layout
 from slam_init.datasets.ros.bag import MCAP, ROS1, STORAGE_SUFFIXES, is_bag_folder
-from slam_init.datasets.ros.source import RosSource
-from slam_init.datasets.ros.topics import BagName
+from slam_init.datasets.ros.source import BagName, RosSource
 from slam_init.datasets.synth import PREFIX, open_synth
 from slam_init.datasets.text import image_times
 from slam_init.datasets.track_source import open_tracks_file
 from slam_init.datasets.video import open_video
 from slam_init.errors import SlamInitError, SourceError, check_type
-from slam_init.system.regular_file import kind_problem, user_path
+from slam_init.system.regular_file import first_bytes, kind_problem, user_path
 from slam_init.system.user_code import attribute_of, described_error
 from slam_init.types.frame import TimedSource
 
@@ -46,6 +44,8 @@ _REQUIRED_ATTRIBUTES = ("name", "kind", "camera", "groundtruth", "timestamps_s",
 def open_python(text: str) -> TimedSource:
     """Open a source by importing an attribute of a module and calling it without arguments.
 
+    What it states is checked: a time in seconds for each frame, and true poses.
+
     * ``text``: ``python:package.module:attribute`` or ``python:FILE.py:attribute``; the call returns a
       :class:`~slam_init.types.frame.TimedSource`.
     """
@@ -57,12 +57,6 @@ def open_python(text: str) -> TimedSource:
         raise SourceError(f"{text}: cannot be opened ({described_error(error)}): {_FORM}") from error
     if missing := [name for name in _REQUIRED_ATTRIBUTES if not hasattr(source, name)]:
         raise SourceError(f"{text}: the returned object is not a source: it has no {missing[0]}")
-    _check_times(text, source)
-    return source
-
-
-def _check_times(text: str, source: TimedSource) -> None:
-    """Check what the source of a user states: a time in seconds for each frame, and true poses."""
     try:
         stamps = np.asarray(source.timestamps_s, float)
         count = len(source)
@@ -75,6 +69,7 @@ def _check_times(text: str, source: TimedSource) -> None:
             raise SourceError(f"{text}: groundtruth: pose {index} {problem}")
     if image_times(stamps.tolist(), [f"{text}: frame {index}" for index in range(count)])[1]:
         raise SourceError(f"{text}: timestamps_s steps by {np.median(np.diff(stamps)):g}: give seconds")
+    return source
 
 
 _FOLDERS: tuple[Layout, ...] = (

@@ -86,7 +86,6 @@ def image_sequence(
     unit: TimeUnit = TimeUnit.SECONDS,
     rate_hz: float = PHOTO_RATE_HZ,
     camera: Camera | None = None,
-    cameras: Sequence[Camera | None] = (),
     poses: Sequence[Pose | None] = (),
     truth: Trajectory | None = None,
     notes: tuple[str, ...] = (),
@@ -97,14 +96,9 @@ def image_sequence(
     * ``root``: The folder that no image may lie outside of.
     * ``stamps``: The time stamp of each image with its place for messages, in ``unit``. Without them the images have
       the nominal rate.
-    * ``cameras``: The calibration of each image. Images of another camera are left out.
     * ``poses``: The true pose of each image, where it is known.
     * ``truth``: True poses with stamps of their own, in ``unit``.
     """
-    if cameras:
-        camera, kept, camera_notes = common_camera(cameras, str(root))
-        paths, stamps, poses = list(compress(paths, kept)), list(compress(stamps, kept)), list(compress(poses, kept))
-        notes = (*notes, *camera_notes)
     timestamps_s, time_notes = np.arange(len(paths)) / rate_hz, tuple[str, ...]()
     if stamps:
         timestamps_s, time_notes = image_times([stamp for _, stamp in stamps], [place for place, _ in stamps], unit)
@@ -119,7 +113,8 @@ def image_sequence(
 def photographs(kind: str, root: Path, images: Sequence[PosedImage]) -> ImageFileSource:
     """Make a source of posed images without times.
 
-    Images that the folder does not hold are left out, since data sets are often passed on in part.
+    Images that the folder does not hold are left out, since data sets are often passed on in part, and so are images of
+    another camera.
     """
     there = [image for image in images if image.path.is_file()]
     there.sort(key=lambda image: natural_key(image.path.as_posix()))
@@ -132,8 +127,10 @@ def photographs(kind: str, root: Path, images: Sequence[PosedImage]) -> ImageFil
         raise SourceError(f"{root}: its {kind} lists {os.path.relpath(twice, root)} twice")
     missing = len(images) - len(paths)
     notes = (f"{missing} of {len(images)} listed images are not in the folder",) if missing else ()
-    cameras, poses = [image.camera for image in there], [image.world_from_cam for image in there]
-    return image_sequence(kind, root, paths, cameras=cameras, poses=poses, notes=notes)
+    camera, kept, camera_notes = common_camera([image.camera for image in there], str(root))
+    poses = [image.world_from_cam for image in compress(there, kept)]
+    notes = (*notes, *camera_notes)
+    return image_sequence(kind, root, list(compress(paths, kept)), camera=camera, poses=poses, notes=notes)
 
 
 def common_camera(cameras: Sequence[Camera | None], what: str) -> tuple[Camera | None, list[bool], tuple[str, ...]]:

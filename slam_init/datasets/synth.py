@@ -9,7 +9,7 @@ names are those of :data:`sequences_synth.POINT_SCENES`, the options those of
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qsl
@@ -18,19 +18,16 @@ import numpy as np
 
 from slam_init.datasets.image_files import frame_range
 from slam_init.datasets.inertial import InertialSensor, of_sensor
-from slam_init.datasets.match_chains import TrackTable
 from slam_init.datasets.text import pose_from_matrix
-from slam_init.datasets.track_source import TrackSource
+from slam_init.datasets.track_source import TrackSource, TrackTable
 from slam_init.errors import SourceError
-from slam_init.types.arrays import Floats, Image
+from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.pose import Trajectory
 
 if TYPE_CHECKING:
     from sequences_synth import PointSequence, SynthOptions, SynthSequence
-    from slam_init.types.camera import Camera
-    from slam_init.types.pose import Trajectory
 
 
 PREFIX = "synth:"
@@ -61,8 +58,6 @@ class SynthSource:
     timestamps_s: Floats
     kind = "synth"
     gyroscope, inertial = of_sensor("gyroscope"), of_sensor("record")
-    #: The newest image by its index: a command reads the first frame before its run, to check it.
-    _newest: dict[int, Image] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def _sensor(self) -> InertialSensor | None:
@@ -81,12 +76,8 @@ class SynthSource:
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Render frames in order, each when it is requested."""
         for index in frame_range(len(self), start, max_frames, self.name):
-            if index not in self._newest:
-                image, _ = self.sequence.render(index)
-                self._newest.clear()
-                self._newest[index] = image
-            copied = self._newest[index].copy()
-            yield Frame(index, float(self.sequence.timestamps_s[index]), f"frame-{index:06d}", copied)
+            image, _ = self.sequence.render(index)
+            yield Frame(index, float(self.timestamps_s[index]), f"frame-{index:06d}", image)
 
 
 def open_synth(text: str, seed: int) -> SynthSource:

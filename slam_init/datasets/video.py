@@ -27,10 +27,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slam_init.datasets.bounded import first_bytes
 from slam_init.datasets.image_files import NOMINAL_RATE_HZ, check_pixels, check_size, frame_range
 from slam_init.errors import SourceError
-from slam_init.system.regular_file import open_regular
+from slam_init.system.regular_file import first_bytes, open_regular
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
@@ -139,7 +138,8 @@ def decoded(path: Path, skip: int = 0) -> Iterator[tuple[float, Image | None]]:
         start_s = _start_s(stream)
         try:
             for index, frame in enumerate(container.decode(stream)):
-                time_s = np.nan if frame.time is None else _nanoseconds(frame.time - start_s)
+                # Without the rounding of the decoder: 0.3 and not 0.30000000000000004.
+                time_s = np.nan if frame.time is None else round(frame.time - start_s, 9)
                 yield time_s, None if index < skip else upright_pixels(frame, reformatter)
         except av.error.FFmpegError:
             return
@@ -160,7 +160,7 @@ def packet_times_s(path: Path) -> list[float]:
             for packet in islice(container.demux(stream), _MAX_FRAMES):
                 stamp = packet.dts if packet.pts is None else packet.pts  # AVI has no presentation times
                 if stamp is not None and packet.size:
-                    times_s.append(_nanoseconds(stamp * unit_s - start_s))
+                    times_s.append(round(stamp * unit_s - start_s, 9))
         except av.error.FFmpegError:  # the times up to the damage
             pass
     return sorted(time_s for time_s in times_s if time_s >= 0)
@@ -168,11 +168,6 @@ def packet_times_s(path: Path) -> list[float]:
 
 def _start_s(stream: VideoStream) -> float:
     return float((stream.start_time or 0) * (stream.time_base or 0))
-
-
-def _nanoseconds(time_s: float) -> float:
-    """Seconds without the rounding of the decoder: 0.3 and not 0.30000000000000004."""
-    return round(time_s, 9)
 
 
 # -- the source ------------------------------------------------------------------------------------

@@ -23,8 +23,7 @@ from urllib.parse import parse_qsl, urlencode
 import numpy as np
 
 from slam_init.calibration.files import load_camera
-from slam_init.datasets.grey_levels import GreyLevels
-from slam_init.datasets.image_files import ImageFileSource, frame_range, read_image
+from slam_init.datasets.image_files import GreyLevels, ImageFileSource, frame_range, read_image
 from slam_init.datasets.synth import SynthSource
 from slam_init.datasets.text import fields_of, numbers, read_rows
 from slam_init.errors import SlamInitError, SourceError

@@ -78,6 +78,12 @@ def open_regular(path: str | os.PathLike[str], error: type[SlamInitError]) -> Bi
     return file
 
 
+def first_bytes(path: str | os.PathLike[str], count: int) -> bytes:
+    """Read the start of a file of a source, which shows its kind."""
+    with open_regular(path, SourceError) as file:
+        return file.read(count)
+
+
 def read_regular(path: str | os.PathLike[str], limit_bytes: int, what: str, error: type[SlamInitError]) -> bytes:
     """Read a regular file of limited size.
 

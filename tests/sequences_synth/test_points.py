@@ -76,7 +76,7 @@ def test_correlated_error_is_the_only_difference_from_the_world_without_it(scene
     assert np.sqrt(np.mean(shift**2)) > 0.2
 
 
-# -- shutter, hand-held turning, moving objects, lens ---------------------------------------------------------
+# -- shutter, hand-held turning, moving objects, lens ----------------------------------------------
 
 
 EXACT = {"noise_px": 0.0, "outliers": 0.0}

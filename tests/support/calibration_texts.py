@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -40,18 +41,8 @@ distortion_coefficients: !!opencv-matrix
    dt: d
    data: [ -0.28, 0.07, 0.0002, 1.76e-05, 0. ]
 """
-OPENCV_KD = """%YAML:1.0
-K: !!opencv-matrix
-   rows: 3
-   cols: 3
-   dt: d
-   data: [ 458.5, 0., 367.25, 0., 457.25, 248.5, 0., 0., 1. ]
-D: !!opencv-matrix
-   rows: 1
-   cols: 4
-   dt: d
-   data: [ -0.28, 0.07, 0.0002, 1.76e-05 ]
-"""
+OPENCV_KD = re.sub("(?m)^---.*|^image_.*", "", OPENCV).replace("camera_matrix", "K")
+OPENCV_KD = OPENCV_KD.replace("distortion_coefficients", "D").replace("cols: 5", "cols: 4").replace(", 0. ]\n", " ]\n")
 OPENCV_XML = """<?xml version="1.0"?>
 <opencv_storage>
 <image_width>752</image_width>
@@ -179,7 +170,7 @@ def own(**changes: object) -> str:
 
 
 def assert_refused(path: Path, word: str) -> None:
-    """The calibration in a file is refused in one line that matches ``word``."""
+    """The calibration in a file is refused by a message that names the file and matches ``word``."""
     with pytest.raises(CalibrationError, match=word) as caught:
         load_camera(path, (640, 480))
-    assert len(str(caught.value).splitlines()) == 1, word
+    assert str(path) in str(caught.value), word

@@ -44,9 +44,8 @@ class Messages:
         number = {"seq": 0} if self.kind == "ros1" else {}
         return self.make("std_msgs/msg/Header", stamp=stamp, frame_id=frame, **number)
 
-    def send(self, topic: str, type_: str, time_s: float, *, sent_s: float | None = None, **fields: Any) -> None:
-        received = time_s if sent_s is None else sent_s
-        self.sent.append((topic, type_, round(received * 1e9), self.make(type_, **fields)))
+    def send(self, topic: str, type_: str, time_s: float, **fields: Any) -> None:
+        self.sent.append((topic, type_, round(time_s * 1e9), self.make(type_, **fields)))
 
     def image(
         self, topic: str, time_s: float, pixels: np.ndarray, encoding: str, frame: str = "cam", **more: Any
@@ -88,12 +87,8 @@ class Messages:
     def pose(self, topic: str, time_s: float, pose: Pose, kind: str = POSE, child: str = "body") -> None:
         header = self.header(time_s, "world")
         if kind == TRANSFORM:
-            self.send(
-                topic,
-                "geometry_msgs/msg/TransformStamped",
-                time_s,
-                **vars(self.transform(time_s, "world", child, pose)),
-            )
+            fields = vars(self.transform(time_s, "world", child, pose))
+            self.send(topic, "geometry_msgs/msg/TransformStamped", time_s, **fields)
             return
         value = self.make("geometry_msgs/msg/Pose", position=self._vector("Point", pose), orientation=self._turn(pose))
         if kind == POSE:

@@ -8,11 +8,11 @@ import cv2
 import numpy as np
 
 
-def picture(seed: int = 0, size: tuple[int, int] = (64, 48), channels: int = 3, dtype: type = np.uint8) -> np.ndarray:
+def picture(seed: int = 0, size: tuple[int, int] = (64, 48), channels: int = 3) -> np.ndarray:
     """An image of random pixels; the size is (width, height)."""
     rng = np.random.default_rng(seed)
     shape = (size[1], size[0], channels) if channels > 1 else (size[1], size[0])
-    return rng.integers(0, np.iinfo(dtype).max, shape, dtype=dtype)
+    return rng.integers(0, 255, shape, np.uint8)
 
 
 def write_image(path: Path, image: np.ndarray | None = None) -> None:

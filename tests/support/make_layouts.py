@@ -80,8 +80,8 @@ def text(values: object, separator: str = " ") -> str:
     return separator.join(repr(float(v)) for v in np.ravel(np.array(values, float)))
 
 
-def tum_line(stamp: object, T: np.ndarray, separator: str = " ") -> str:
-    return f"{stamp}{separator}{text([*T[:3, 3], *quaternion(T[:3, :3])], separator)}\n"
+def tum_line(stamp: object, T: np.ndarray) -> str:
+    return f"{stamp} {text([*T[:3, 3], *quaternion(T[:3, :3])])}\n"
 
 
 @dataclass(frozen=True)

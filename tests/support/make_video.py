@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterable
 from pathlib import Path
 
 import cv2
@@ -18,10 +19,21 @@ def corner_frames(count: int = 6, size: tuple[int, int] = (64, 48)) -> list[np.n
     return frames
 
 
-def write_mp4(path: Path, frames: list[np.ndarray], fps: float = 30.0, turned_deg: int = 0) -> Path:
+def write_grey(path: Path, levels: Iterable[int], fps: float) -> Path:
+    """Write a video of JPEG images of 64x48 pixels by OpenCV, each of one grey level."""
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), fps, (64, 48))
+    if not writer.isOpened():
+        pytest.skip("this OpenCV writes no video")
+    for level in levels:
+        writer.write(np.full((48, 64, 3), level, np.uint8))
+    writer.release()
+    return path
+
+
+def write_mp4(path: Path, frames: list[np.ndarray], turned_deg: int = 0) -> Path:
     """Write a video by OpenCV; ``turned_deg`` is the clockwise rotation that its track header asks for."""
     height, width = frames[0].shape[:2]
-    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"mp4v"), fps, (width, height))
+    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"mp4v"), 30.0, (width, height))
     if not writer.isOpened():
         pytest.skip("this OpenCV writes no video")
     for frame in frames:

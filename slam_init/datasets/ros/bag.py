@@ -14,9 +14,8 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from slam_init.datasets.bounded import first_bytes
 from slam_init.errors import SourceError, plain_line
-from slam_init.system.regular_file import check_inside, kind_problem
+from slam_init.system.regular_file import check_inside, first_bytes, kind_problem
 
 if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
@@ -51,12 +50,6 @@ def _storage_files(folder: Path) -> list[Path]:
     with os.scandir(folder) as entries:
         names = [entry.name for entry in entries if entry.name.lower().endswith(STORAGE_SUFFIXES)]
     return [folder / name for name in sorted(names) if not name.startswith(".")]
-
-
-def _version(path: Path) -> int:
-    """The version of ROS that a bag is of. A broken file with the suffix of a bag is one."""
-    is_ros1 = path.is_file() and (path.suffix.lower() == ".bag" or first_bytes(path, len(ROS1)) == ROS1)
-    return 1 if is_ros1 else 2
 
 
 @dataclass(frozen=True)
@@ -102,7 +95,9 @@ class Bag:
     """
 
     def __init__(self, path: Path) -> None:
-        self.path, self.version = path, _version(path)
+        # A broken file with the suffix of a bag is one.
+        is_ros1 = path.is_file() and (path.suffix.lower() == ".bag" or first_bytes(path, len(ROS1)) == ROS1)
+        self.path, self.version = path, 1 if is_ros1 else 2
         try:
             from rosbags import rosbag1, rosbag2
 

@@ -9,8 +9,7 @@ from typing import Any, cast
 import numpy as np
 
 from slam_init.calibration.files import camera_of
-from slam_init.datasets.grey_levels import Pixels
-from slam_init.datasets.image_files import check_pixels, decode_image
+from slam_init.datasets.image_files import Pixels, check_pixels, decode_image
 from slam_init.errors import SourceError
 from slam_init.types.camera import Camera
 

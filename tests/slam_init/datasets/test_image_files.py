@@ -1,15 +1,20 @@
-"""Image files: pixels as stored, broken files refused by name, equal sizes."""
+"""Image files: pixels as stored, 16 bits, equal sizes, a video or photographs; broken files refused by name."""
 
 import struct
 import zlib
+from itertools import pairwise
 
 import cv2
 import numpy as np
 import pytest
 from make_files import picture, write, write_image
+from paths import DATA
+from PIL import Image
 
+from slam_init import run
+from slam_init.calibration.files import load_camera
 from slam_init.datasets import open_source
-from slam_init.datasets.image_files import IMAGE_SUFFIXES, read_image
+from slam_init.datasets.image_files import IMAGE_SUFFIXES, GreyLevels, read_image
 from slam_init.errors import SourceError
 
 
@@ -109,3 +114,97 @@ def test_images_of_two_sizes_are_refused(tmp_path):
     write_image(tmp_path / "b.png", picture(size=(48, 64)))
     with pytest.raises(SourceError, match=r"b.png.*48x64.*64x48"):
         list(open_source(str(tmp_path)).frames())
+
+
+# -- grey levels of 16 bits ------------------------------------------------------------------------
+
+
+RAMP = np.linspace(0.0, 1.0, 48 * 64).reshape(48, 64)
+
+
+def test_two_thirds_of_the_levels_are_kept_wherever_the_range_lies():
+    for low, span in ((0, 4095), (7300, 820), (0, 65535), (64000, 1500), (40, 60), (100, 255), (30000, 3)):
+        image = np.round(low + span * RAMP).astype(np.uint16)
+        image[0, 0], image[-1, -1] = 0, 65535  # a dead pixel and a hot one
+        reduced = GreyLevels.of([image]).reduced(image)
+        order = np.argsort(image, axis=None, kind="stable")
+        assert reduced.dtype == np.uint8 and (np.diff(reduced.ravel()[order].astype(int)) >= 0).all()
+        assert len(np.unique(reduced)) >= 0.6 * min(span, 255)
+        # A step of one level of the image is never more than one level.
+        steps = np.diff(np.unique(GreyLevels.of([image]).reduced(np.arange(low, low + span, dtype=np.uint16))))
+        assert not len(steps) or steps.max() <= 1
+
+
+def test_images_outside_of_the_range_become_black_and_white_and_8_bits_stay():
+    levels = GreyLevels.of([np.round(7300 + 800 * RAMP).astype(np.uint16)])
+    assert levels.reduced(np.array([[0, 5000, 60000, 65535]], np.uint16)).tolist() == [[0, 0, 255, 255]]
+    grey = np.arange(256, dtype=np.uint8).reshape(16, 16)
+    assert levels.reduced(grey) is grey
+    assert GreyLevels.of([grey]) == GreyLevels.of([np.zeros((4, 4), np.uint16)]) == GreyLevels()
+
+
+def test_all_images_of_a_folder_have_one_range_and_a_note_states_it(tmp_path):
+    """The scene becomes warmer. Wherever a run begins, in a plain folder or a list, an image is the same."""
+    for k in range(20):
+        write_image(tmp_path / "images" / f"{k}.png", np.round(7000 + 30 * k + 800 * RAMP).astype(np.uint16))
+    plain = open_source(tmp_path)
+    frames = [frame.image for frame in plain.frames()]
+    assert sum("16 bits" in note for note in plain.notes) == 1
+    assert all(np.mean(before) < np.mean(after) for before, after in pairwise(frames))
+    assert all(len(np.unique(image)) > 80 and image.max() < 255 for image in frames)
+    write(tmp_path / "rgb.txt", "".join(f"{k / 30} images/{k}.png\n" for k in range(20)))
+    for source in (plain, open_source(tmp_path)):
+        np.testing.assert_array_equal(next(source.frames(13)).image, frames[13])
+    write_image(tmp_path / "grey" / "a.png", cv2.imread(str(tmp_path / "images" / "0.png")))
+    grey = open_source(tmp_path / "grey")
+    assert next(grey.frames()).image.dtype == np.uint8 and not any("16 bits" in note for note in grey.notes)
+
+
+# -- a video or photographs ------------------------------------------------------------------------
+
+
+TEXTURE = cv2.GaussianBlur(picture(0, (1200, 300), 1), (0, 0), 3)
+STREET = DATA / "phone" / "lund_street"
+
+
+def views(lefts):
+    """What a camera of 320 x 240 pixels sees of a wall, with its left side at these columns."""
+    return [np.ascontiguousarray(TEXTURE[20:260, left : left + 320]) for left in lefts]
+
+
+@pytest.mark.parametrize(
+    ("lefts", "rate_hz"),
+    [
+        (range(0, 160, 8), 30),  # even and small
+        ([0] * 8, 30),  # a static camera
+        (np.cumsum([0, 4, 5, 7, 8, 8, 7, 5, 3]), 30),  # a hand that swings
+        (range(0, 800, 80), 1),  # a panorama: even and large
+        (np.cumsum([0, 5, 40, 12, 60, 3, 33, 20, 70]), 1),
+        ([0, 40, 45], 1),
+        ([0, 8], 1),  # no step follows another one
+        ([0], 1),
+    ],
+)
+def test_the_steps_distinguish_a_video_from_photographs(tmp_path, lefts, rate_hz):
+    for k, view in enumerate(views(lefts)):
+        write_image(tmp_path / f"{k}.png", view)
+    source = open_source(tmp_path)
+    np.testing.assert_allclose(source.timestamps_s, np.arange(len(lefts)) / rate_hz)
+    (note,) = source.notes
+    assert ("as a video of 30 frames a second" if rate_hz == 30 else "as photographs") in note
+
+
+def test_images_that_name_their_camera_are_photographs(tmp_path):
+    exif = Image.Exif()
+    exif[0x0110] = "phone"
+    for k, view in enumerate(views(range(0, 80, 8))):
+        Image.fromarray(view).save(tmp_path / f"{k}.jpg", exif=exif)
+    assert open_source(tmp_path).timestamps_s[1] == 1
+
+
+@pytest.mark.skipif(not STREET.is_dir(), reason="no real sequences: set SLAM_INIT_DATA to their folder")
+def test_three_photographs_of_a_street_in_a_plain_folder_have_a_map(tmp_path):
+    for path in sorted((STREET / "images").iterdir())[:3]:
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    result, _ = run(open_source(tmp_path), load_camera(STREET / "camera.yaml"), overview=False)
+    assert result.map is not None and result.frames_to_init <= 3

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 import cv2
 import numpy as np
 import pytest
+from make_video import write_grey
 
 from slam_init.datasets.live import open_live
 from slam_init.errors import SourceError
@@ -20,15 +21,8 @@ pytestmark = pytest.mark.process
 
 @pytest.fixture(scope="module")
 def video(tmp_path_factory):
-    """Twenty images of 64x48 pixels at 30 Hz; image k has the grey value 10 k."""
-    path = tmp_path_factory.mktemp("video") / "video.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, (64, 48))
-    if not writer.isOpened():
-        pytest.skip("this OpenCV writes no video")
-    for k in range(20):
-        writer.write(np.full((48, 64, 3), 10 * k, np.uint8))
-    writer.release()
-    return path
+    """Twenty images at 30 Hz; image k has the grey value 10 k."""
+    return write_grey(tmp_path_factory.mktemp("video") / "video.avi", range(0, 200, 10), 30.0)
 
 
 @contextmanager

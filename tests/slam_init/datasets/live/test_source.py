@@ -1,17 +1,29 @@
-"""Live sources: the queue, times, and how they end."""
+"""Live sources: the queue, times, how they end, and videos that come through a pipe."""
 
 from __future__ import annotations
 
+import os
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 
+import cv2
 import numpy as np
 import pytest
+from make_files import picture
 
 from slam_init.config import Config
 from slam_init.datasets import open_source
-from slam_init.datasets.live import LiveSource, is_live, open_live, without_password
-from slam_init.datasets.live.source import QUEUE_FRAMES, StreamImage
+from slam_init.datasets.live import (
+    QUEUE_FRAMES,
+    LiveSource,
+    StreamImage,
+    is_live,
+    open_live,
+    read_pipe,
+    without_password,
+)
+from slam_init.datasets.video import open_video
 from slam_init.errors import SourceError
 from slam_init.runner import run
 from slam_init.types.camera import Camera
@@ -35,6 +47,14 @@ def lost(given: list[StreamImage]) -> Iterator[StreamImage]:
     raise SourceError("test: no more images")
 
 
+def paused(before: int, begun: threading.Event, after: int, taken: threading.Event) -> Iterator[StreamImage]:
+    """Images, and more of them when the processing has begun."""
+    yield from images(before)
+    begun.wait()
+    yield from images(after)
+    taken.set()
+
+
 def numbers(frames) -> list[int]:
     return [int(frame.image[0, 0]) for frame in frames]
 
@@ -56,14 +76,7 @@ def test_a_frame_that_was_looked_at_is_not_lost():
 
 def test_the_oldest_frames_are_dropped_and_counted():
     begun, taken = threading.Event(), threading.Event()
-
-    def stream():
-        yield from images(2)
-        begun.wait()
-        yield from images(100)
-        taken.set()
-
-    with LiveSource("test", stream) as source:
+    with LiveSource("test", lambda: paused(2, begun, 100, taken)) as source:
         frames = source.frames()
         first = [next(frames), next(frames)]
         begun.set()
@@ -78,14 +91,7 @@ def test_the_oldest_frames_are_dropped_and_counted():
 
 def test_what_is_dropped_before_the_processing_begins_does_not_count():
     begun, taken = threading.Event(), threading.Event()
-
-    def stream():
-        yield images(1)[0]
-        begun.wait()
-        yield from images(50)
-        taken.set()
-
-    with LiveSource("test", stream) as source:
+    with LiveSource("test", lambda: paused(1, begun, 50, taken)) as source:
         assert len(list(source.frames(0, 1))) == 1
         begun.set()
         assert taken.wait(10)
@@ -111,7 +117,7 @@ def test_times_increase_also_where_those_of_the_stream_do_not(stated):
     assert source.notes == message
 
 
-# -- the end --------------------------------------------------------------------------------------
+# -- the end ---------------------------------------------------------------------------------------
 
 
 def test_a_source_that_cannot_be_opened_is_refused():
@@ -157,7 +163,7 @@ def test_a_stopped_source_ends_the_run_as_if_its_data_had_ended(tmp_path):
     assert (tmp_path / "out" / "summary.json").is_file() and (tmp_path / "out" / "recording.rrd").is_file()
 
 
-# -- names ----------------------------------------------------------------------------------------
+# -- names -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("text", ["-", "camera:0", "rtsp://host/path", "http://host:80/a.ts", "HTTPS://host"])
@@ -181,3 +187,78 @@ def test_a_camera_has_a_number(text):
 def test_a_password_is_not_reported():
     assert open_live("rtsp://me:secret@host/path").name == "rtsp://host/path"
     assert without_password("--out a@b http://u:p@h/x") == "--out a@b http://h/x"
+
+
+# -- pipes -----------------------------------------------------------------------------------------
+
+
+GREY = [cv2.cvtColor(picture(seed, (65, 49)), cv2.COLOR_BGR2GRAY) for seed in range(3)]
+Y4M = b"YUV4MPEG2 W65 H49 F25:1 Ip A1:1 Cmono\n" + b"".join(b"FRAME\n" + image.tobytes() for image in GREY)
+COLOURS = b"YUV4MPEG2 W65 H49 F25:1\n" + b"".join(
+    b"FRAME\n" + image.tobytes() + bytes(np.arange(2 * 33 * 25, dtype=np.uint8)) for image in GREY
+)
+JPEGS = [cv2.imencode(".jpg", image)[1].tobytes() for image in GREY]
+
+
+def read(data: bytes):
+    """All images of a pipe into which these bytes are written."""
+    out, into = os.pipe()
+
+    def write():
+        with suppress(BrokenPipeError), os.fdopen(into, "wb") as file:
+            file.write(data)
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    try:
+        return list(read_pipe("the pipe", out))
+    finally:
+        os.close(out)
+        writer.join()
+
+
+@pytest.mark.parametrize("data", [Y4M, COLOURS], ids=["grey", "colours"])
+def test_a_pipe_gives_the_images_and_times_of_a_file_with_the_same_bytes(data, tmp_path):
+    (tmp_path / "video.y4m").write_bytes(data)
+    found, expected = read(data), list(open_video(tmp_path / "video.y4m").frames())
+    assert [stream_s for _, stream_s in found] == [frame.timestamp_s for frame in expected] == [0.0, 0.04, 0.08]
+    for (image, _), frame in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(image, frame.image)
+
+
+def test_jpeg_images_have_no_times():
+    found = read(b"".join(JPEGS))
+    assert [stream_s for _, stream_s in found] == [None] * 3
+    for (image, _), expected in zip(found, JPEGS, strict=True):
+        np.testing.assert_allclose(image[..., 0], cv2.imdecode(np.frombuffer(expected, np.uint8), 0), atol=2)
+
+
+@pytest.mark.parametrize(("data", "count"), [(Y4M[:-10], 2), (JPEGS[0], 1)])
+def test_a_pipe_that_ends_early_gives_the_images_before(data, count):
+    assert len(read(data)) == count
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"", "the pipe: cannot be opened: pipe a video into it"),
+        (b"garbage" * 1000, "the pipe: cannot be opened"),
+        (b"#EXTM3U\n#EXTINF:1\n/etc/passwd\n", "the pipe: cannot be opened"),
+        (b"YUV4MPEG2 W20000 H20000\nFRAME\n", "the pipe: cannot be opened"),
+        (Y4M + b"NO FRAME\n", "the pipe: ends"),
+    ],
+)
+def test_broken_data_are_refused(data, words):
+    with pytest.raises(SourceError, match=words):
+        read(data)
+
+
+def test_a_terminal_is_no_video():
+    pty = pytest.importorskip("pty")
+    ours, theirs = pty.openpty()
+    try:
+        with pytest.raises(SourceError, match="is a terminal: pipe a video"):
+            list(read_pipe("standard input", theirs))
+    finally:
+        os.close(ours)
+        os.close(theirs)

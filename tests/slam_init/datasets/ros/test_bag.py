@@ -40,9 +40,8 @@ def test_a_bag_that_is_cut_off_is_refused_by_name(bag, share):
     file = storage(bag)
     data = file.read_bytes()
     file.write_bytes(data[: int(share * len(data))])
-    with pytest.raises(SourceError, match="a bag é") as caught:
+    with pytest.raises(SourceError, match="a bag é"):
         read(bag)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("name", ["a.bag", "a.db3", "a.mcap"])

@@ -10,7 +10,7 @@ from make_files import picture
 
 from slam_init.cli import main
 from slam_init.datasets import detect_kind, open_source
-from slam_init.datasets.grey_levels import GreyLevels
+from slam_init.datasets.image_files import GreyLevels
 from slam_init.datasets.views import SourceView
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.types.camera import Camera
@@ -65,7 +65,7 @@ def test_compressed_messages_storages_and_files_of_ros_2_are_read(tmp_path, mode
     np.testing.assert_array_equal(next(open_source(path).frames(2)).image, GREY[2])
 
 
-# -- images ---------------------------------------------------------------------------------------
+# -- images ----------------------------------------------------------------------------------------
 
 
 def colour_bag(tmp_path, pixels, encoding, **more):
@@ -136,7 +136,7 @@ def test_an_image_that_cannot_be_decoded_is_refused_by_name(tmp_path, encoding, 
     assert "/cam/image_raw, message 0" in str(caught.value)
 
 
-# -- times ----------------------------------------------------------------------------------------
+# -- times -----------------------------------------------------------------------------------------
 
 
 def test_images_without_stamps_have_the_times_of_the_recording(tmp_path):
@@ -148,11 +148,16 @@ def test_images_without_stamps_have_the_times_of_the_recording(tmp_path):
     assert any("recorded" in note for note in source.notes)
 
 
-def test_images_that_come_too_late_are_left_out_and_counted(tmp_path):
+def late_bag(tmp_path, *stamps_s):
+    """A bag of images that are recorded from 5 s on at 10 Hz, with these stamps."""
     messages = Messages("ros1")
-    for time_s, stamp_s in ((5.0, 5.0), (5.1, 4.9), (5.2, 5.0), (5.3, 5.3)):
-        messages.image("/cam/image_raw", time_s, GREY[0], "mono8", stamp_s=stamp_s)
-    source = open_source(messages.write(tmp_path / "a.bag"))
+    for k, stamp_s in enumerate(stamps_s):
+        messages.image("/cam/image_raw", 5 + k / 10, GREY[0], "mono8", stamp_s=stamp_s)
+    return messages.write(tmp_path / "a.bag")
+
+
+def test_images_that_come_too_late_are_left_out_and_counted(tmp_path):
+    source = open_source(late_bag(tmp_path, 5.0, 4.9, 5.0, 5.3))
     assert [(frame.index, frame.timestamp_s) for frame in source.frames()] == [(0, 5.0), (1, 5.3)]
     assert [frame.timestamp_s for frame in source.frames(1)] == [5.3]
     assert any(note.startswith("2 images") for note in source.notes)
@@ -160,10 +165,7 @@ def test_images_that_come_too_late_are_left_out_and_counted(tmp_path):
 
 @pytest.mark.parametrize("view", [SourceView(every=1), SourceView(fps=20.0), SourceView(every=2)])
 def test_a_bag_with_late_images_is_thinned_by_the_frames_that_it_gives(tmp_path, view):
-    messages = Messages("ros1")
-    for time_s, stamp_s in ((5.0, 5.0), (5.1, 4.9), (5.2, 5.2), (5.3, 5.3), (5.4, 5.4)):
-        messages.image("/cam/image_raw", time_s, GREY[0], "mono8", stamp_s=stamp_s)
-    path = messages.write(tmp_path / "a.bag")
+    path = late_bag(tmp_path, 5.0, 4.9, 5.2, 5.3, 5.4)
     expected = [5.0, 5.3] if view.every == 2 else [5.0, 5.2, 5.3, 5.4]
     for renumbered in (False, True):
         source = view.apply(open_source(path), renumbered=renumbered)
@@ -188,7 +190,7 @@ def test_images_that_the_index_names_and_the_bag_lacks_are_reported(tmp_path):
     assert any("names 3 images" in note and "2 can be read" in note for note in source.notes)
 
 
-# -- topics ---------------------------------------------------------------------------------------
+# -- topics ----------------------------------------------------------------------------------------
 
 
 def two_cameras(tmp_path):
@@ -240,7 +242,7 @@ def test_a_path_that_holds_a_question_mark_is_no_choice_of_topics(tmp_path):
         open_source(f"{tmp_path}/video.avi?topic=/a")
 
 
-# -- calibration ----------------------------------------------------------------------------------
+# -- calibration -----------------------------------------------------------------------------------
 
 
 def info_bag(tmp_path, topic="/cam/image_raw", info="/cam/camera_info", camera=CAMERA, **more):
@@ -250,31 +252,24 @@ def info_bag(tmp_path, topic="/cam/image_raw", info="/cam/camera_info", camera=C
     return open_source(messages.write(tmp_path / "bag"))
 
 
-def test_an_equidistant_calibration_is_a_fisheye(tmp_path):
-    fisheye = Camera("fisheye", 64, 48, 30.0, 30.0, 31.5, 23.5, (0.01, 0.002, 0.0, 0.0))
-    assert info_bag(tmp_path, camera=fisheye, model="equidistant").camera == fisheye
+FISHEYE = Camera("fisheye", 64, 48, 30.0, 30.0, 31.5, 23.5, (0.01, 0.002, 0.0, 0.0))
+RATIONAL = {"model": "rational_polynomial", "d": np.array([*CAMERA.distortion, 0, 0, 0, 0.0])}
+P = np.array([50.0, 0, 30, 0, 0, 51, 20, 0, 0, 0, 1, 0])
 
 
-def test_a_rational_calibration_with_zeros_is_a_radial_one(tmp_path):
-    found = info_bag(tmp_path, model="rational_polynomial", d=np.array([*CAMERA.distortion, 0, 0, 0, 0.0])).camera
-    assert found == CAMERA
-
-
-def test_rectified_images_have_the_projection_matrix(tmp_path):
-    P = np.array([50.0, 0, 30, 0, 0, 51, 20, 0, 0, 0, 1, 0])
-    assert info_bag(tmp_path, "/cam/image_rect", p=P).camera == Camera("pinhole", 64, 48, 50.0, 51.0, 30.0, 20.0)
-
-
-def test_a_calibration_is_found_by_its_frame(tmp_path):
-    assert info_bag(tmp_path, info="/elsewhere/info").camera == CAMERA
-
-
-def test_a_calibration_of_another_frame_is_not_taken(tmp_path):
-    assert info_bag(tmp_path, info="/elsewhere/info", frame="other").camera is None
-
-
-def test_an_uncalibrated_camera_has_no_calibration(tmp_path):
-    assert info_bag(tmp_path, k=np.zeros(9)).camera is None
+@pytest.mark.parametrize(
+    ("stated", "expected"),
+    [
+        ({"camera": FISHEYE, "model": "equidistant"}, FISHEYE),
+        (RATIONAL, CAMERA),
+        ({"topic": "/cam/image_rect", "p": P}, Camera("pinhole", 64, 48, 50.0, 51.0, 30.0, 20.0)),
+        ({"info": "/elsewhere/info"}, CAMERA),  # found by its frame
+        ({"info": "/elsewhere/info", "frame": "other"}, None),
+        ({"k": np.zeros(9)}, None),  # not calibrated
+    ],
+)
+def test_the_calibration_is_that_of_the_topic_or_of_its_frame(tmp_path, stated, expected):
+    assert info_bag(tmp_path, **stated).camera == expected
 
 
 def test_a_calibration_of_other_images_is_refused_when_it_is_used(tmp_path):

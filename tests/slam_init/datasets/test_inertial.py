@@ -1,21 +1,24 @@
-"""Laws of a gyroscope: it measures how the camera turns between two frames, or says that it does not."""
+"""Laws of a gyroscope, which measures how the camera turns or says that it does not; a plain file of a sensor."""
 
 from dataclasses import replace
 from itertools import pairwise
 
+import make_layouts
 import numpy as np
 import pytest
-from make_files import picture, write, write_image
+from make_files import write
 
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
 from slam_init.config import Config
 from slam_init.datasets import open_source
 from slam_init.datasets.gyroscope import Gyroscope, gyroscope_of, without_bias
-from slam_init.datasets.inertial import inertial_of
-from slam_init.datasets.views import SourceView
+from slam_init.datasets.inertial import inertial_of, read_inertial_file
+from slam_init.datasets.views import GravitySource, SourceView, read_gravity
 from slam_init.errors import SlamInitError, SourceError
 from slam_init.initializer import Initializer
 from slam_init.runner import run
+from slam_init.types.inertial import Gravity, InertialRecord
+from slam_init.types.pose import Pose
 
 TIMES = np.arange(0, 2, 0.005)
 CAM_FROM_IMU = rotation_from_vector(np.array([0.4, -1.3, 0.8]))
@@ -99,16 +102,10 @@ def test_the_bias_is_measured_at_rest_and_a_uniform_turn_is_no_rest():
 @pytest.fixture
 def euroc(tmp_path):
     """Six images at 20 Hz, and a gyroscope at 200 Hz that turns at a constant rate."""
-    mav = tmp_path / "seq" / "mav0"
     stamps = [1403636579763555584 + 50_000_000 * k for k in range(6)]
-    for k, stamp in enumerate(stamps):
-        write_image(mav / "cam0" / "data" / f"{stamp}.png", picture(k, channels=1))
-    write(mav / "cam0" / "data.csv", "#t,f\n" + "".join(f"{s},{s}.png\n" for s in stamps))
-    body_from_cam, body_from_imu = np.eye(4), np.eye(4)
-    body_from_cam[:3, :3] = rotation_from_vector(np.array([0.0, 0.0, 1.5]))
-    body_from_imu[:3, :3] = body_from_cam[:3, :3] @ CAM_FROM_IMU
-    lens = "intrinsics: [60, 61, 31, 23]\nresolution: [64, 48]\ndistortion_model: radial-tangential\n"
-    write(mav / "cam0" / "sensor.yaml", f"T_BS:\n  data: {body_from_cam.ravel().tolist()}\n{lens}")
+    mav = make_layouts.euroc(tmp_path, stamps) / "mav0"
+    body_from_imu = np.eye(4)
+    body_from_imu[:3, :3] = make_layouts.axes("left", "down", "backward") @ CAM_FROM_IMU
     pose = body_from_imu.ravel().tolist()
     write(mav / "imu0" / "sensor.yaml", f"T_BS:\n  data: {pose}\ngyroscope_noise_density: 2e-4\n")
     rates = ",".join(map(str, RATE))
@@ -183,3 +180,89 @@ def test_the_accelerations_of_euroc_have_the_pose_of_the_sensor_in_the_camera(eu
     write(table, "".join(",".join(line.split(",")[:4]) + "\n" for line in table.read_text().splitlines()[1:]))
     assert inertial_of(open_source(euroc)) is None
     assert gyroscope_of(open_source(euroc)) is not None
+
+
+# -- a plain file ----------------------------------------------------------------------------------
+
+
+POSE = [[1, 0, 0, 0.01], [0, -1, 0, 0.02], [0, 0, -1, 0.03], [0, 0, 0, 1]]
+ROWS = "t,gx,gy,gz,ax,ay,az\n" + "".join(f"{12 + k / 200},0.1,0.2,{k},0,9.8,0.5\n" for k in range(50))
+
+
+@pytest.fixture
+def table(tmp_path):
+    write(tmp_path / "record.yaml", f"T_cam_imu: {POSE}\n")
+    write(tmp_path / "record.csv", ROWS)
+    return tmp_path / "record.csv"
+
+
+def test_the_columns_and_the_pose(table):
+    sensor = read_inertial_file(table)
+    np.testing.assert_allclose(sensor.record.rates_rad_s[7], [0.1, 0.2, 7])
+    np.testing.assert_allclose(sensor.record.accelerations_m_s2[7], [0, 9.8, 0.5])
+    np.testing.assert_allclose(sensor.record.cam_from_imu.matrix(), POSE)
+    assert sensor.gyroscope.clock_sigma_s == sensor.record.clock_sigma_s == 0.005
+
+
+def test_the_names_of_kalibr_and_nanoseconds(table):
+    write(table.with_suffix(".yaml"), f"cam0:\n  T_cam_imu: {POSE}\n  timeshift_cam_imu: 0.25\n"
+          "imu0:\n  accelerometer_noise_density: 0.004\n")  # fmt: skip
+    rows = "".join(f"{(12 + k / 200) * 1e9:.0f} 0 0 0 0 0 9.8\n" for k in range(50))
+    write(table, rows)
+    record = read_inertial_file(table).record
+    np.testing.assert_allclose(record.timestamps_s[[0, 10]], [11.75, 11.80])
+    assert (record.accelerometer_density, record.clock_sigma_s) == (0.004, 0.001)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "text", "message"),
+    [
+        (".yaml", "rate: 200\n", "T_cam_imu is missing"),
+        (".yaml", "T_cam_imu: [1, 2, 3]\n", "T_cam_imu is missing or not"),
+        (".yaml", f"T_cam_imu: {np.ones((4, 4)).tolist()}\n", "not a rotation"),
+        (".yaml", f"T_cam_imu: {[[1, 0, 0, 30], *POSE[1:]]}\n", "30 m away"),
+        (".yaml", f"T_cam_imu: {POSE}\ntimeshift_cam_imu: soon\n", "timeshift_cam_imu is 'soon'"),
+        (".yaml", f"T_cam_imu: {POSE}\naccelerometer_noise_density: 50\n", "accelerometer_noise_density"),
+        (".csv", "1,0,0,0,0,0,9.8\n", "less than two samples"),
+        (".csv", "1,0,0,0,0,0,9.8\n1,0,0,0,0,0,9.8\n", "does not come after"),
+        (".csv", "1,0,0,0,0,0,9.8\n2,0,0,nan,0,0,9.8\n", r"record\.csv:2"),
+        (".csv", "1,0,0,0,0,0,9.8\n2,0,0,0,0,0,-1e300\n", r"record\.csv:2: -1e\+300 is no measurement"),
+    ],
+)
+def test_a_broken_file_is_refused_with_its_name(table, suffix, text, message):
+    write(table.with_suffix(suffix), text)
+    with pytest.raises(SlamInitError, match=message):
+        read_inertial_file(table)
+
+
+def test_a_file_that_is_not_there_is_named_before_the_one_beside_it(tmp_path):
+    with pytest.raises(SourceError, match=r"absent\.csv"):
+        read_inertial_file(tmp_path / "absent.csv")
+
+
+def test_the_note_states_how_many_frames_have_gravity(tmp_path):
+    source = open_source("synth:room")
+    write(tmp_path / "gravity.txt", "0.0 0 1 0\n500 0 1 0\n")
+    frames = GravitySource(source, read_gravity(tmp_path / "gravity.txt"), "gravity of gravity.txt")
+    assert frames.notes[-1] == "gravity of gravity.txt"
+    assert [frame.gravity is not None for frame in frames.frames(0, 3)] == [True, False, False]
+    assert frames.notes[-1] == "gravity of gravity.txt: 1 of 3"
+
+
+def test_without_the_pose_of_the_sensor_there_is_a_line_that_says_what_to_write(table):
+    table.with_suffix(".yaml").unlink()
+    with pytest.raises(SourceError, match="write T_cam_imu"):
+        read_inertial_file(table)
+
+
+@pytest.mark.parametrize("down", [(0, 0, 0), (0, 1), (0, np.nan, 1), "down"])
+def test_what_is_no_direction_of_gravity_is_refused(down):
+    with pytest.raises(SlamInitError, match="gravity"):
+        Gravity(down, 1.0)
+    with pytest.raises(SlamInitError, match="deviation"):
+        Gravity(np.array([0.0, 1.0, 0.0]), np.nan)
+
+
+def test_a_record_of_other_shapes_is_refused():
+    with pytest.raises(SourceError, match="samples"):
+        InertialRecord(np.arange(3.0), np.zeros((3, 3)), np.zeros((2, 3)), Pose.identity())

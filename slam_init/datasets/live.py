@@ -1,4 +1,6 @@
-"""A source of frames that come in their own time. A thread receives them, and a short queue holds the newest ones.
+"""Live sources: a camera of this machine, a network stream, and a video on the standard input.
+
+A source of frames that come in their own time: a thread receives them, and a short queue holds the newest ones.
 
 An image that finds the queue full replaces the oldest one, which is dropped and counted: an initializer that is slower
 than a camera sees fewer frames, and never old ones. The writer of a pipe waits instead, and so does any sender that is
@@ -16,10 +18,12 @@ from __future__ import annotations
 
 import os
 import queue
+import re
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 from typing import Any, TypeAlias, cast
 
 from slam_init.datasets.image_files import NOMINAL_RATE_HZ, check_pixels
@@ -267,3 +271,44 @@ class _Clock:
     def _note(self, text: str) -> None:
         if text not in self._notes:
             self._notes.append(text)
+
+
+# -- names -----------------------------------------------------------------------------------------
+
+
+_PIPE = "-"
+_CAMERA = "camera:"
+_URL = re.compile(r"(rtsps?|https?)://[^/\s]", re.IGNORECASE)
+_PASSWORD = re.compile(r"(?<=://)[^/@\s]*@")
+
+
+def is_live(text: str) -> bool:
+    """Tell whether a name is that of a live source.
+
+    * Returns: True for ``camera:N``, ``rtsp://...``, ``http://...``, ``https://...`` and ``-``.
+    """
+    return text == _PIPE or text.startswith(_CAMERA) or _URL.match(text) is not None
+
+
+def open_live(text: str, *, keep_all: bool = False) -> LiveSource:
+    """Open a live source. Nothing is connected before its frames are asked for.
+
+    * ``text``: ``camera:N``, ``rtsp://...``, ``http://...``, ``https://...``, or ``-`` for the standard input, whose
+      writer always waits.
+    """
+    if text == _PIPE:
+        return LiveSource("standard input", partial(read_pipe, "standard input", 0), keep_all=True)
+    if text.startswith(_CAMERA):
+        number = text.removeprefix(_CAMERA)
+        if not (number.isascii() and number.isdecimal() and len(number) < 4):
+            raise SourceError(f"{text!r}: give the number of a camera, as in camera:0")
+        return LiveSource(text, partial(read_camera, text, int(number)), keep_all=keep_all)
+    if _URL.match(text) is None:
+        raise SourceError(f"{text!r}: is no live source: give camera:0, an rtsp or http address, or -")
+    name = without_password(text)
+    return LiveSource(name, partial(read_url, name, text), keep_all=keep_all)
+
+
+def without_password(text: str) -> str:
+    """Remove user and password from the addresses in a text."""
+    return _PASSWORD.sub("", text)
