@@ -21,8 +21,7 @@ import numpy as np
 from quest.robust.samples import draw_samples
 from slam_init.methods.models import epipolar_errors, fundamentals, homographies, sampson_errors, transfer_errors
 from slam_init.methods.motions import CheckRule
-from slam_init.methods.rules import Limit, Pair, RuledMethod
-from slam_init.methods.two_view import Evidence, PairRule, TwoViewOutcome
+from slam_init.methods.two_view import Evidence, Limit, Pair, PairRule, RuledMethod, TwoViewOutcome
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.refusal import Verdict
 

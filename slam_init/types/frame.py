@@ -125,26 +125,21 @@ class Source(Protocol):
     @property
     def name(self) -> str:
         """Short name, for reports."""
-        ...
 
     @property
     def kind(self) -> str:
         """A layout of ``docs/how-to/data-sets.md`` as ``tum``, ``video``, ``ros1``, ``live``, or a word of the user."""
-        ...
 
     @property
     def camera(self) -> Camera | None:
         """The calibration that comes with the source, if any."""
-        ...
 
     @property
     def groundtruth(self) -> Trajectory | None:
         """The true trajectory that comes with the source, if any."""
-        ...
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Give frames in time order."""
-        ...
 
 
 class TimedSource(Source, Protocol):
@@ -153,11 +148,9 @@ class TimedSource(Source, Protocol):
     @property
     def timestamps_s(self) -> Floats:
         """(N,) float: time stamps of all frames in seconds, strictly increasing."""
-        ...
 
     def __len__(self) -> int:
         """Number of frames. For a video the number in its header; for a bag that in its index, an upper bound."""
-        ...
 
 
 def length_of(source: Source) -> int | None:

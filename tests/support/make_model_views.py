@@ -1,14 +1,11 @@
-"""Exact pixels of two views, and models that are estimated from them."""
+"""Exact pixels of two views."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 import numpy as np
 from two_view_scenes import CAMERA
 
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.methods.models import normalize, normalizing_transform
 from slam_init.types.pose import Pose
 
 
@@ -22,10 +19,3 @@ def views(seed: int, count: int = 60, planar: bool = False) -> tuple[np.ndarray,
     pose = Pose(rotation_from_vector(0.1 * rng.normal(size=3)), t / np.linalg.norm(t))
     # Some pixels lie outside of the image, which does not matter here.
     return CAMERA.project(points), CAMERA.project(pose.apply(points)), pose
-
-
-def estimate(solver: Callable, pixels1: np.ndarray, pixels2: np.ndarray, back: str) -> np.ndarray:
-    """The model (1, 3, 3) of a solver for normalized pixels; ``back`` undoes the normalization of the second view."""
-    T1, T2 = normalizing_transform(pixels1), normalizing_transform(pixels2)
-    model = solver(normalize(T1, pixels1)[None], normalize(T2, pixels2)[None])
-    return (T2.T if back == "transpose" else np.linalg.inv(T2)) @ model @ T1
