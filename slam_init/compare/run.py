@@ -129,10 +129,7 @@ def _publish(folder: OutputFolder, rows: Sequence[TrialRow], plan: Plan, command
     """Write all result files: either all are replaced, or none."""
     table = table_of(rows)
     summary = summary_of(table, plan)
-    texts = {
-        _REPORT: report_html(table, summary, command, notes),
-        _SUMMARY: json_text(summary),
-    }
+    texts = {_REPORT: report_html(table, summary, command, notes), _SUMMARY: json_text(summary)}
     with io.StringIO(newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)

@@ -82,10 +82,10 @@ class Colmap(RuledMethod):
         evidence: Evidence = {"homography_ratio": ratio, "homography_ratio_gate": self.max_homography_ratio}
         evidence |= {"inliers": count, "inliers_gate": few}
         if planar:
-            H = np.linalg.inv(K) @ H @ K
-            singular = np.linalg.svd(H, compute_uv=False)
+            of_rays = np.asarray(np.linalg.inv(K) @ H @ K, float)
+            singular = np.linalg.svd(of_rays, compute_uv=False)
             turns_only = np.abs((singular / singular[1]) ** 2 - 1).max() < self.rotation_gate
-            R, t = motions_of_homography(H, np.inf if turns_only else 1.0)  # a rotation has no motions
+            R, t = motions_of_homography(of_rays, np.inf if turns_only else 1.0)  # a rotation has no motions
         else:
             R, t = motions_of_essential(E)
         if len(R) == 0:

@@ -70,7 +70,7 @@ def as_array(
     if given.dtype != kind and given.size and (given.dtype.kind not in kinds or kind is np.uint8):
         raise error(f"{what} has the type {given.dtype}: give {give}")
     with np.errstate(over="ignore"):  # of a long double
-        array = given.astype(kind, copy=False)
+        array: NDArray[Any] = given.astype(kind, copy=False)
     if kind is np.float64 and not np.isfinite(array).all():
         raise error(f"{what} has a number that is not finite: give {give}")
     if kind is np.int64 and array is not given and (array != given).any():

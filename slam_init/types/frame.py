@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sized
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from slam_init.errors import SlamInitError, check_type
 from slam_init.types.arrays import Floats, Image, Ints, as_array, as_number, set_fields
+from slam_init.types.camera import Camera
 from slam_init.types.inertial import Gravity
 from slam_init.types.pose import Trajectory
-
-if TYPE_CHECKING:
-    from slam_init.types.camera import Camera
 
 #: A key of gtsam has 56 bits for the index of a frame, or the id of a track.
 MOST_NUMBERS = 2**56

@@ -317,11 +317,10 @@ def _risk_facts(result: Result) -> _Facts:
     window = next((attempt.window for attempt in reversed(result.attempts) if attempt.window is not None), None)
     if window is None:
         return []
-    direction = "" if window.direction_sigma_deg is None else f", direction +- {window.direction_sigma_deg:.1f} deg"
     depth_sigma = math.nan if result.map is None else result.map.depth_sigma
     depths = f", depths +- {depth_sigma:.1%}" if math.isfinite(depth_sigma) else ""
     model_risk = window.risk if result.map is None else result.map.model_risk or window.risk
-    return [("risk", f"{risk_in_words(model_risk)}{direction}{depths}")]
+    return [("risk", f"{risk_in_words(model_risk)}, direction +- {window.direction_sigma_deg:.1f} deg{depths}")]
 
 
 def _map_facts(result: Result, map_: InitialMap) -> _Facts:
