@@ -134,9 +134,8 @@ def _publish(folder: OutputFolder, rows: Sequence[TrialRow], plan: Plan, command
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
         for row in rows:
-            writer.writerow(
-                [str(value).lower() if isinstance(value, bool) else value for value in asdict(row).values()]
-            )
+            values = asdict(row).values()
+            writer.writerow([str(value).lower() if isinstance(value, bool) else value for value in values])
         texts[_RESULTS] = file.getvalue()
     # File names need not be valid Unicode.
     folder.write({name: text.encode("utf-8", "backslashreplace") for name, text in texts.items()})

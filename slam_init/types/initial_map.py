@@ -252,12 +252,10 @@ class InitialMap(Described, Savable):
 
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
         frames = ", ".join(str(keyframe.frame) for keyframe in self.keyframes)
+        landmarks = f"{len(self.points)}, {self.scene} scene, median parallax {self.median_parallax_deg:.2f} deg"
         return f"map of {len(self.keyframes)} keyframes and {len(self.points)} landmarks, {self.scene} scene", [
             ("keyframes", f"frames {frames}"),
-            (
-                "landmarks",
-                f"{len(self.points)}, {self.scene} scene, median parallax {self.median_parallax_deg:.2f} deg",
-            ),
+            ("landmarks", landmarks),
             *([] if math.isnan(self.depth_sigma) else [("depths", f"+- {self.depth_sigma:.2%} (median)")]),
             ("reprojection", f"{self.reprojection_rmse_px:.2f} px (rms), noise {self.noise_px:.2f} px"),
             *([] if self.scale is None else [("scale", str(self.scale).split("\n")[0])]),
