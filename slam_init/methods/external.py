@@ -45,7 +45,7 @@ from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
-from slam_init.types.initial_map import InitialMap, Keyframe, ScaleUncertainty
+from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Trajectory
 from slam_init.types.refusal import REASONS, Verdict
 from slam_init.types.result import Result
@@ -234,29 +234,12 @@ def _without_tracks(frame: int, timestamp_s: float, name: str) -> Observations:
 
 def _map_of(keyframes: Sequence[Keyframe], camera: Camera) -> InitialMap:
     """A map of keyframes without landmarks."""
-    none, newest = np.zeros(0, np.int64), keyframes[-1]
+    newest = keyframes[-1]
     return InitialMap(
         keyframes=tuple(keyframes),
-        points=np.zeros((0, 3)),
-        track_ids=none,
-        observation_keyframes=none,
-        observation_landmarks=none,
-        observation_pixels=np.zeros((0, 2)),
-        colors=np.zeros((0, 3), np.uint8),
         pose_covariances=np.full((len(keyframes), 6, 6), np.nan),
-        point_covariances=np.zeros((0, 3, 3)),
-        depth_sigmas=np.zeros(0),
-        scale_uncertainty=ScaleUncertainty(),
         open_tracks=_without_tracks(newest.frame, newest.timestamp_s, newest.name),
         gauge="that of the external program",
-        graph=None,
-        values=None,
-        points_before=np.zeros((0, 3)),
         keyframes_before=tuple(keyframe.world_from_cam for keyframe in keyframes),
-        bundle_errors=(),
-        reprojection_rmse_px=float("nan"),
-        median_parallax_deg=float("nan"),
-        noise_px=float("nan"),
-        scene="general",
         camera=camera,
     )

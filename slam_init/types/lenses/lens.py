@@ -135,22 +135,19 @@ def unproject_profile(kind: Profile, shape: Shape, uv: Floats) -> Floats:
             return np.where((np.abs(latitude) <= math.pi / 2)[:, None], rays, np.nan)
         radius = np.hypot(uv[:, 0], uv[:, 1])
         if kind == Profile.SPHERE:
-            return _unproject_sphere(shape, uv, radius * radius)
+            # The inverse of EUCM gives the ray from the centre of the shifted sphere.
+            xi, a, b = shape
+            r2 = radius * radius
+            z = (1 - b * a * a * r2) / (a * np.sqrt(1 - (2 * a - 1) * b * r2) + (1 - a))
+            length = (z * xi + np.sqrt(z * z + (1 - xi * xi) * r2)) / (z * z + r2)
+            rays = np.column_stack([length[:, None] * uv, length * z - xi])
+            return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
         angle = radius
         if kind == Profile.FIELD_OF_VIEW:
             w = shape[0]
             angle = np.where(w * radius < math.pi / 2, np.arctan(np.tan(w * radius) / (2 * math.tan(w / 2))), np.nan)
         scale = np.where(radius > _TINY, np.sin(angle) / np.where(radius > _TINY, radius, 1.0), 1.0)
         return np.column_stack([uv * scale[:, None], np.cos(angle)])
-
-
-def _unproject_sphere(shape: Shape, uv: Floats, r2: Floats) -> Floats:
-    """Rays of the sphere: the inverse of EUCM gives the ray from the centre of the shifted sphere."""
-    xi, a, b = shape
-    z = (1 - b * a * a * r2) / (a * np.sqrt(1 - (2 * a - 1) * b * r2) + (1 - a))
-    length = (z * xi + np.sqrt(z * z + (1 - xi * xi) * r2)) / (z * z + r2)
-    rays = np.column_stack([length[:, None] * uv, length * z - xi])
-    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
 
 # Of the derivatives of the distortion: its square is nothing beside any number.
