@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TypeAlias
 from urllib.parse import parse_qsl, urlencode
 
@@ -148,18 +147,13 @@ def _expand(text: str) -> list[tuple[str, str]]:
     try:
         kind = detect_kind(text)
     except SourceError:
-        below = _sequences_below(path)
+        cameras = path.rglob("camera.yaml") if path.is_dir() else iter(())
+        folders = [camera.parent for camera in cameras if (camera.parent / "groundtruth.txt").is_file()]
+        below = sorted(f.relative_to(path).as_posix() for f in folders if f.name not in _SEVERAL_MOTIONS)
         if not below:
             raise
         return [(label, str((path / label).resolve())) for label in below]
     return [(text, text)] if kind in ("synth", "python") else [(path.as_posix().rstrip("/"), str(path.resolve()))]
-
-
-def _sequences_below(path: Path) -> list[str]:
-    """Return the folders below ``path`` that hold a camera and a true trajectory: relative to ``path``, sorted."""
-    cameras = path.rglob("camera.yaml") if path.is_dir() else iter(())
-    folders = [camera.parent for camera in cameras if (camera.parent / "groundtruth.txt").is_file()]
-    return sorted(f.relative_to(path).as_posix() for f in folders if f.name not in _SEVERAL_MOTIONS)
 
 
 def _describe(label: str, text: str) -> ComparedSource:

@@ -295,21 +295,16 @@ def report_facts(result: Result, further: Sequence[tuple[str, str]] = ()) -> tup
     else:
         assert result.reason is not None
         title = f"not initialized: {in_words(result.reason)}"
-        facts = [("advice", result.advice), ("frames read", str(result.frames_read)), *_kept_facts(result)]
+        facts = [("advice", result.advice), ("frames read", str(result.frames_read))]
+        if result.hypotheses and result.margin is not None:  # both maps of an undecided pair
+            frames = ", ".join(str(keyframe.frame) for keyframe in result.hypotheses[0].keyframes)
+            kept = f"two maps of frames {frames}; the tracks {result.margin.in_words('the first', 'the second')}"
+            facts += [("kept", kept), *_risk_facts(result)]
     verdicts = Counter(in_words(attempt.verdict) for attempt in result.attempts)
     counts = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.most_common())
     attempts = f"{len(result.attempts)}" + (f" ({counts})" if counts else "")
     notes = [("note", plain_line(note)) for note in result.notes if note != result.advice]
     return title, [*facts, *further, ("attempts", attempts), *notes]
-
-
-def _kept_facts(result: Result) -> _Facts:
-    """The lines about the two maps of an undecided plane, if there are any."""
-    if not result.hypotheses or result.margin is None:
-        return []
-    frames = ", ".join(str(keyframe.frame) for keyframe in result.hypotheses[0].keyframes)
-    kept = f"two maps of frames {frames}; the tracks {result.margin.in_words('the first', 'the second')}"
-    return [("kept", kept), *_risk_facts(result)]
 
 
 def _risk_facts(result: Result) -> _Facts:
