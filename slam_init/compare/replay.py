@@ -84,8 +84,7 @@ def tracks_digest(source: AnySource, text: str, steps: Iterable[Step]) -> str:
     a hash of all bits would differ as well. With 20 tracks a rounding differs by chance in one of a million sources.
     """
     camera = calibration_of(source, text)
-    numbers = (camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion)
-    stated = f"{camera.model} {camera.width} {camera.height} {[f'{n:.6g}' for n in numbers]}"
+    stated = f"{camera.model} {camera.width} {camera.height} {[f'{n:.6g}' for n in camera.parameters]}"
     digest = hashlib.sha256(stated.encode())
     for step in steps:
         for one in (step.current, *step.revised):

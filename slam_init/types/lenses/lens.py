@@ -327,12 +327,8 @@ class LensModel:
         """
         X, Y, Z = rays[:, 0], rays[:, 1], rays[:, 2]
         if self.profile == Profile.PANORAMA:
-            level = np.hypot(X, Z)
-            return np.asarray(
-                (level > 0)
-                & (np.abs(np.arctan2(X, Z)) <= _SEAM_RAD)
-                & (np.abs(np.arctan2(Y, level)) <= _MAX_LATITUDE_RAD)
-            )
+            angles = np.abs(project_profile(self.profile, self.shape, rays))
+            return np.asarray((np.hypot(X, Z) > 0) & (angles <= (_SEAM_RAD, _MAX_LATITUDE_RAD)).all(axis=1))
         if self.is_planar:
             uv = project_profile(self.profile, self.shape, rays)
             return np.asarray((Z > 0) & (np.hypot(uv[:, 0], uv[:, 1]) <= self.largest_radius))

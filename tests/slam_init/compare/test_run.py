@@ -39,7 +39,7 @@ def test_results_hold_one_sorted_row_per_trial_with_the_documented_columns(finis
     out, summary = finished
     with (out / "results.csv").open(newline="") as file:
         header, *rows = csv.reader(file)
-    assert tuple(header) == COLUMNS
+    assert header == list(COLUMNS)
     keys = [(row[0], row[1], int(row[2])) for row in rows]
     assert keys == sorted(trial.key for trial in plan.trials())
     assert summary["trials"] == len(rows) == len(SOURCES) * len(METHODS)

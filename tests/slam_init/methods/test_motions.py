@@ -4,14 +4,26 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from make_model_views import views
 from two_view_scenes import CAMERA
 
-from quest.geometry.quaternion import rotation_angle
+from quest.geometry.quaternion import rotation_angle, rotation_from_vector
 from slam_init.methods.models import fundamentals, homographies
 from slam_init.methods.motions import CheckRule, check_motions, motions_of_essential, motions_of_homography
+from slam_init.types.pose import Pose
 
 RULE = CheckRule(max_error_px=1e-3, distant_cos=1.0)
+
+
+def views(seed, count=60, planar=False):
+    """Exact pixels of points in two views, and cam2_from_cam1 with |t| = 1."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform([-2, -1.5, 4], [2, 1.5, 8], (count, 3))
+    if planar:
+        points[:, 2] = 6 + 0.4 * points[:, 0] - 0.3 * points[:, 1]
+    t = rng.normal(size=3)
+    pose = Pose(rotation_from_vector(0.1 * rng.normal(size=3)), t / np.linalg.norm(t))
+    # Some pixels lie outside of the image, which does not matter here.
+    return CAMERA.project(points), CAMERA.project(pose.apply(points)), pose
 
 
 def contains(R, t, pose):
