@@ -203,6 +203,7 @@ class OpenSfm(RuledMethod):
 
 def _near(pair: Pair, R: Floats, t: Floats, threshold_rad: float) -> tuple[Floats, Bools]:
     """The midpoints of all matches, and which of them are seen within a chord of both rays, so in front of both."""
+    # Wherever a midpoint lies: the rules of OpenSfM test the points themselves.
     points = pair.check(R[None], t[None], np.ones(len(pair), bool), IN_FRONT_BY_MIDPOINTS).points[0]
     with np.errstate(all="ignore"):  # parallel rays have no midpoint
         ray1 = points / np.linalg.norm(points, axis=1, keepdims=True)
