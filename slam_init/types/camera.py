@@ -357,9 +357,8 @@ class Camera(Described):
         return math.tan(self._lens.max_angle_rad) if self._lens.max_angle_rad < math.pi / 2 else math.inf
 
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
-        known = (
-            "" if self.focal_sigma is None else f" (focal length by {self.source}, +- {100 * self.focal_sigma:.2g} %)"
-        )
+        sigma = self.focal_sigma
+        known = "" if sigma is None else f" (focal length by {self.source}, +- {100 * sigma:.2g} %)"
         facts = [("focal", f"{self.fx:.6g}, {self.fy:.6g} px"), ("principal", f"{self.cx:.6g}, {self.cy:.6g} px")]
         if self.distortion:
             facts.append(("distortion", ", ".join(f"{k:.4g}" for k in self.distortion)))

@@ -97,9 +97,8 @@ def as_image(image: object, what: str, size: tuple[int, int] | None = None) -> I
     wanted = "(H, W)" if size is None else f"({size[1]}, {size[0]})"
     give = f"uint8, {wanted} grey or {wanted[:-1]}, 3) BGR"
     if len(shape) not in (2, 3) or shape[2:] not in ((), (3,)) or 0 in shape:
-        raise SlamInitError(
-            f"{what} has the {f'shape {shape}' if shape else f'type {type(image).__name__}'}: give {give}"
-        )
+        found = f"shape {shape}" if shape else f"type {type(image).__name__}"
+        raise SlamInitError(f"{what} has the {found}: give {give}")
     array = as_array(image, np.uint8, shape, what, give)
     if size is not None and shape[1::-1] != size:
         raise SlamInitError(f"{what} is {shape[1]}x{shape[0]}, but the camera is for {size[0]}x{size[1]}: {_REMEDY}")
