@@ -59,9 +59,6 @@ RISK_EDGES = (0.0, 0.001, 0.002, 0.005, 0.05, 1.0)
 DIRECTION_SIGMAS, ROTATION_SIGMAS = 2.45, 2.80
 #: An audit calls a map wrong above this risk (:class:`slam_init.types.audit.Audit`).
 _AUDITED_WRONG = 0.9
-#: Columns that hold no numbers.
-_TEXTS = ("source", "method", "outcome", "reason", "group", "keyframes", "injected_cause", "evaluated_by")
-_FLAGS = ("strict", "reason_right", "kept_truth")
 #: Columns whose medians over the correct maps are reported.
 _MEDIANS_OF_CORRECT = (
     "rotation_error_deg", "direction_error_deg", "ate", "rotation_error_before_deg", "direction_error_before_deg",
@@ -136,7 +133,7 @@ def table_of(rows: Iterable[TrialRow]) -> DataFrame:
     from pandas import DataFrame
 
     table = DataFrame(list(rows), columns=list(COLUMNS))
-    table = table.astype({name: float for name in COLUMNS if name not in (*_TEXTS, *_FLAGS)})
+    table = table.astype({name: float for name, kind in COLUMNS.items() if kind.startswith(("int", "float"))})
     criteria = {group: criteria_of(group) for group in table["group"].unique()}
     levels = {group: "points" if group.startswith(POINTS) else "image" for group in criteria}
     moving = {group: "static" if one.no_translation else "moving" for group, one in criteria.items()}

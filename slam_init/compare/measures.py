@@ -5,21 +5,18 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from itertools import islice
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from slam_init.compare.criteria import Criteria, Truth
 from slam_init.compare.replay import Step
+from slam_init.compare.sources import AnySource
+from slam_init.datasets.synth import PointSource, SynthSource
 from slam_init.evaluation.metrics import compare_with_groundtruth
 from slam_init.mapping.resection import resect
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.pose import Pose, Trajectory
-
-if TYPE_CHECKING:
-    from slam_init.datasets import TimedSource
-    from slam_init.datasets.synth import PointSource
 
 #: Bounds of rotation and direction in degrees. Tracking recovers from errors within the bounds of
 #: :mod:`slam_init.compare.criteria`; errors within these bounds need no recovery.
@@ -120,7 +117,7 @@ def survival(map_: InitialMap, following: Iterable[Step]) -> float | None:
     return float(np.median(shares)) if shares else None
 
 
-def depth_errors(map_: InitialMap, source: TimedSource | PointSource) -> tuple[float | None, float | None]:
+def depth_errors(map_: InitialMap, source: AnySource) -> tuple[float | None, float | None]:
     """Compare the depths of the landmarks in the first keyframe with the true depths.
 
     * ``source``: The source of the map. Only synthetic sources hold true depths.
@@ -139,9 +136,7 @@ def depth_errors(map_: InitialMap, source: TimedSource | PointSource) -> tuple[f
     return float(np.median(np.abs(aligned - 1))), _wrong_order(depth[known], true[known])
 
 
-def _true_depths(source: TimedSource | PointSource, frame: int, track_ids: Ints, pixels: Floats) -> Floats:
-    from slam_init.datasets.synth import PointSource, SynthSource
-
+def _true_depths(source: AnySource, frame: int, track_ids: Ints, pixels: Floats) -> Floats:
     if isinstance(source, PointSource):
         return source.sequence.depths(frame)[track_ids]
     if not isinstance(source, SynthSource):

@@ -14,18 +14,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from typing import TYPE_CHECKING
 from urllib.parse import quote
 from zipfile import ZipFile
 
 import numpy as np
 
-from slam_init.compare.sources import calibration_of
-from slam_init.types.frame import Observations
-
-if TYPE_CHECKING:
-    from slam_init.datasets import TimedSource
-    from slam_init.datasets.synth import PointSource
+from slam_init.compare.sources import AnySource, calibration_of
+from slam_init.datasets.track_source import TrackSource
+from slam_init.types.frame import Observations, TimedSource
 
 #: Tracks of a frame whose positions are hashed.
 _HASHED_TRACKS = 20
@@ -43,14 +39,12 @@ class Step:
     revised: tuple[Observations, ...] = ()
 
 
-def replay(source: TimedSource | PointSource, text: str, start: int, folder: str | os.PathLike[str]) -> Iterator[Step]:
+def replay(source: AnySource, text: str, start: int, folder: str | os.PathLike[str]) -> Iterator[Step]:
     """Replay the tracks of a source from a start frame on. Revised frames before the start are left out.
 
     * ``folder``: Folder of the stored tracks. The tracks are computed and stored if they are not there yet. A source of
       points knows its tracks and does not use the folder, nor does a source of given tracks.
     """
-    from slam_init.datasets.track_source import TrackSource
-
     if isinstance(source, TrackSource):
         yield from (Step(observations) for observations in source.observations(start))
         return
@@ -82,7 +76,7 @@ def _stored(source: TimedSource, text: str, folder: str | os.PathLike[str]) -> P
     return file
 
 
-def tracks_digest(source: TimedSource | PointSource, text: str, steps: Iterable[Step]) -> str:
+def tracks_digest(source: AnySource, text: str, steps: Iterable[Step]) -> str:
     """Hash the tracks of a source, so that two comparisons can check whether they evaluated the same input.
 
     The hash holds the calibration, and of each record its frame, the ids of all tracks, and the positions of about 20
@@ -90,8 +84,7 @@ def tracks_digest(source: TimedSource | PointSource, text: str, steps: Iterable[
     a hash of all bits would differ as well. With 20 tracks a rounding differs by chance in one of a million sources.
     """
     camera = calibration_of(source, text)
-    numbers = (camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion)
-    stated = f"{camera.model} {camera.width} {camera.height} {[f'{n:.6g}' for n in numbers]}"
+    stated = f"{camera.model} {camera.width} {camera.height} {[f'{n:.6g}' for n in camera.parameters]}"
     digest = hashlib.sha256(stated.encode())
     for step in steps:
         for one in (step.current, *step.revised):

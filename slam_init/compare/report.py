@@ -76,19 +76,17 @@ def main_table(summary: Figures) -> str:
     tables = []
     for part, by_method in summary["parts"].items():
         columns = _STATIC if part.endswith("static") else _MOVING
-        tables.append(
-            _table(PARTS[part], {method_label(method): shown(one) for method, one in by_method.items()}, columns)
-        )
+        figures = {method_label(method): shown(one) for method, one in by_method.items()}
+        tables.append(_table(PARTS[part], figures, columns))
         if waits := [one for one in summary["waits"].get(part, ()) if one["trials"]]:
             title = f"wait of {method_label(waits[0]['first'])} minus that of"
             tables.append(_table(title, {method_label(one["second"]): one for one in waits}, _WAITS))
     for level, by_method in summary["reliability"].items():
         rows: dict[str, dict[str, Any]] = {}
         for method, reliability in by_method.items():
-            rows |= {f"{method_label(method)}, risk {name}": dict(one) for name, one in named_bins(reliability)}
-            rows[f"{method_label(method)}, risk all"] |= {
-                name: reliability[name]["rate"] for name in ("direction", "rotation")
-            }
+            label = f"{method_label(method)}, risk"
+            rows |= {f"{label} {name}": dict(one) for name, one in named_bins(reliability)}
+            rows[f"{label} all"] |= {name: reliability[name]["rate"] for name in ("direction", "rotation")}
         tables.append(_table(f"stated risk, {LEVELS[level]}", rows, _RELIABILITY))
     return "\n\n".join(tables)
 
@@ -182,7 +180,6 @@ def _svg(draw: Callable[[Axes], object], **axes: Any) -> str:
         plot.grid(alpha=0.3)
         plot.legend(fontsize="small", framealpha=0.5)
         text = StringIO()
-        figure.savefig(
-            text, format="svg", transparent=True, metadata=dict.fromkeys(("Creator", "Date", "Format", "Type"))
-        )
+        metadata = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+        figure.savefig(text, format="svg", transparent=True, metadata=metadata)
     return text.getvalue()[text.getvalue().index("<svg") :]

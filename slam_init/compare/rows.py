@@ -133,8 +133,8 @@ class TrialRow:
         return json.dumps(dataclasses.asdict(self), allow_nan=False)
 
 
-#: Columns of ``results.csv``: the names of the fields of :class:`TrialRow`.
-COLUMNS: tuple[str, ...] = tuple(field.name for field in dataclasses.fields(TrialRow))
+#: Columns of ``results.csv``: the names of the fields of :class:`TrialRow`, with their types.
+COLUMNS: dict[str, str] = {field.name: str(field.type) for field in dataclasses.fields(TrialRow)}
 #: Reads a line of ``trials.jsonl``, which may come from another version: unknown columns are ignored.
 _ROW = TypeAdapter(TrialRow)
 #: Version 2 added ``kept_truth``, ``suspected_focal_factor`` and the options of the methods.

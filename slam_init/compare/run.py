@@ -129,17 +129,13 @@ def _publish(folder: OutputFolder, rows: Sequence[TrialRow], plan: Plan, command
     """Write all result files: either all are replaced, or none."""
     table = table_of(rows)
     summary = summary_of(table, plan)
-    texts = {
-        _REPORT: report_html(table, summary, command, notes),
-        _SUMMARY: json_text(summary),
-    }
+    texts = {_REPORT: report_html(table, summary, command, notes), _SUMMARY: json_text(summary)}
     with io.StringIO(newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
         for row in rows:
-            writer.writerow(
-                [str(value).lower() if isinstance(value, bool) else value for value in asdict(row).values()]
-            )
+            values = asdict(row).values()
+            writer.writerow([str(value).lower() if isinstance(value, bool) else value for value in values])
         texts[_RESULTS] = file.getvalue()
     # File names need not be valid Unicode.
     folder.write({name: text.encode("utf-8", "backslashreplace") for name, text in texts.items()})

@@ -5,22 +5,22 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TypeAlias
 from urllib.parse import parse_qsl, urlencode
 
 import numpy as np
 
 from slam_init.compare.criteria import NOT_EVALUATED, Criteria, criteria_of, group_of_scene
+from slam_init.datasets import detect_kind, open_source
+from slam_init.datasets.synth import POINTS, PREFIX, PointSource, open_points
 from slam_init.datasets.views import DerivedSource, SourceView
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.system.regular_file import user_path
 from slam_init.types.camera import Camera
-from slam_init.types.frame import Frame
+from slam_init.types.frame import Frame, TimedSource
 
-if TYPE_CHECKING:
-    from slam_init.datasets import TimedSource
-    from slam_init.datasets.synth import PointSource
+#: A source of images or of points.
+AnySource: TypeAlias = TimedSource | PointSource
 
 #: Excluded: a person holds the chessboard in front of a fixed camera, so no single motion explains the image.
 _SEVERAL_MOTIONS = ("opencv_chessboard",)
@@ -55,14 +55,13 @@ class ComparedSource:
         return criteria if self.has_truth or criteria.no_translation else NOT_EVALUATED
 
 
-def open_compared(text: str) -> TimedSource | PointSource:
+def open_compared(text: str) -> AnySource:
     """Open a source of a comparison.
 
     * ``text``: A folder, a video, ``synth:NAME[?...]`` or ``points:NAME[?...]``. The last two also accept the option
       ``seed=N`` (0 by default). Or one of these with a view (:meth:`slam_init.datasets.views.SourceView.text`): then
       the frames that are used have consecutive indices. Large images are reduced, as for ``run``.
     """
-    from slam_init.datasets.synth import PointSource
     from slam_init.runner import reduction_of
 
     source = _named(text)
@@ -72,11 +71,8 @@ def open_compared(text: str) -> TimedSource | PointSource:
     return source if reduction.factor == 1 else _Reduced(source, reduction.camera, reduction.frames)
 
 
-def _named(text: str) -> TimedSource | PointSource:
+def _named(text: str) -> AnySource:
     """Open a source with its own calibration, and with images of their own size."""
-    from slam_init.datasets import open_source
-    from slam_init.datasets.synth import POINTS, PREFIX, open_points
-
     view, text = SourceView.parse(text)
     if not text.startswith((PREFIX, POINTS)):
         return view.apply(open_source(text), renumbered=True)
@@ -93,7 +89,7 @@ def _named(text: str) -> TimedSource | PointSource:
     return open_points(name, int(seed))
 
 
-def calibration_of(source: TimedSource | PointSource, text: str) -> Camera:
+def calibration_of(source: AnySource, text: str) -> Camera:
     """Return the camera of a source."""
     if source.camera is None:
         raise CalibrationError(f"{text} has no calibration: give --camera FILE, or put a camera.yaml beside its images")
@@ -145,27 +141,19 @@ class _Reduced(DerivedSource):
 
 def _expand(text: str) -> list[tuple[str, str]]:
     """Return (label, text) of each sequence that the user's text stands for."""
-    from slam_init.datasets import detect_kind
-    from slam_init.datasets.synth import POINTS
-
     if text.startswith(POINTS):
         return [(text, text)]
     path = user_path(text)
     try:
         kind = detect_kind(text)
     except SourceError:
-        below = _sequences_below(path)
+        cameras = path.rglob("camera.yaml") if path.is_dir() else iter(())
+        folders = [camera.parent for camera in cameras if (camera.parent / "groundtruth.txt").is_file()]
+        below = sorted(f.relative_to(path).as_posix() for f in folders if f.name not in _SEVERAL_MOTIONS)
         if not below:
             raise
         return [(label, str((path / label).resolve())) for label in below]
     return [(text, text)] if kind in ("synth", "python") else [(path.as_posix().rstrip("/"), str(path.resolve()))]
-
-
-def _sequences_below(path: Path) -> list[str]:
-    """Return the folders below ``path`` that hold a camera and a true trajectory: relative to ``path``, sorted."""
-    cameras = path.rglob("camera.yaml") if path.is_dir() else iter(())
-    folders = [camera.parent for camera in cameras if (camera.parent / "groundtruth.txt").is_file()]
-    return sorted(f.relative_to(path).as_posix() for f in folders if f.name not in _SEVERAL_MOTIONS)
 
 
 def _describe(label: str, text: str) -> ComparedSource:

@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,22 +15,18 @@ from slam_init.compare.criteria import Criteria, Truth
 from slam_init.compare.measures import PoseErrors, depth_errors, is_correct, is_strict, pose_errors, survival
 from slam_init.compare.replay import Step, replay
 from slam_init.compare.rows import Key, Outcome, TrialRow
-from slam_init.compare.sources import ComparedSource, calibration_of, open_compared
+from slam_init.compare.sources import AnySource, ComparedSource, calibration_of, open_compared
 from slam_init.config import Config, ExternalConfig
 from slam_init.datasets.synth import POINTS
 from slam_init.decision.attempt_log import reported_distortion
 from slam_init.errors import SlamInitError
 from slam_init.methods.external_command import is_external
+from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.initial_map import InitialMap
+from slam_init.types.pose import Trajectory
 from slam_init.types.refusal import Verdict
 from slam_init.types.result import Result
-
-if TYPE_CHECKING:
-    from slam_init.datasets import TimedSource
-    from slam_init.datasets.synth import PointSource
-    from slam_init.types.camera import Camera
-    from slam_init.types.pose import Trajectory
 
 #: A sequence with fewer frames per second is a set of photographs. The limit in seconds is not applied to it.
 _MIN_VIDEO_FPS = 5.0
@@ -128,15 +124,15 @@ def run_trial(trial: Trial, settings: Settings) -> TrialRow:
     camera = calibration_of(source, trial.source.text)
     result, following, times_ms = _result(trial, settings, source, camera)
     row = result_row(trial, settings, result, source, following)
-    columns: dict[str, Any] = {**times_ms, "trial_ms": 1e3 * (time.perf_counter() - begin)}
+    columns = {**times_ms, "trial_ms": 1e3 * (time.perf_counter() - begin)}
     if settings.audit and result.map is not None:
         columns["audited_risk"] = _audited_risk(trial, settings, result.map, source, camera)
-    columns |= {name: _rounded(value) for name, value in columns.items()}
-    return replace(row, **columns)
+    rounded: dict[str, Any] = {name: _rounded(value) for name, value in columns.items()}
+    return replace(row, **rounded)
 
 
 def _result(
-    trial: Trial, settings: Settings, source: TimedSource | PointSource, camera: Camera
+    trial: Trial, settings: Settings, source: AnySource, camera: Camera
 ) -> tuple[Result, Iterable[Step], dict[str, float | None]]:
     """Feed a method; return its result, the tracks of the frames that follow, and the columns of its times.
 
@@ -179,13 +175,13 @@ def error_row(trial: Trial, settings: Settings, cause: str) -> TrialRow:
 
 
 @lru_cache(maxsize=1)
-def _opened(text: str) -> TimedSource | PointSource:
+def _opened(text: str) -> AnySource:
     """Open and cache a source: its trials follow one another, and a synthetic world takes a second to build."""
     return open_compared(text)
 
 
 def _audited_risk(
-    trial: Trial, settings: Settings, map_: InitialMap, source: TimedSource | PointSource, camera: Camera
+    trial: Trial, settings: Settings, map_: InitialMap, source: AnySource, camera: Camera
 ) -> float | None:
     """Audit the poses of a map with all tracks that the trial could read; None where they do not connect its frames."""
     from slam_init import audit
@@ -205,7 +201,7 @@ def _audited_risk(
 
 
 def result_row(
-    trial: Trial, settings: Settings, result: Result, source: TimedSource | PointSource, following: Iterable[Step]
+    trial: Trial, settings: Settings, result: Result, source: AnySource, following: Iterable[Step]
 ) -> TrialRow:
     """Return the row of a trial that ended with a result; times and memory are None.
 

@@ -76,16 +76,11 @@ class Similarity:
 def align_positions(source: Floats, target: Floats) -> Similarity:
     """Compute the least-squares similarity between two sets of positions.
 
-    Shapes: ``source, target`` (N, 3).
+    Shapes: ``source, target`` (N, 3), N >= 1, all finite.
 
     * Returns: ``target ~ scale R source + t``. The scale is 1 if all source positions coincide, and 0 if only the
       target positions coincide. If the positions are collinear, the rotation is one of the equally good ones.
     """
-    source, target = np.asarray(source, float), np.asarray(target, float)
-    if source.shape != target.shape or source.ndim != 2 or source.shape[1] != 3 or len(source) == 0:
-        raise ValueError(f"positions of shapes {source.shape} and {target.shape}: both must be (N, 3), N >= 1")
-    if not (np.isfinite(source).all() and np.isfinite(target).all()):
-        raise ValueError("positions hold a number that is not finite: leave those poses out")
     source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
     a, b = source - source_mean, target - target_mean
     U, singular, Vt = np.linalg.svd(b.T @ a / len(a))
@@ -145,10 +140,9 @@ def true_path(keyframes: Sequence[Keyframe], truth: Trajectory | None) -> Floats
 
     * Returns: Empty if there is no ground truth, or if it cannot be aligned.
     """
-    world_from_gt = None if truth is None else align_truth(keyframes, truth)
-    if truth is None or world_from_gt is None:
-        return np.zeros((0, 3))
-    return world_from_gt.apply(positions_between(truth, keyframes[0].timestamp_s, keyframes[-1].timestamp_s))
+    if truth is not None and (world_from_gt := align_truth(keyframes, truth)) is not None:
+        return world_from_gt.apply(positions_between(truth, keyframes[0].timestamp_s, keyframes[-1].timestamp_s))
+    return np.zeros((0, 3))
 
 
 def ate_rmse(estimated: Floats, truth: Floats) -> float:

@@ -21,9 +21,8 @@ import numpy as np
 from quest.geometry.epipolar import sampson_error
 from quest.robust.samples import draw_samples
 from slam_init.methods.models import fundamentals, sampson_errors
-from slam_init.methods.motions import IN_FRONT, CheckRule, motions_of_essential
-from slam_init.methods.rules import Limit, Pair, RuledMethod
-from slam_init.methods.two_view import Evidence, PairRule, TwoViewOutcome
+from slam_init.methods.motions import IN_FRONT, IN_FRONT_BY_MIDPOINTS, CheckRule, motions_of_essential
+from slam_init.methods.two_view import Evidence, Limit, Pair, PairRule, RuledMethod, TwoViewOutcome
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.refusal import Verdict
 
@@ -171,8 +170,7 @@ class PlaneOnly(RuledMethod):
 
     def _best_motion(self, pair: Pair, R: Floats, t: Floats, inliers: Bools) -> int:
         """Choose the motion with most points in front; of two similar ones, the one with less epipolar error."""
-        in_front = CheckRule(max_error_px=float("inf"), distant_cos=1.0, midpoint=True)
-        good = pair.check(R, t, inliers, in_front).good.sum(axis=1)
+        good = pair.check(R, t, inliers, IN_FRONT_BY_MIDPOINTS).good.sum(axis=1)
         first, second = np.argsort(-good, kind="stable")[:2]
         if good[second] < self.second_share * good[first]:
             return int(first)

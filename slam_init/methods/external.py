@@ -25,17 +25,15 @@ program has keyframes and no landmarks, so that nothing can be continued from it
 
 from __future__ import annotations
 
-import shutil
 import tempfile
-import weakref
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from slam_init.calibration.files import camera_yaml
+from slam_init.config import Config
 from slam_init.datasets.text import read_trajectory
 from slam_init.errors import SlamInitError
 from slam_init.frontend.tracks import Tracker
@@ -44,18 +42,15 @@ from slam_init.methods.external_run import run_program
 from slam_init.output.folder import writing
 from slam_init.recording.recorder import Recorder
 from slam_init.system.regular_file import check_inside, read_regular
+from slam_init.types.arrays import Image
+from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
-from slam_init.types.initial_map import InitialMap, Keyframe, ScaleUncertainty
+from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Trajectory
 from slam_init.types.refusal import REASONS, Verdict
 from slam_init.types.result import Result
 from slam_init.types.status import Status, frame_of
 from slam_init.types.stopwatch import Stopwatch
-
-if TYPE_CHECKING:
-    from slam_init.config import Config
-    from slam_init.types.arrays import Image
-    from slam_init.types.camera import Camera
 
 _TRAJECTORY, _FRAMES_READ, _REASON = "trajectory.txt", "frames_read.txt", "reason.txt"
 #: Length of a number or of a reason.
@@ -90,8 +85,8 @@ class ExternalInitializer:
         self._given: list[Observations] = []
         self._finished: Result | None = None
         with self._writing():
-            self._folder = Path(tempfile.mkdtemp(prefix="slam-init-external-"))
-            self._remove_folder = weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
+            self._temporary = tempfile.TemporaryDirectory(prefix="slam-init-external-", ignore_cleanup_errors=True)
+            self._folder = Path(self._temporary.name)
             for name in ("images", "out"):
                 (self._folder / name).mkdir()
 
@@ -156,7 +151,7 @@ class ExternalInitializer:
                     raise SlamInitError(f"{self._command.label} {failure}{message}")
                 return self._read(self._folder / "out")
         finally:
-            self._remove_folder()
+            self._temporary.cleanup()
 
     def _writing(self) -> AbstractContextManager[None]:
         return writing(f"the frames for {self._command.label}", "set TMPDIR")
@@ -239,29 +234,12 @@ def _without_tracks(frame: int, timestamp_s: float, name: str) -> Observations:
 
 def _map_of(keyframes: Sequence[Keyframe], camera: Camera) -> InitialMap:
     """A map of keyframes without landmarks."""
-    none, newest = np.zeros(0, np.int64), keyframes[-1]
+    newest = keyframes[-1]
     return InitialMap(
         keyframes=tuple(keyframes),
-        points=np.zeros((0, 3)),
-        track_ids=none,
-        observation_keyframes=none,
-        observation_landmarks=none,
-        observation_pixels=np.zeros((0, 2)),
-        colors=np.zeros((0, 3), np.uint8),
         pose_covariances=np.full((len(keyframes), 6, 6), np.nan),
-        point_covariances=np.zeros((0, 3, 3)),
-        depth_sigmas=np.zeros(0),
-        scale_uncertainty=ScaleUncertainty(),
         open_tracks=_without_tracks(newest.frame, newest.timestamp_s, newest.name),
         gauge="that of the external program",
-        graph=None,
-        values=None,
-        points_before=np.zeros((0, 3)),
         keyframes_before=tuple(keyframe.world_from_cam for keyframe in keyframes),
-        bundle_errors=(),
-        reprojection_rmse_px=float("nan"),
-        median_parallax_deg=float("nan"),
-        noise_px=float("nan"),
-        scene="general",
         camera=camera,
     )

@@ -20,79 +20,54 @@ def homogeneous(pixels: Floats) -> Floats:
     return np.concatenate([pixels, np.ones((*pixels.shape[:-1], 1))], axis=-1)
 
 
-def normalizing_transform(pixels: Floats) -> Floats:
-    """Compute the transformation that gives pixels mean zero and mean absolute coordinates of one on each axis.
-
-    ORB-SLAM and stella_vslam use it. Hartley [1]_ scales both axes equally, to a mean distance of sqrt(2). If the
-    pixels lie on a line along one axis, the scale of the other axis is not changed.
-
-    Shapes: ``pixels`` (N, 2), returns (3, 3).
-    """
-    mean = pixels.mean(axis=0)
-    spread = np.abs(pixels - mean).mean(axis=0)
-    sx, sy = 1 / np.where(spread > 0, spread, 1.0)
-    return np.array([[sx, 0, -sx * mean[0]], [0, sy, -sy * mean[1]], [0, 0, 1.0]])
-
-
-def normalize(transform: Floats, pixels: Floats) -> Floats:
-    """Apply a transformation of :func:`normalizing_transform`.
-
-    Shapes: ``transform`` (3, 3), ``pixels`` (N, 2), returns (N, 2).
-    """
-    return np.asarray(pixels * np.diag(transform)[:2] + transform[:2, 2])
-
-
 def fundamentals(pixels1: Floats, pixels2: Floats, samples: Ints) -> Floats:
-    """Compute the fundamental matrices of samples of n >= 8 matches, from pixels normalized by all matches.
+    """Compute the fundamental matrices ``x2 . F x1 = 0`` of rank two of samples of n >= 8 matches [1]_.
+
+    The pixels are normalized by all matches.
 
     Shapes: ``pixels1, pixels2`` (N, 2), ``samples`` (B, n), returns (B, 3, 3).
     """
-    T1, T2 = normalizing_transform(pixels1), normalizing_transform(pixels2)
-    normalized = fundamental_eight_point(normalize(T1, pixels1)[samples], normalize(T2, pixels2)[samples])
-    return np.asarray(T2.T @ normalized @ T1)
+    (T1, points1), (T2, points2) = _normalized(pixels1), _normalized(pixels2)
+    x1, x2 = homogeneous(points1[samples]), homogeneous(points2[samples])
+    rows = (x2[..., :, None] * x1[..., None, :]).reshape(*x1.shape[:-1], 9)
+    U, S, Vt = np.linalg.svd(_null_matrices(rows))
+    S[:, 2] = 0
+    return np.asarray(T2.T @ ((U * S[:, None, :]) @ Vt) @ T1)
 
 
 def homographies(pixels1: Floats, pixels2: Floats, samples: Ints) -> Floats:
-    """Compute the homographies of samples of n >= 4 matches, as :func:`fundamentals`."""
-    T1, T2 = normalizing_transform(pixels1), normalizing_transform(pixels2)
-    normalized = homography_dlt(normalize(T1, pixels1)[samples], normalize(T2, pixels2)[samples])
-    return np.asarray(np.linalg.inv(T2) @ normalized @ T1)
+    """Compute the homographies ``x2 ~ H x1`` of samples of n >= 4 matches by the direct linear transformation [2]_.
 
-
-def fundamental_eight_point(points1: Floats, points2: Floats) -> Floats:
-    """Compute fundamental matrices ``x2 . F x1 = 0`` of rank two from n >= 8 matches each [1]_.
-
-    Shapes: ``points1, points2`` (B, n, 2), returns (B, 3, 3).
-
-    * ``points1, points2``: Matched points, normalized (:func:`normalizing_transform`).
+    Shapes: as those of :func:`fundamentals`.
     """
-    x1, x2 = homogeneous(points1), homogeneous(points2)
-    rows = (x2[..., :, None] * x1[..., None, :]).reshape(*x1.shape[:-1], 9)
-    U, S, Vt = np.linalg.svd(_null_vectors(rows).reshape(-1, 3, 3))
-    S[:, 2] = 0
-    return np.asarray((U * S[:, None, :]) @ Vt)
-
-
-def homography_dlt(points1: Floats, points2: Floats) -> Floats:
-    """Compute homographies ``x2 ~ H x1`` from n >= 4 matches each, by the direct linear transformation [2]_.
-
-    Shapes: ``points1, points2`` (B, n, 2), returns (B, 3, 3).
-
-    * ``points1, points2``: Matched points, normalized (:func:`normalizing_transform`).
-    """
-    x1, zero = homogeneous(points1), np.zeros((*points1.shape[:-1], 3))
-    u, v = points2[..., :1], points2[..., 1:]
+    (T1, points1), (T2, points2) = _normalized(pixels1), _normalized(pixels2)
+    x1, u, v = homogeneous(points1[samples]), points2[samples][..., :1], points2[samples][..., 1:]
+    zero = np.zeros_like(x1)
     rows = np.concatenate(
         [np.concatenate([zero, -x1, v * x1], axis=-1), np.concatenate([x1, zero, -u * x1], axis=-1)], axis=-2
     )
-    return _null_vectors(rows).reshape(-1, 3, 3)
+    return np.asarray(np.linalg.inv(T2) @ _null_matrices(rows) @ T1)
 
 
-def _null_vectors(rows: Floats) -> Floats:
-    """Return the unit vectors (B, 9) whose products with the rows (B, k, 9) are smallest."""
+def _normalized(pixels: Floats) -> tuple[Floats, Floats]:
+    """Give pixels mean zero and mean absolute coordinates of one on each axis: the transformation, and the points.
+
+    ORB-SLAM and stella_vslam use it. Hartley [1]_ scales both axes equally, to a mean distance of sqrt(2). If the
+    pixels lie on a line along one axis, the scale of the other axis is not changed.
+    """
+    mean = pixels.mean(axis=0)
+    spread = np.abs(pixels - mean).mean(axis=0)
+    scale = 1 / np.where(spread > 0, spread, 1.0)
+    transform = np.diag([*scale, 1.0])
+    transform[:2, 2] = -scale * mean
+    return transform, pixels * scale + transform[:2, 2]
+
+
+def _null_matrices(rows: Floats) -> Floats:
+    """Return the matrices (B, 3, 3) of norm one whose products with the rows (B, k, 9) are smallest."""
     # The eigenvectors of the normal matrix are much faster to compute than a full SVD. Squaring the rows only loses
     # digits far below the noise of a pixel, since the rows are normalized.
-    return np.asarray(np.linalg.eigh(rows.swapaxes(-1, -2) @ rows)[1][..., 0])
+    return np.asarray(np.linalg.eigh(rows.swapaxes(-1, -2) @ rows)[1][..., 0].reshape(-1, 3, 3))
 
 
 def transfer_errors(H: Floats, pixels1: Floats, pixels2: Floats) -> tuple[Floats, Floats]:
@@ -103,20 +78,15 @@ def transfer_errors(H: Floats, pixels1: Floats, pixels2: Floats) -> tuple[Floats
     * Returns ``in2``: Squared distance between x2 and H x1 in the second image, in squared pixels.
     """
     with np.errstate(all="ignore"):  # the error of a singular H, or of a point at infinity, is infinite or NaN
-        inverse = _adjugate(H)
-        return _squared_distance(H, pixels1, pixels2), _squared_distance(inverse, pixels2, pixels1)
+        # The adjugate matrix is the inverse up to scale, and exists for singular matrices too.
+        adjugate = np.cross(H[..., [1, 2, 0], :], H[..., [2, 0, 1], :]).swapaxes(-1, -2)
+        return _squared_distance(H, pixels1, pixels2), _squared_distance(adjugate, pixels2, pixels1)
 
 
 def _squared_distance(H: Floats, source: Floats, target: Floats) -> Floats:
     """Return the squared distances (B, N) between H source and target."""
     x, y, w = np.moveaxis(H @ homogeneous(source).T, -2, 0)
     return np.asarray((x / w - target[:, 0]) ** 2 + (y / w - target[:, 1]) ** 2)
-
-
-def _adjugate(H: Floats) -> Floats:
-    """Return the adjugate matrices, which are the inverses up to scale and exist for singular matrices too."""
-    rows = np.cross(H[..., [1, 2, 0], :], H[..., [2, 0, 1], :])
-    return np.asarray(rows.swapaxes(-1, -2))
 
 
 def epipolar_errors(F: Floats, pixels1: Floats, pixels2: Floats) -> tuple[Floats, Floats]:

@@ -29,23 +29,23 @@ def motions_of_essential(E: Floats) -> tuple[Floats, Floats]:
     return np.array([R1, R2, R1, R2]), np.array([t, t, -t, -t])
 
 
-def motions_of_homography(H: Floats, ratio_gate: float) -> tuple[Floats, Floats, Floats]:
+def motions_of_homography(H: Floats, ratio_gate: float) -> tuple[Floats, Floats]:
     """Compute the eight motions ``cam2_from_cam1`` of a homography of rays [2]_.
 
-    Shapes: ``H`` (3, 3), returns ``R`` (8, 3, 3), returns ``t`` (8, 3), returns ``normals`` (8, 3).
+    Shapes: ``H`` (3, 3), returns ``R`` (8, 3, 3), returns ``t`` (8, 3).
 
     * ``ratio_gate``: A number just above 1. There are no motions if the ratio of two neighbouring singular values is
       not larger: then there is no translation, or the plane is not unique.
-    * Returns ``normals``: Normals of the planes. All three arrays are empty if there are no motions.
+    * Returns: Both arrays are empty if there are no motions.
     """
     U, d, Vt = np.linalg.svd(H)
     d1, d2, d3 = d
     if not (d1 > ratio_gate * d2 and d2 > ratio_gate * d3):
-        return np.zeros((0, 3, 3)), np.zeros((0, 3)), np.zeros((0, 3))
+        return np.zeros((0, 3, 3)), np.zeros((0, 3))
     sign = np.linalg.det(U) * np.linalg.det(Vt)
     x1, x3 = np.sqrt((d1**2 - d2**2) / (d1**2 - d3**2)), np.sqrt((d2**2 - d3**2) / (d1**2 - d3**2))
     across = np.sqrt((d1**2 - d2**2) * (d2**2 - d3**2)) / d2
-    rotations, translations, normals = [], [], []
+    rotations, translations = [], []
     for side in (1, -1):  # d' = d2 and d' = -d2
         cosine, sine = side * (d2**2 + d1 * side * d3) / ((d1 + side * d3) * d2), across / (d1 + side * d3)
         for e1, e3 in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
@@ -54,8 +54,7 @@ def motions_of_homography(H: Floats, ratio_gate: float) -> tuple[Floats, Floats,
             t = U @ np.array([e1 * x1, 0, -side * e3 * x3])
             rotations.append(sign * U @ R @ Vt)
             translations.append(t / np.linalg.norm(t))
-            normals.append(Vt.T @ np.array([e1 * x1, 0, e3 * x3]))
-    return np.array(rotations), np.array(translations), np.array(normals)
+    return np.array(rotations), np.array(translations)
 
 
 @dataclass(frozen=True)
@@ -75,6 +74,8 @@ class CheckRule:
 
 #: Each inlier in front of both cameras counts: the estimator has tested the residuals, and no point is at infinity.
 IN_FRONT = CheckRule(max_error_px=float("inf"), distant_cos=1.0)
+#: The same, triangulated by midpoints.
+IN_FRONT_BY_MIDPOINTS = CheckRule(max_error_px=float("inf"), distant_cos=1.0, midpoint=True)
 
 
 @dataclass(frozen=True, eq=False)

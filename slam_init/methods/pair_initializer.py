@@ -18,7 +18,7 @@ from slam_init.frontend.matched_tracks import make_tracker
 from slam_init.mapping.map_building import map_with_views
 from slam_init.methods.two_view import TwoViewMethod, undistorted_pixels
 from slam_init.recording.recorder import Recorder
-from slam_init.types.arrays import Image, Ints
+from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import MapEvidence
 from slam_init.types.frame import Frame, Observations
@@ -152,7 +152,10 @@ class PairInitializer:
 
     def _try(self, reference: Observations, current: Observations) -> Outcome:
         """Run the method on a pair, and build the map if the pair is accepted."""
-        i, j = _matches_ahead(reference, current)
+        i, j = common_tracks(reference, current)
+        # Rays that have a place on the image plane: these methods know no others.
+        ahead = (reference.bearings[i, 2] > _LEAST_DEPTH) & (current.bearings[j, 2] > _LEAST_DEPTH)
+        i, j = i[ahead], j[ahead]
         rule = self.method.pair_rule
         gates = (
             at_least(GateName.FEATURES, len(current), rule.min_features, Verdict.TOO_FEW_FEATURES),
@@ -200,10 +203,3 @@ class PairInitializer:
             self._reference = None
             return Outcome(attempt.refused_at(Verdict.TOO_FEW_LANDMARKS))
         return Outcome(attempt, map_with_views(self.history, bundle, scene))
-
-
-def _matches_ahead(reference: Observations, current: Observations) -> tuple[Ints, Ints]:
-    """Positions of the common tracks whose rays have a place on the image plane: these methods know no other rays."""
-    i, j = common_tracks(reference, current)
-    ahead = (reference.bearings[i, 2] > _LEAST_DEPTH) & (current.bearings[j, 2] > _LEAST_DEPTH)
-    return i[ahead], j[ahead]

@@ -19,7 +19,7 @@ from quest.relative_pose import NoPose, PoseEvidence, RelativePose
 from slam_init.config import Config
 from slam_init.decision.two_views import MatchedPair
 from slam_init.methods.essential import EssentialMethod, Motions
-from slam_init.methods.rules import Pair
+from slam_init.methods.two_view import Pair
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 

@@ -7,7 +7,7 @@ The module imports no heavy library, because the command line reads it. A method
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from importlib.util import find_spec
 from types import BuiltinFunctionType
@@ -50,62 +50,39 @@ class MethodInfo:
             raise ConfigError(f"the method {self.name} needs the package {self.needs}: pip install {self.needs}")
 
 
-_SLAM, _SFM, _POSELIB, _ESSENTIAL = (
-    f"slam_init.methods.{name}" for name in ("slam_systems", "sfm_systems", "poselib", "essential")
-)
+#: The methods; those of this project come first. Their homes are modules of this folder.
 _DESCRIBED = (
     MethodInfo("quest", "QuEst; the stated risk of the joint estimate of all views decides"),
     MethodInfo("quest-two-view", "the same without a third view: the joint estimate holds the pair alone"),
-    MethodInfo(
-        "orb-slam3",
+    MethodInfo("orb-slam3",
         "8-point F, or H above 0.50 of both scores; 50 good points and 90 % of the inliers, 1 degree, no other motion",
-        f"{_SLAM}:orb_slam3",
-    ),
-    MethodInfo(
-        "orb-slam2", "as orb-slam3 with H above 0.40, and 100 landmarks after bundle adjustment", f"{_SLAM}:orb_slam2"
-    ),
-    MethodInfo(
-        "stella",
-        "8-point F or 4-point H by truncated cost; 50 good points, 1 degree, no other motion",
-        f"{_SLAM}:Stella",
-    ),
-    MethodInfo(
-        "essential-5pt",
-        "OpenCV's five-point USAC_MAGSAC; 50 points in front of both cameras, 1 degree",
-        f"{_ESSENTIAL}:EssentialFivePoint",
-    ),
-    MethodInfo("essential-8pt", "normalized 8-point E; gates of essential-5pt", f"{_ESSENTIAL}:EssentialEightPoint"),
-    MethodInfo(
-        "homography",
+        "slam_systems:orb_slam3"),
+    MethodInfo("orb-slam2", "as orb-slam3 with H above 0.40, and 100 landmarks after bundle adjustment",
+        "slam_systems:orb_slam2"),
+    MethodInfo("stella", "8-point F or 4-point H by truncated cost; 50 good points, 1 degree, no other motion",
+        "slam_systems:Stella"),
+    MethodInfo("essential-5pt", "OpenCV's five-point USAC_MAGSAC; 50 points in front of both cameras, 1 degree",
+        "essential:EssentialFivePoint"),
+    MethodInfo("essential-8pt", "normalized 8-point E; gates of essential-5pt", "essential:EssentialEightPoint"),
+    MethodInfo("homography",
         "a plane, always: H, the motion of most points in front; 50 px of disparity (median), 40 good points",
-        f"{_ESSENTIAL}:PlaneOnly",
-    ),
-    MethodInfo(
-        "colmap",
+        "essential:PlaneOnly"),
+    MethodInfo("colmap",
         "five-point E or H by the ratio of their inliers; 100 inliers, 16 degrees (median), not forward",
-        f"{_SFM}:Colmap",
-    ),
-    MethodInfo(
-        "poselib", "PoseLib's five-point LO-RANSAC; gates of essential-5pt", f"{_POSELIB}:PoseLib", needs="poselib"
-    ),
-    MethodInfo(
-        "poselib-100",
+        "sfm_systems:Colmap"),
+    MethodInfo("poselib", "PoseLib's five-point LO-RANSAC; gates of essential-5pt", "poselib:PoseLib", needs="poselib"),
+    MethodInfo("poselib-100",
         "as poselib with at least 100 iterations in place of 1000, as in the benchmark of its authors",
-        f"{_POSELIB}:poselib_100",
-        needs="poselib",
-    ),
-    MethodInfo("magsac", "essential-5pt by another name", f"{_ESSENTIAL}:EssentialFivePoint", alias_of="essential-5pt"),
-    MethodInfo(
-        "poselib-window", "PoseLib's relative pose in place of QuEst, evaluated by the window of quest", needs="poselib"
-    ),
-    MethodInfo(
-        "opensfm",
+        "poselib:poselib_100", needs="poselib"),
+    MethodInfo("magsac", "essential-5pt by another name", "essential:EssentialFivePoint", alias_of="essential-5pt"),
+    MethodInfo("poselib-window", "PoseLib's relative pose in place of QuEst, evaluated by the window of quest",
+        needs="poselib"),
+    MethodInfo("opensfm",
         "rotation-only test, then five-point or plane-based motion by their inliers, 20 points of 1 degree",
-        f"{_SFM}:OpenSfm",
-    ),
-)
-#: The methods by name; those of this project come first.
-METHODS: dict[str, MethodInfo] = {info.name: info for info in _DESCRIBED}
+        "sfm_systems:OpenSfm"),
+)  # fmt: skip
+#: The methods by name.
+METHODS = {one.name: replace(one, home=one.home and f"slam_init.methods.{one.home}") for one in _DESCRIBED}
 
 
 def method_info(name: str) -> MethodInfo:

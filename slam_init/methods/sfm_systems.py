@@ -23,9 +23,14 @@ import numpy as np
 from quest.robust import kernels
 from quest.robust.rotation import fit_rotation
 from slam_init.methods.essential import five_point
-from slam_init.methods.motions import IN_FRONT, CheckRule, motions_of_essential, motions_of_homography
-from slam_init.methods.rules import Limit, Pair, RuledMethod
-from slam_init.methods.two_view import Evidence, PairRule, TwoViewOutcome
+from slam_init.methods.motions import (
+    IN_FRONT,
+    IN_FRONT_BY_MIDPOINTS,
+    CheckRule,
+    motions_of_essential,
+    motions_of_homography,
+)
+from slam_init.methods.two_view import Evidence, Limit, Pair, PairRule, RuledMethod, TwoViewOutcome
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.pose import Pose
 from slam_init.types.refusal import Verdict
@@ -77,7 +82,10 @@ class Colmap(RuledMethod):
         evidence: Evidence = {"homography_ratio": ratio, "homography_ratio_gate": self.max_homography_ratio}
         evidence |= {"inliers": count, "inliers_gate": few}
         if planar:
-            R, t = self._motions_of_plane(np.linalg.inv(K) @ H @ K)
+            of_rays = np.asarray(np.linalg.inv(K) @ H @ K, float)
+            singular = np.linalg.svd(of_rays, compute_uv=False)
+            turns_only = np.abs((singular / singular[1]) ** 2 - 1).max() < self.rotation_gate
+            R, t = motions_of_homography(of_rays, np.inf if turns_only else 1.0)  # a rotation has no motions
         else:
             R, t = motions_of_essential(E)
         if len(R) == 0:
@@ -95,16 +103,6 @@ class Colmap(RuledMethod):
         )
         return pair.decided(chosen, 0, planar, evidence, limits)
 
-    def _motions_of_plane(self, H: Floats) -> tuple[Floats, Floats]:
-        """Return the motions of a homography of rays; none if it is a rotation."""
-        singular = np.linalg.svd(H, compute_uv=False)
-        if np.abs((singular / singular[1]) ** 2 - 1).max() < self.rotation_gate:
-            return np.zeros((0, 3, 3)), np.zeros((0, 3))
-        return motions_of_homography(H, 1.0)[:2]
-
-
-#: Each match is triangulated at the midpoint, wherever it lies: the rules of OpenSfM test the points themselves.
-_MIDPOINTS = CheckRule(max_error_px=float("inf"), distant_cos=1.0, midpoint=True)
 
 #: A rotation (3, 3), a unit translation (3,), and the matches (N,) within the threshold.
 _Motion = tuple[Floats, Floats, Bools]
@@ -199,13 +197,14 @@ class OpenSfm(RuledMethod):
         H, _ = cv2.findHomography(x1, x2, cv2.RANSAC, self.threshold_rad)
         if H is None or not np.isfinite(H).all():
             return None
-        R, t, _ = motions_of_homography(np.asarray(H, float), self.singular_ratio)
+        R, t = motions_of_homography(np.asarray(H, float), self.singular_ratio)
         return None if len(R) == 0 else (R[0], t[0], _near(pair, R[0], t[0], self.threshold_rad)[1])
 
 
 def _near(pair: Pair, R: Floats, t: Floats, threshold_rad: float) -> tuple[Floats, Bools]:
     """The midpoints of all matches, and which of them are seen within a chord of both rays, so in front of both."""
-    points = pair.check(R[None], t[None], np.ones(len(pair), bool), _MIDPOINTS).points[0]
+    # Wherever a midpoint lies: the rules of OpenSfM test the points themselves.
+    points = pair.check(R[None], t[None], np.ones(len(pair), bool), IN_FRONT_BY_MIDPOINTS).points[0]
     with np.errstate(all="ignore"):  # parallel rays have no midpoint
         ray1 = points / np.linalg.norm(points, axis=1, keepdims=True)
         second = points @ R.T + t

@@ -21,8 +21,7 @@ import numpy as np
 from quest.robust.samples import draw_samples
 from slam_init.methods.models import epipolar_errors, fundamentals, homographies, sampson_errors, transfer_errors
 from slam_init.methods.motions import CheckRule
-from slam_init.methods.rules import Limit, Pair, RuledMethod
-from slam_init.methods.two_view import Evidence, PairRule, TwoViewOutcome
+from slam_init.methods.two_view import Evidence, Limit, Pair, PairRule, RuledMethod, TwoViewOutcome
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.refusal import Verdict
 
@@ -85,7 +84,9 @@ class OrbSlam(RuledMethod):
         check = pair.check(R, t, inliers, self.check)
         best, good, parallax = check.best()
         second, most = check.second_share(), self.second_homography if planar else self.second_fundamental
-        needed, low = self._needed(int(inliers.sum()), planar), self.min_parallax_deg
+        count, low = int(inliers.sum()), self.min_parallax_deg
+        # A homography needs more than both bounds.
+        needed = max(int(self.min_good_share * count), self.min_triangulated) + planar
         # As in the sources: a competing motion exactly at the bound refuses a homography, and not a fundamental matrix.
         ambiguous = second >= most if planar else second > most
         # The sources give no reasons; these follow the list of this project. The number of good points
@@ -96,11 +97,7 @@ class OrbSlam(RuledMethod):
             Limit("good", good, needed, good < needed, Verdict.NO_CONSISTENT_MOTION),
             Limit("second_share", second, most, ambiguous, Verdict.AMBIGUOUS_PLANE),
         )
-        return pair.decided(check, best, planar, evidence | {"inliers": int(inliers.sum())}, limits)
-
-    def _needed(self, inliers: int, planar: bool) -> int:
-        """Return the number of good points that a motion needs; of a homography more than both bounds."""
-        return max(int(self.min_good_share * inliers), self.min_triangulated) + planar
+        return pair.decided(check, best, planar, evidence | {"inliers": count}, limits)
 
 
 def orb_slam3() -> OrbSlam:

@@ -97,10 +97,7 @@ def find_ground(map_: InitialMap, *, nadir: bool = False) -> Ground:
         raise NoScaleError(f"no plane {where} the camera is certain: {found}")
     if not _faces(best.k, nadir):
         raise NoScaleError(f"the plane of {count} landmarks does not lie {where} the camera: it is tilted too far")
-    ground = _ground(map_, seen, best, nadir)
-    if ground is None:
-        raise NoScaleError(f"the camera does not stay on one side of the plane {where} it")
-    return ground
+    return _ground(map_, seen, best, nadir)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,16 +188,12 @@ def _jackknife(plane: _Plane, seen: InverseDepths) -> float:
         return np.asarray(np.searchsorted(borders, values))
 
     parts = _PARTS * thirds(seen.rays[:, 0]) + thirds(seen.rays[:, 1])
-    logs = np.array(
-        [
-            math.log(float(np.linalg.norm(_fitted(plane, seen, plane.waves_rad, without=parts == part))))
-            for part in np.unique(parts[plane.inliers])
-        ]
-    )
+    fits = (_fitted(plane, seen, plane.waves_rad, without=parts == part) for part in np.unique(parts[plane.inliers]))
+    logs = np.array([math.log(float(np.linalg.norm(k))) for k in fits])
     return (len(logs) - 1) / len(logs) * float(np.sum((logs - logs.mean()) ** 2))
 
 
-def _ground(map_: InitialMap, seen: InverseDepths, plane: _Plane, nadir: bool) -> Ground | None:
+def _ground(map_: InitialMap, seen: InverseDepths, plane: _Plane, nadir: bool) -> Ground:
     """The height of the cameras above a plane, with its variance and its derivatives by the poses."""
     first = map_.keyframes[0].world_from_cam
     cameras = first.inverse().apply(np.array([keyframe.world_from_cam.t for keyframe in map_.keyframes]))
@@ -208,7 +201,7 @@ def _ground(map_: InitialMap, seen: InverseDepths, plane: _Plane, nadir: bool) -
     length = float(np.linalg.norm(k))
     heights = (1 - cameras @ k) / length
     if heights.min() <= 0:
-        return None
+        raise NoScaleError(f"the camera does not stay on one side of the plane {'ahead of' if nadir else 'below'} it")
     height = float(heights.mean())
     _, tolerance = _tolerances(k, seen, plane.waves_rad)
     weighted = seen.rays[inliers] / tolerance[inliers, None] ** 2

@@ -40,7 +40,9 @@ def scale_of_motion(map_: InitialMap, record: InertialRecord | None, grown: Init
     """
     from scipy.special import chdtrc  # the probability that a sum of squares is larger by chance
 
-    ends = _ends(map_)
+    known = {keyframe.frame: keyframe.world_from_cam.t for keyframe in map_.keyframes}
+    first = map_.keyframes[0].frame
+    ends = {first, max(known, key=lambda frame: float(np.linalg.norm(known[frame] - known[first])))}  # and the farthest
     source = grown if grown is not None and ends <= {keyframe.frame for keyframe in grown.keyframes} else map_
     count = len(source.keyframes)
     if record is None:
@@ -69,7 +71,6 @@ def scale_of_motion(map_: InitialMap, record: InertialRecord | None, grown: Init
         raise _of_another_camera(record, f"moved otherwise ({test})")
     if not found.sigma <= _WORST_SIGMA:
         raise NoScaleError(f"the accelerations determine the scale to +- {found.sigma:.0%} only: {_MOVE}")
-    known = {keyframe.frame: keyframe.world_from_cam.t for keyframe in map_.keyframes}
     units = float(np.linalg.norm(known[frames[far]] - known[frames[0]]))
     gravity = Gravity(poses[0].R @ found.gravity.down, found.gravity.sigma_deg)
     return Scale(
@@ -85,10 +86,3 @@ def scale_of_motion(map_: InitialMap, record: InertialRecord | None, grown: Init
 def _of_another_camera(record: InertialRecord, how: str) -> NoScaleError:
     check = "check the pose of the sensor in the camera and the clocks"
     return NoScaleError(f"{record.name} does not belong to the camera: it {how}: {check}")
-
-
-def _ends(map_: InitialMap) -> set[int]:
-    """The frames of the first camera and of the one farthest from it."""
-    first = map_.keyframes[0]
-    far = max(map_.keyframes, key=lambda keyframe: np.linalg.norm(keyframe.world_from_cam.t - first.world_from_cam.t))
-    return {first.frame, far.frame}

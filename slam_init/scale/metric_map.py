@@ -36,6 +36,13 @@ def in_metres(map_: InitialMap, scale: Scale) -> InitialMap:
     if map_.scale is not None:
         raise SlamInitError("the map is in metres already: scale the map of the initializer")
     factor = scale.metres_per_unit
+    # The variance of the held scale is replaced by that of the known one. Nothing but the range factor knows the scale,
+    # so that it is independent of all else. It moves a camera along the line from the first one, and so a landmark.
+    unit = np.repeat([1.0, factor], 3)
+    pose_covariances = map_.pose_covariances * np.outer(unit, unit)
+    poses = [keyframe.world_from_cam for keyframe in map_.keyframes]
+    moved = np.array([factor * pose.R.T @ (pose.t - poses[0].t) for pose in poses])
+    pose_covariances[:, 3:, 3:] += _of_scale(scale.sigma, moved)
     graph, values = metric_graph(map_.graph, map_.values, factor, scale.sigma)
     return replace(
         map_,
@@ -45,7 +52,7 @@ def in_metres(map_: InitialMap, scale: Scale) -> InitialMap:
         keyframes_before=tuple(Pose(pose.R, factor * pose.t) for pose in map_.keyframes_before),
         graph=graph,
         values=values,
-        pose_covariances=_covariances(map_, factor, scale.sigma),
+        pose_covariances=pose_covariances,
         point_covariances=factor**2 * (map_.point_covariances + _of_scale(scale.sigma, map_.points)),
         depth_sigmas=np.sqrt(np.maximum(map_.depth_sigmas**2 + scale.sigma**2 - _HELD_SIGMA**2, 0.0)),
         scale_uncertainty=map_.scale_uncertainty.with_scale(scale.sigma**2 - _HELD_SIGMA**2),
@@ -53,20 +60,6 @@ def in_metres(map_: InitialMap, scale: Scale) -> InitialMap:
         scale=scale,
         gravity=scale.gravity or map_.gravity,
     )
-
-
-def _covariances(map_: InitialMap, factor: float, sigma: float) -> Floats:
-    """The covariances of the poses in metres: the variance of the held scale is replaced by that of the known one.
-
-    Nothing but the range factor knows the scale, so that it is independent of all else. It moves a camera along the
-    line from the first one, and so a landmark.
-    """
-    unit = np.repeat([1.0, factor], 3)
-    covariances = map_.pose_covariances * np.outer(unit, unit)
-    poses = [keyframe.world_from_cam for keyframe in map_.keyframes]
-    moved = np.array([factor * pose.R.T @ (pose.t - poses[0].t) for pose in poses])
-    covariances[:, 3:, 3:] += _of_scale(sigma, moved)
-    return np.asarray(covariances)
 
 
 def _of_scale(sigma: float, offsets: Floats) -> Floats:

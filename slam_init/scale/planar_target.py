@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -112,25 +113,21 @@ class TargetSize:
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
+class _View(Sighting):
     """A sighting from a keyframe, which has a position in the map."""
 
     position: int
     world_from_cam: Pose
-    sighting: Sighting
     rays: Floats
 
 
-@dataclass(frozen=True, eq=False)
-class _Fit:
-    """A fitted target: the views with their corners in its order, and its points in the camera of each."""
+class _Fit(NamedTuple):
+    """A fitted target: the views with their corners in its order, and its size, which may be undetermined."""
 
     views: list[_View]
-    in_cameras: list[Floats]
-    log_units: float
-    #: (V, P, 2) and its derivatives (2 V P, 7) by rotation, position and logarithm of the size.
+    #: (V, P, 2)
     residuals_px: Floats
-    J: Floats
+    size: TargetSize | None
 
 
 def fit_target(map_: InitialMap, sightings: Sequence[Sighting]) -> TargetSize | None:
@@ -141,14 +138,14 @@ def fit_target(map_: InitialMap, sightings: Sequence[Sighting]) -> TargetSize | 
     """
     views = _views(map_, sightings)
     while len(views) >= 2:
-        largest = max(views, key=lambda view: float(np.ptp(view.sighting.pixels, axis=0).prod()))
+        largest = max(views, key=lambda view: float(np.ptp(view.pixels, axis=0).prod()))
         fits = [_fitted(map_, views, largest, start) for start in _planar_poses(largest)]
         best = min((fit for fit in fits if fit), key=lambda fit: float(np.sum(fit.residuals_px**2)), default=None)
         if best is None:
             return None
         errors_px = np.sqrt(np.mean(np.sum(best.residuals_px**2, axis=2), axis=1))
         if errors_px.max() <= _WORST_PX:
-            return _size(map_, best)
+            return best.size
         views = best.views
         del views[int(np.argmax(errors_px))]
     return None
@@ -156,10 +153,11 @@ def fit_target(map_: InitialMap, sightings: Sequence[Sighting]) -> TargetSize | 
 
 def _views(map_: InitialMap, sightings: Sequence[Sighting]) -> list[_View]:
     positions = {keyframe.frame: k for k, keyframe in enumerate(map_.keyframes)}
-    seen = [(one, map_.camera.bearings(one.pixels)) for one in sightings if one.frame in positions]
+    known = [(one, positions[one.frame]) for one in sightings if one.frame in positions]
+    seen = [(one, k, map_.camera.bearings(one.pixels)) for one, k in known]
     views = [
-        _View(positions[one.frame], map_.keyframes[positions[one.frame]].world_from_cam, one, rays)
-        for one, rays in seen
+        _View(**vars(one), position=k, world_from_cam=map_.keyframes[k].world_from_cam, rays=rays)
+        for one, k, rays in seen
         if np.isfinite(rays).all() and (rays[:, 2] > 0.05).all()  # the homography needs rays on the plane z = 1
     ]
     return [view for view in views if _planar_poses(view)]
@@ -171,7 +169,7 @@ def _planar_poses(view: _View) -> list[Pose]:
 
     xy = view.rays[:, :2] / view.rays[:, 2:]
     _, rotations, translations, _ = cv2.solvePnPGeneric(
-        view.sighting.points_m, xy, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_IPPE
+        view.points_m, xy, np.eye(3), np.zeros(4), flags=cv2.SOLVEPNP_IPPE
     )
     return [
         Pose(rotation_from_vector(np.ravel(rotation)), np.asarray(translation, float).ravel())
@@ -192,26 +190,42 @@ def _fitted(map_: InitialMap, views: Sequence[_View], largest: _View, start: Pos
 
     def in_cameras(x: Floats) -> list[Floats]:
         turned, size = rotation_from_vector(x[:3]) @ R, np.exp(np.log(units) + x[6])
-        world = (centre + x[3:6] + size * view.sighting.points_m @ turned.T for view in views)
+        world = (centre + x[3:6] + size * view.points_m @ turned.T for view in views)
         return [view.world_from_cam.inverse().apply(points) for view, points in zip(views, world, strict=True)]
 
     def residuals(x: Floats) -> Floats:
         seen = [map_.camera.project(points) for points in in_cameras(x)]
-        return np.concatenate([np.ravel(px - view.sighting.pixels) for px, view in zip(seen, views, strict=True)])
+        return np.concatenate([np.ravel(px - view.pixels) for px, view in zip(seen, views, strict=True)])
 
     if not np.isfinite(residuals(np.zeros(7))).all():
         return None
     found = least_squares(residuals, np.zeros(7), x_scale="jac", xtol=_CONVERGED)
-    shaped = found.fun.reshape(len(views), -1, 2)
-    return _Fit(views, in_cameras(found.x), float(np.log(units) + found.x[6]), shaped, np.asarray(found.jac))
+    residuals_px, J = found.fun.reshape(len(views), -1, 2), np.asarray(found.jac)
+    H = J.T @ J
+    if np.linalg.matrix_rank(H) < 7:
+        return _Fit(views, residuals_px, None)
+    inverse, excess = np.linalg.inv(H), max(residuals_px.size - 7, 1)
+    noise_px = max(_LEAST_NOISE_PX, float(np.sqrt(np.sum(residuals_px**2) / excess)))
+    by_poses = np.zeros(6 * len(map_.keyframes))
+    for view, points, own in zip(views, in_cameras(found.x), np.split(J, len(views)), strict=True):
+        pose = by_pose(projection_derivatives(map_.camera, points), points).reshape(-1, 6)
+        by_poses[6 * view.position : 6 * view.position + 6] -= inverse[6] @ own.T @ pose
+    size = TargetSize(
+        target=largest.target,
+        log_units=float(np.log(units) + found.x[6]),
+        variance=noise_px**2 * float(inverse[6, 6]),
+        by_poses=by_poses,
+        frames=tuple(view.frame for view in views),
+    )
+    return _Fit(views, residuals_px, size)
 
 
 def _same_way(view: _View, largest: _View, start: Pose) -> _View:
     """The view with its corners in the order that fits the start: half a turn of a board may look the same."""
-    if len(view.sighting.points_m) == 4:  # the corners of a marker are distinguished by its pattern
+    if len(view.points_m) == 4:  # the corners of a marker are distinguished by its pattern
         return view
     world = largest.world_from_cam.R @ start.R
-    reversed_ = replace(view, sighting=replace(view.sighting, pixels=view.sighting.pixels[::-1]), rays=view.rays[::-1])
+    reversed_ = replace(view, pixels=view.pixels[::-1], rays=view.rays[::-1])
 
     def turned_by(one: _View) -> float:
         poses = _planar_poses(one)
@@ -227,23 +241,3 @@ def _units_of_start(views: Sequence[_View]) -> float:
     path, to_target_m = path - path.mean(axis=0), to_target_m - to_target_m.mean(axis=0)
     metres = -float(np.sum(path * to_target_m))
     return float(np.sum(path**2)) / metres if metres > 0 else 0.0
-
-
-def _size(map_: InitialMap, fit: _Fit) -> TargetSize | None:
-    """The size of a fitted target, with its variance and its derivatives by the poses."""
-    H = fit.J.T @ fit.J
-    if np.linalg.matrix_rank(H) < 7:
-        return None
-    inverse, count = np.linalg.inv(H), fit.residuals_px.size
-    noise_px = max(_LEAST_NOISE_PX, float(np.sqrt(np.sum(fit.residuals_px**2) / max(count - 7, 1))))
-    by_poses = np.zeros(6 * len(map_.keyframes))
-    for view, points, own in zip(fit.views, fit.in_cameras, np.split(fit.J, len(fit.views)), strict=True):
-        pose = by_pose(projection_derivatives(map_.camera, points), points).reshape(-1, 6)
-        by_poses[6 * view.position : 6 * view.position + 6] -= inverse[6] @ own.T @ pose
-    return TargetSize(
-        target=fit.views[0].sighting.target,
-        log_units=fit.log_units,
-        variance=noise_px**2 * float(inverse[6, 6]),
-        by_poses=by_poses,
-        frames=tuple(view.sighting.frame for view in fit.views),
-    )

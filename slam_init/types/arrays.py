@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from numbers import Real
 from typing import Any
 
@@ -66,13 +67,10 @@ def as_array(
     if given.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, given.shape, strict=True)):
         found = f"type {type(value).__name__}" if given.dtype.kind in "OUS" else f"shape {given.shape}"
         raise error(f"{what} has the {found}: give {give}")
-    if given.dtype == kind:
-        array = given
-    elif given.size and (given.dtype.kind not in kinds or kind is np.uint8):
+    if given.dtype != kind and given.size and (given.dtype.kind not in kinds or kind is np.uint8):
         raise error(f"{what} has the type {given.dtype}: give {give}")
-    else:
-        with np.errstate(over="ignore"):  # of a long double
-            array = given.astype(kind)
+    with np.errstate(over="ignore"):  # of a long double
+        array: NDArray[Any] = given.astype(kind, copy=False)
     if kind is np.float64 and not np.isfinite(array).all():
         raise error(f"{what} has a number that is not finite: give {give}")
     if kind is np.int64 and array is not given and (array != given).any():
@@ -83,12 +81,9 @@ def as_array(
 def as_number(value: object, what: str, give: str, error: type[SlamInitError] = SlamInitError) -> float:
     """Make a float of what a caller gave, or state in one line why it is no finite number. A truth value is none."""
     if isinstance(value, Real) and not isinstance(value, bool):
-        try:
-            number = float(value)
-        except OverflowError:  # an integer beyond 1.8e308
-            number = math.inf
-        if math.isfinite(number):
-            return number
+        with suppress(OverflowError):  # an integer beyond 1.8e308
+            if math.isfinite(number := float(value)):
+                return number
     raise error(f"{what} is {value!r:.60}: give {give}")
 
 

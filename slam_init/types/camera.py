@@ -202,24 +202,19 @@ class Camera(Described):
     @property
     def K(self) -> Floats:
         """(3, 3) calibration matrix of a camera without distortion that has the same pixels near the optical axis."""
-        fx, fy = self._focal_lengths
-        return np.array([[fx, 0, self.cx], [0, fy, self.cy], [0, 0, 1]], float)
+        factor = self._lens.magnification
+        return np.array([[self.fx * factor, 0, self.cx], [0, self.fy * factor, self.cy], [0, 0, 1]], float)
 
     @property
     def focal_px(self) -> float:
         """Geometric mean of the focal lengths: the number of pixels per radian near the centre."""
-        fx, fy = self._focal_lengths
-        return math.sqrt(fx * fy)
+        factor = self._lens.magnification
+        return math.sqrt(self.fx * factor * (self.fy * factor))
 
     @property
     def parameters(self) -> tuple[float, ...]:
         """fx, fy, cx, cy, then the distortion."""
         return (self.fx, self.fy, self.cx, self.cy, *self.distortion)
-
-    @property
-    def _focal_lengths(self) -> tuple[float, float]:
-        """Pixels per radian near the optical axis, to the right and down."""
-        return self.fx * self._lens.magnification, self.fy * self._lens.magnification
 
     @property
     def focal_sigma_px(self) -> float | None:
@@ -362,9 +357,8 @@ class Camera(Described):
         return math.tan(self._lens.max_angle_rad) if self._lens.max_angle_rad < math.pi / 2 else math.inf
 
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
-        known = (
-            "" if self.focal_sigma is None else f" (focal length by {self.source}, +- {100 * self.focal_sigma:.2g} %)"
-        )
+        sigma = self.focal_sigma
+        known = "" if sigma is None else f" (focal length by {self.source}, +- {100 * sigma:.2g} %)"
         facts = [("focal", f"{self.fx:.6g}, {self.fy:.6g} px"), ("principal", f"{self.cx:.6g}, {self.cy:.6g} px")]
         if self.distortion:
             facts.append(("distortion", ", ".join(f"{k:.4g}" for k in self.distortion)))

@@ -27,8 +27,6 @@ FIELD_PRIOR: Floats = np.array([0.2, 0.2, 0.2, 0.2, 0.12, 0.05, 0.02, 0.01])
 #: ten million. Tracks that are held at infinity pull although they have no information about a field.
 #: Class: level.
 LARGEST_PULL_SIGMAS = 5.0
-FIELD_SCALES_PX.setflags(write=False)
-FIELD_PRIOR.setflags(write=False)
 
 
 class CorrelatedErrors(NamedTuple):

@@ -5,17 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Sized
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from slam_init.errors import SlamInitError, check_type
 from slam_init.types.arrays import Floats, Image, Ints, as_array, as_number, set_fields
+from slam_init.types.camera import Camera
 from slam_init.types.inertial import Gravity
 from slam_init.types.pose import Trajectory
-
-if TYPE_CHECKING:
-    from slam_init.types.camera import Camera
 
 #: A key of gtsam has 56 bits for the index of a frame, or the id of a track.
 MOST_NUMBERS = 2**56
@@ -99,9 +97,8 @@ def as_image(image: object, what: str, size: tuple[int, int] | None = None) -> I
     wanted = "(H, W)" if size is None else f"({size[1]}, {size[0]})"
     give = f"uint8, {wanted} grey or {wanted[:-1]}, 3) BGR"
     if len(shape) not in (2, 3) or shape[2:] not in ((), (3,)) or 0 in shape:
-        raise SlamInitError(
-            f"{what} has the {f'shape {shape}' if shape else f'type {type(image).__name__}'}: give {give}"
-        )
+        found = f"shape {shape}" if shape else f"type {type(image).__name__}"
+        raise SlamInitError(f"{what} has the {found}: give {give}")
     array = as_array(image, np.uint8, shape, what, give)
     if size is not None and shape[1::-1] != size:
         raise SlamInitError(f"{what} is {shape[1]}x{shape[0]}, but the camera is for {size[0]}x{size[1]}: {_REMEDY}")
@@ -125,26 +122,21 @@ class Source(Protocol):
     @property
     def name(self) -> str:
         """Short name, for reports."""
-        ...
 
     @property
     def kind(self) -> str:
         """A layout of ``docs/how-to/data-sets.md`` as ``tum``, ``video``, ``ros1``, ``live``, or a word of the user."""
-        ...
 
     @property
     def camera(self) -> Camera | None:
         """The calibration that comes with the source, if any."""
-        ...
 
     @property
     def groundtruth(self) -> Trajectory | None:
         """The true trajectory that comes with the source, if any."""
-        ...
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Give frames in time order."""
-        ...
 
 
 class TimedSource(Source, Protocol):
@@ -153,11 +145,9 @@ class TimedSource(Source, Protocol):
     @property
     def timestamps_s(self) -> Floats:
         """(N,) float: time stamps of all frames in seconds, strictly increasing."""
-        ...
 
     def __len__(self) -> int:
         """Number of frames. For a video the number in its header; for a bag that in its index, an upper bound."""
-        ...
 
 
 def length_of(source: Source) -> int | None:

@@ -87,12 +87,14 @@ class ScaleUncertainty:
         return type(self)(math.sqrt(max(self.own**2 + variance, 0.0)), self.by_lens)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class InitialMap(Described, Savable):
     """The initial map: keyframes in time order, landmarks, and the observations of the landmarks in the keyframes.
 
     The world frame is the camera frame of the first keyframe. The unit of length is the median depth of the landmarks
     in this frame, or the metre where a scale is known (:func:`slam_init.scale.metric_map.in_metres`).
+
+    The defaults are those of a map without landmarks, as of an external program.
 
     Attributes
     ----------
@@ -166,27 +168,27 @@ class InitialMap(Described, Savable):
     """
 
     keyframes: tuple[Keyframe, ...]
-    points: Floats
-    track_ids: Ints
-    observation_keyframes: Ints
-    observation_landmarks: Ints
-    observation_pixels: Floats
-    colors: Image
+    points: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    track_ids: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    observation_keyframes: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    observation_landmarks: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    observation_pixels: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    colors: Image = field(default_factory=lambda: np.zeros((0, 3), np.uint8))
     pose_covariances: Floats
-    point_covariances: Floats
-    depth_sigmas: Floats
-    scale_uncertainty: ScaleUncertainty
+    point_covariances: Floats = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    depth_sigmas: Floats = field(default_factory=lambda: np.zeros(0))
+    scale_uncertainty: ScaleUncertainty = field(default_factory=ScaleUncertainty)
     open_tracks: Observations
     gauge: str
-    graph: Any
-    values: Any
-    points_before: Floats
+    graph: Any = None
+    values: Any = None
+    points_before: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     keyframes_before: tuple[Pose, ...]
-    bundle_errors: tuple[float, ...]
-    reprojection_rmse_px: float
-    median_parallax_deg: float
-    noise_px: float
-    scene: str
+    bundle_errors: tuple[float, ...] = ()
+    reprojection_rmse_px: float = math.nan
+    median_parallax_deg: float = math.nan
+    noise_px: float = math.nan
+    scene: str = "general"
     camera: Camera
     focal_factor: float = 1.0
     focal_factor_sigma: float | None = None
@@ -252,12 +254,10 @@ class InitialMap(Described, Savable):
 
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
         frames = ", ".join(str(keyframe.frame) for keyframe in self.keyframes)
+        landmarks = f"{len(self.points)}, {self.scene} scene, median parallax {self.median_parallax_deg:.2f} deg"
         return f"map of {len(self.keyframes)} keyframes and {len(self.points)} landmarks, {self.scene} scene", [
             ("keyframes", f"frames {frames}"),
-            (
-                "landmarks",
-                f"{len(self.points)}, {self.scene} scene, median parallax {self.median_parallax_deg:.2f} deg",
-            ),
+            ("landmarks", landmarks),
             *([] if math.isnan(self.depth_sigma) else [("depths", f"+- {self.depth_sigma:.2%} (median)")]),
             ("reprojection", f"{self.reprojection_rmse_px:.2f} px (rms), noise {self.noise_px:.2f} px"),
             *([] if self.scale is None else [("scale", str(self.scale).split("\n")[0])]),

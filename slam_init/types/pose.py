@@ -78,8 +78,8 @@ class Pose:
             The rest of a sentence that starts with the pose; None where ``R R^T = 1`` and ``det R = 1`` up to 1e-6 and
             t is finite.
         """
-        R, t = (np.asarray(value) for value in (self.R, self.t))
-        if R.shape != (3, 3) or t.shape != (3,) or {R.dtype.kind, t.dtype.kind} - set("fiu"):
+        R, t = self.R, self.t
+        if {R.dtype.kind, t.dtype.kind} - set("fiu"):
             return f"has R of shape {R.shape} and t of shape {t.shape}: give numbers (3, 3) and (3,)"
         if not (np.isfinite(t).all() and (np.abs(R) < 2).all()):
             return "has a number that is not finite or too large: give a rotation and a finite translation"

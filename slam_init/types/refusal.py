@@ -106,23 +106,13 @@ class GateName(StrEnum):
     A suffix ``_px`` or ``_deg`` is the unit.
     """
 
-    #: Unit of the value and of the threshold; empty for shares, counts and ratios.
-    unit: str
-
-    def __new__(cls, value: str, unit: str = "") -> GateName:
-        """Make a member with a unit."""
-        member = str.__new__(cls, value)
-        member._value_ = value
-        member.unit = unit
-        return member
-
     # Stage MATCHES.
     FEATURES = "features"
     MATCHES = "matches"
     # Stage MOTION: 90th percentile of the displacement of the tracks; angle of the best rotation, in pixels at the
     # centre of the image.
-    MOTION_PX = "motion_px", "px"
-    ROTATION_PX = "rotation_px", "px"
+    MOTION_PX = "motion_px"
+    ROTATION_PX = "rotation_px"
     # Stage MAP: the probability that the best motion of the window is wrong; the relative standard deviation of a focal
     # length that is estimated; the number of landmarks of the map; the share of them whose depths are known; the
     # standard deviation of the position of the next view, over its baseline; the median parallax of the landmarks.
@@ -131,7 +121,13 @@ class GateName(StrEnum):
     LANDMARKS = "landmarks"
     KNOWN_DEPTHS = "known_depths"
     LOCATED_SIGMA = "located_sigma"
-    PARALLAX_DEG = "parallax_deg", "deg"
+    PARALLAX_DEG = "parallax_deg"
+
+    @property
+    def unit(self) -> str:
+        """Unit of the value and of the threshold; empty for shares, counts and ratios."""
+        suffix = self.rpartition("_")[2]
+        return suffix if suffix in ("px", "deg") else ""
 
 
 @dataclass(frozen=True)
@@ -185,9 +181,9 @@ class Gate:
         """
         if self.passes():
             return 1.0
-        if self.direction is Direction.AT_LEAST:
-            return self.value / self.threshold if self.value > 0 else 0.0
-        return max(self.threshold, 0.0) / self.value if self.value > 0 else 0.0
+        pair = (self.value, self.threshold)
+        smaller, larger = pair if self.direction is Direction.AT_LEAST else (max(self.threshold, 0.0), self.value)
+        return smaller / larger if self.value > 0 else 0.0
 
     def __str__(self) -> str:
         sign, unit = {"at_least": ">=", "at_most": "<="}[self.direction], f" {self.unit}" if self.unit else ""

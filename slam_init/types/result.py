@@ -295,7 +295,11 @@ def report_facts(result: Result, further: Sequence[tuple[str, str]] = ()) -> tup
     else:
         assert result.reason is not None
         title = f"not initialized: {in_words(result.reason)}"
-        facts = [("advice", result.advice), ("frames read", str(result.frames_read)), *_kept_facts(result)]
+        facts = [("advice", result.advice), ("frames read", str(result.frames_read))]
+        if result.hypotheses and result.margin is not None:  # both maps of an undecided pair
+            frames = ", ".join(str(keyframe.frame) for keyframe in result.hypotheses[0].keyframes)
+            kept = f"two maps of frames {frames}; the tracks {result.margin.in_words('the first', 'the second')}"
+            facts += [("kept", kept), *_risk_facts(result)]
     verdicts = Counter(in_words(attempt.verdict) for attempt in result.attempts)
     counts = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.most_common())
     attempts = f"{len(result.attempts)}" + (f" ({counts})" if counts else "")
@@ -303,25 +307,15 @@ def report_facts(result: Result, further: Sequence[tuple[str, str]] = ()) -> tup
     return title, [*facts, *further, ("attempts", attempts), *notes]
 
 
-def _kept_facts(result: Result) -> _Facts:
-    """The lines about the two maps of an undecided plane, if there are any."""
-    if not result.hypotheses or result.margin is None:
-        return []
-    frames = ", ".join(str(keyframe.frame) for keyframe in result.hypotheses[0].keyframes)
-    kept = f"two maps of frames {frames}; the tracks {result.margin.in_words('the first', 'the second')}"
-    return [("kept", kept), *_risk_facts(result)]
-
-
 def _risk_facts(result: Result) -> _Facts:
     """The line about the risk of the best map, where a window was evaluated, and the depths of the landmarks."""
     window = next((attempt.window for attempt in reversed(result.attempts) if attempt.window is not None), None)
     if window is None:
         return []
-    direction = "" if window.direction_sigma_deg is None else f", direction +- {window.direction_sigma_deg:.1f} deg"
     depth_sigma = math.nan if result.map is None else result.map.depth_sigma
     depths = f", depths +- {depth_sigma:.1%}" if math.isfinite(depth_sigma) else ""
     model_risk = window.risk if result.map is None else result.map.model_risk or window.risk
-    return [("risk", f"{risk_in_words(model_risk)}{direction}{depths}")]
+    return [("risk", f"{risk_in_words(model_risk)}, direction +- {window.direction_sigma_deg:.1f} deg{depths}")]
 
 
 def _map_facts(result: Result, map_: InitialMap) -> _Facts:

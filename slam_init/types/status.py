@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import Any
 
 from quest.display import Described
 from slam_init.types.arrays import Floats, Image, as_number
@@ -159,18 +160,9 @@ def frame_of(
     time_s = None if timestamp_s is None else as_number(timestamp_s, "the time stamp", "finite seconds, or None")
     size = (camera.width, camera.height)
     if not isinstance(image, Frame):
-        return Frame(
-            index,
-            float(index) if time_s is None else time_s,
-            f"frame-{index:06d}",
-            as_image(image, f"the image of frame {index}", size),
-            mask,
-        )
+        image = as_image(image, f"the image of frame {index}", size)
+        return Frame(index, float(index) if time_s is None else time_s, f"frame-{index:06d}", image, mask)
     as_image(image.image, f"the image of frame {image.index}", size)
-    if time_s is None and mask is None:
-        return image
-    return replace(
-        image,
-        timestamp_s=image.timestamp_s if time_s is None else time_s,
-        mask=image.mask if mask is None else mask,
-    )
+    given = {"timestamp_s": time_s, "mask": mask}
+    changed: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    return replace(image, **changed) if changed else image

@@ -135,22 +135,19 @@ def unproject_profile(kind: Profile, shape: Shape, uv: Floats) -> Floats:
             return np.where((np.abs(latitude) <= math.pi / 2)[:, None], rays, np.nan)
         radius = np.hypot(uv[:, 0], uv[:, 1])
         if kind == Profile.SPHERE:
-            return _unproject_sphere(shape, uv, radius * radius)
+            # The inverse of EUCM gives the ray from the centre of the shifted sphere.
+            xi, a, b = shape
+            r2 = radius * radius
+            z = (1 - b * a * a * r2) / (a * np.sqrt(1 - (2 * a - 1) * b * r2) + (1 - a))
+            length = (z * xi + np.sqrt(z * z + (1 - xi * xi) * r2)) / (z * z + r2)
+            rays = np.column_stack([length[:, None] * uv, length * z - xi])
+            return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
         angle = radius
         if kind == Profile.FIELD_OF_VIEW:
             w = shape[0]
             angle = np.where(w * radius < math.pi / 2, np.arctan(np.tan(w * radius) / (2 * math.tan(w / 2))), np.nan)
         scale = np.where(radius > _TINY, np.sin(angle) / np.where(radius > _TINY, radius, 1.0), 1.0)
         return np.column_stack([uv * scale[:, None], np.cos(angle)])
-
-
-def _unproject_sphere(shape: Shape, uv: Floats, r2: Floats) -> Floats:
-    """Rays of the sphere: the inverse of EUCM gives the ray from the centre of the shifted sphere."""
-    xi, a, b = shape
-    z = (1 - b * a * a * r2) / (a * np.sqrt(1 - (2 * a - 1) * b * r2) + (1 - a))
-    length = (z * xi + np.sqrt(z * z + (1 - xi * xi) * r2)) / (z * z + r2)
-    rays = np.column_stack([length[:, None] * uv, length * z - xi])
-    return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
 
 # Of the derivatives of the distortion: its square is nothing beside any number.
@@ -330,12 +327,8 @@ class LensModel:
         """
         X, Y, Z = rays[:, 0], rays[:, 1], rays[:, 2]
         if self.profile == Profile.PANORAMA:
-            level = np.hypot(X, Z)
-            return np.asarray(
-                (level > 0)
-                & (np.abs(np.arctan2(X, Z)) <= _SEAM_RAD)
-                & (np.abs(np.arctan2(Y, level)) <= _MAX_LATITUDE_RAD)
-            )
+            angles = np.abs(project_profile(self.profile, self.shape, rays))
+            return np.asarray((np.hypot(X, Z) > 0) & (angles <= (_SEAM_RAD, _MAX_LATITUDE_RAD)).all(axis=1))
         if self.is_planar:
             uv = project_profile(self.profile, self.shape, rays)
             return np.asarray((Z > 0) & (np.hypot(uv[:, 0], uv[:, 1]) <= self.largest_radius))
@@ -433,32 +426,28 @@ _RANGES: dict[str, dict[str, tuple[float, float]]] = {
     "eucm": {"alpha": (0.0, 1.0), "beta": (1e-6, 100.0)},
 }
 
-#: Position of the coefficient to which more radial distortion is added; models without one are not bent.
-_FIRST_RADIAL = {
-    "radtan": 0, "fisheye": 0, "rational": 0, "thin-prism": 0, "thin-prism-fisheye": 0,
-    "fov": 1, "omni": 1, "double-sphere": 2, "eucm": 2,
-}  # fmt: skip
+#: The coefficients to which more radial distortion is added; models without one are not bent.
+_FIRST_RADIAL = ("k1", "b")
 
 #: The degrees of the terms of the coefficients of perspective models, less one.
 _DEGREES = {"k1": 2, "k2": 4, "p1": 1, "p2": 1, "k3": 6, "k4": 2, "k5": 4, "k6": 6, "s1": 1, "s2": 3, "s3": 1, "s4": 3}
 
 
-def _sizes(model: str) -> tuple[int, ...]:
-    needed, _, more = COEFFICIENTS[model].partition("|")
-    sizes = len(needed.split()), len(needed.split()) + len(more.split())
-    return sizes if more else sizes[:1]
+def _names(model: str) -> list[str]:
+    return COEFFICIENTS[model].replace("|", " ").split()
 
 
 def check_coefficients(model: str, coefficients: tuple[float, ...]) -> None:
     """Refuse coefficients that a model does not take."""
-    if len(coefficients) not in _sizes(model):
-        allowed = " or ".join(str(n) for n in _sizes(model))
-        order = f" ({' '.join(COEFFICIENTS[model].replace('|', ' ').split())})" if COEFFICIENTS[model] else ""
+    names = _names(model)
+    sizes = sorted({len(COEFFICIENTS[model].partition("|")[0].split()), len(names)})
+    if len(coefficients) not in sizes:
+        allowed = " or ".join(str(n) for n in sizes)
+        order = f" ({' '.join(names)})" if names else ""
         raise CalibrationError(
             f"{len(coefficients)} distortion coefficients for a {model} camera: give {allowed}{order}"
         )
-    for name, value in zip(_RANGES.get(model, {}), coefficients, strict=False):
-        low, high = _RANGES[model][name]
+    for (name, (low, high)), value in zip(_RANGES.get(model, {}).items(), coefficients, strict=False):
         if not low <= value <= high:
             raise CalibrationError(f"{name} of a {model} camera is {value!r}: it must be from {low:g} to {high:g}")
 
@@ -494,10 +483,11 @@ def bent_coefficients(model: str, coefficients: tuple[float, ...], k1: float) ->
     * ``k1``: Relative change of the radius of the image, at a radius of one focal length near the axis.
     * Returns: The same ones for a panorama, which is defined by its angles.
     """
-    if model not in _FIRST_RADIAL:
+    names = _names(model)
+    place = next((i for i, name in enumerate(names) if name in _FIRST_RADIAL), None)
+    if place is None:
         return coefficients
-    place = _FIRST_RADIAL[model]
-    values = [*coefficients, *(max(_sizes(model)) - len(coefficients)) * [0.0]]
+    values = [*coefficients, *(len(names) - len(coefficients)) * [0.0]]
     # radtan keeps its number of coefficients; its fifth one is no first one.
     values = values[: max(len(coefficients), place + 1)] if model != "omni" else values
     values[place] += k1 / lens_of(model, coefficients).magnification ** 2
@@ -506,5 +496,4 @@ def bent_coefficients(model: str, coefficients: tuple[float, ...], k1: float) ->
 
 def scaled_coefficients(model: str, coefficients: tuple[float, ...], factor: float) -> tuple[float, ...]:
     """Convert the coefficients of a perspective model to units of a longer focal length."""
-    names = COEFFICIENTS[model].replace("|", " ").split()
-    return tuple(k * factor ** _DEGREES[name] for name, k in zip(names, coefficients, strict=False))
+    return tuple(k * factor ** _DEGREES[name] for name, k in zip(_names(model), coefficients, strict=False))

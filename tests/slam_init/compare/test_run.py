@@ -1,7 +1,8 @@
-"""A comparison gives the same results after it was killed and resumed, and refuses rows that are not its own."""
+"""A comparison gives the same results after it was killed and resumed, refuses foreign rows, and has a page."""
 
 import csv
 import json
+import re
 import shutil
 from collections import Counter
 from dataclasses import replace
@@ -14,7 +15,8 @@ from written import contents
 
 from slam_init.compare.rows import COLUMNS
 from slam_init.compare.run import compare
-from slam_init.compare.trials import Settings
+from slam_init.compare.sources import describe_sources
+from slam_init.compare.trials import Plan, Settings
 from slam_init.config import Config, KeyframeConfig
 from slam_init.errors import OutputError
 from slam_init.output.folder import Marker
@@ -39,7 +41,7 @@ def test_results_hold_one_sorted_row_per_trial_with_the_documented_columns(finis
     out, summary = finished
     with (out / "results.csv").open(newline="") as file:
         header, *rows = csv.reader(file)
-    assert tuple(header) == COLUMNS
+    assert header == list(COLUMNS)
     keys = [(row[0], row[1], int(row[2])) for row in rows]
     assert keys == sorted(trial.key for trial in plan.trials())
     assert summary["trials"] == len(rows) == len(SOURCES) * len(METHODS)
@@ -101,3 +103,19 @@ def test_a_comparison_that_fails_leaves_the_earlier_tables(plan, finished, tmp_p
 
 def full(*_, **__):
     raise OSError(28, "No space left on device")
+
+
+def test_the_page_loads_nothing_and_states_the_wait_and_how_each_scene_is_evaluated(finished):
+    page = (finished[0] / "report.html").read_text()
+    for message in (*METHODS, f"wait of {METHODS[0]} minus that of", "rotation within 5 deg", "every map is false"):
+        assert message in page
+    page = re.sub(r'xmlns(:\w+)?="[^"]*"|url\(#|href="#', "", page)
+    for outside in ("http://", "https://", "<script", "<link", "@import", "url(", "src=", "href="):
+        assert outside not in page
+
+
+def test_a_comparison_without_any_map_has_a_page_as_well(tmp_path):
+    plan = Plan(tuple(describe_sources(["points:static?views=3"])), ("failing_methods:Raises",))
+    summary, _ = compare(plan, tmp_path / "out")
+    assert summary["parts"]["points_static"]["failing_methods:Raises"]["error"] == 1
+    assert (tmp_path / "out" / "report.html").is_file()

@@ -1,11 +1,13 @@
-"""The sources of a comparison: how they are chosen, opened and described, and where trials start."""
+"""The sources of a comparison: how they are chosen, opened and described, where trials start, and frozen suites."""
 
 from dataclasses import replace
 
 import pytest
 
 from slam_init.compare.criteria import NOT_EVALUATED, Criteria
+from slam_init.compare.replay import replay, tracks_digest
 from slam_init.compare.sources import describe_sources, open_compared
+from slam_init.compare.suites import SUITES
 from slam_init.compare.trials import Plan
 from slam_init.datasets.views import SourceView
 from slam_init.errors import SourceError
@@ -49,3 +51,20 @@ def test_a_view_leaves_frames_out_and_the_rest_is_numbered_from_0():
     frames = list(open_compared(part.text).frames(1))
     assert [frame.index for frame in frames] == [1, 2, 3]
     assert [frame.name for frame in frames] == ["frame-000003", "frame-000006", "frame-000009"]
+
+
+#: Digests of the tracks of some worlds of the suite ``simulated`` as they were frozen.
+FROZEN = {0: "462b0b3998e81943", 1: "295ee4652ef771ce", 5: "da366fabfe9ad2b3", 9: "4219f325a7baa9da"}
+
+
+def test_the_tracks_of_the_worlds_are_the_frozen_ones():
+    for world, digest in FROZEN.items():
+        text = SUITES["simulated"].worlds[world]
+        source = open_compared(text)
+        assert tracks_digest(source, text, replay(source, text, 0, "")) == digest
+
+
+@pytest.mark.parametrize("suite", SUITES)
+def test_other_tracks_are_reported(suite):
+    digests = ["0" * 16] * len(SUITES[suite].worlds)
+    assert "runs on this machine only" in SUITES[suite].verdict(digests)

@@ -9,12 +9,7 @@ from evo.core.trajectory import PosePath3D
 from make_map import make_map, make_poses, make_truth
 
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
-from slam_init.evaluation.metrics import (
-    align_poses,
-    align_positions,
-    ate_rmse,
-    compare_with_groundtruth,
-)
+from slam_init.evaluation.metrics import align_poses, ate_rmse, compare_with_groundtruth
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose, Trajectory
 
@@ -61,12 +56,6 @@ def test_the_error_of_collinear_positions_is_unique_although_their_rotation_is_n
     slope, intercept = np.polyfit(a[:, 0], b[:, 2], 1)
     expected = np.sqrt(np.mean((b[:, 2] - slope * a[:, 0] - intercept) ** 2))
     assert ate_rmse(a, b) == pytest.approx(expected)
-
-
-@pytest.mark.parametrize("shapes", [((2, 3), (3, 3)), ((0, 3), (0, 3)), ((3, 2), (3, 2))])
-def test_positions_of_different_shapes_are_an_error(shapes):
-    with pytest.raises(ValueError, match="positions of shapes"):
-        align_positions(np.zeros(shapes[0]), np.zeros(shapes[1]))
 
 
 def test_poses_align_two_cameras_whose_positions_do_not_determine_a_rotation():

@@ -105,6 +105,18 @@ def test_a_scaled_camera_has_the_same_rays_in_the_resized_image():
         ({"model": "radtan", "distortion": (0.1, math.nan, 0, 0)}, "finite"),
         *(({"model": "radtan", "distortion": (0.0, k, 0.0, 0.0)}, "distortion") for k in (1e308, -1e308, 1e7)),
         ({"width": 10**7}, "1000000 pixels a side"),
+        ({"model": "fov", "distortion": (0.0,)}, "w of a fov"),
+        ({"model": "fov", "distortion": (3.2,)}, "w of a fov"),
+        ({"model": "omni", "distortion": (-0.5,)}, "xi"),
+        ({"model": "omni", "distortion": (1.0, 0.1)}, "give 1 or 5"),
+        ({"model": "double-sphere", "distortion": (-1.0, 0.5)}, "xi"),
+        ({"model": "double-sphere", "distortion": (0.0, 1.0)}, "alpha"),
+        ({"model": "double-sphere", "distortion": (0.1,)}, "xi alpha"),
+        ({"model": "eucm", "distortion": (1.1, 1.0)}, "alpha"),
+        ({"model": "eucm", "distortion": (0.5, 0.0)}, "beta"),
+        ({"model": "rational", "distortion": (0.1, 0.2, 0.0, 0.0)}, "give 8"),
+        ({"model": "equirectangular", "distortion": (0.1,)}, "give 0"),
+        ({"model": "eucm", "distortion": (math.nan, 1.0)}, "finite"),
     ],
 )
 def test_an_impossible_parameter_is_refused_by_name(change, word):

@@ -11,7 +11,6 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from make_lenses import LENSES, directions
 
-from slam_init.errors import CalibrationError
 from slam_init.types.camera import Camera
 
 UNIT = st.floats(0.0, 1.0)
@@ -166,25 +165,3 @@ def test_a_bent_lens_moves_a_pixel_by_the_cube_of_its_angle(model):
     ray = np.array([[math.sin(angle), 0.0, math.cos(angle)]])
     moved = (camera.bent(0.1).project(ray) - camera.project(ray))[0, 0] / camera.K[0, 0]
     assert moved == pytest.approx(0.1 * angle**3, rel=1e-2)
-
-
-@pytest.mark.parametrize(
-    ("model", "coefficients", "word"),
-    [
-        ("fov", (0.0,), "w of a fov"),
-        ("fov", (3.2,), "w of a fov"),
-        ("omni", (-0.5,), "xi"),
-        ("omni", (1.0, 0.1), "give 1 or 5"),
-        ("double-sphere", (-1.0, 0.5), "xi"),
-        ("double-sphere", (0.0, 1.0), "alpha"),
-        ("double-sphere", (0.1,), "xi alpha"),
-        ("eucm", (1.1, 1.0), "alpha"),
-        ("eucm", (0.5, 0.0), "beta"),
-        ("rational", (0.1, 0.2, 0.0, 0.0), "give 8"),
-        ("equirectangular", (0.1,), "give 0"),
-        ("eucm", (math.nan, 1.0), "finite"),
-    ],
-)
-def test_impossible_coefficients_are_refused_by_name(model, coefficients, word):
-    with pytest.raises(CalibrationError, match=word):
-        Camera(model, 640, 480, 200, 200, 320, 240, coefficients)
