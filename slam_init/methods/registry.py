@@ -54,33 +54,54 @@ class MethodInfo:
 _DESCRIBED = (
     MethodInfo("quest", "QuEst; the stated risk of the joint estimate of all views decides"),
     MethodInfo("quest-two-view", "the same without a third view: the joint estimate holds the pair alone"),
-    MethodInfo("orb-slam3",
+    MethodInfo(
+        "orb-slam3",
         "8-point F, or H above 0.50 of both scores; 50 good points and 90 % of the inliers, 1 degree, no other motion",
-        "slam_systems:orb_slam3"),
-    MethodInfo("orb-slam2", "as orb-slam3 with H above 0.40, and 100 landmarks after bundle adjustment",
-        "slam_systems:orb_slam2"),
-    MethodInfo("stella", "8-point F or 4-point H by truncated cost; 50 good points, 1 degree, no other motion",
-        "slam_systems:Stella"),
-    MethodInfo("essential-5pt", "OpenCV's five-point USAC_MAGSAC; 50 points in front of both cameras, 1 degree",
-        "essential:EssentialFivePoint"),
+        "slam_systems:orb_slam3",
+    ),
+    MethodInfo(
+        "orb-slam2",
+        "as orb-slam3 with H above 0.40, and 100 landmarks after bundle adjustment",
+        "slam_systems:orb_slam2",
+    ),
+    MethodInfo(
+        "stella",
+        "8-point F or 4-point H by truncated cost; 50 good points, 1 degree, no other motion",
+        "slam_systems:Stella",
+    ),
+    MethodInfo(
+        "essential-5pt",
+        "OpenCV's five-point USAC_MAGSAC; 50 points in front of both cameras, 1 degree",
+        "essential:EssentialFivePoint",
+    ),
     MethodInfo("essential-8pt", "normalized 8-point E; gates of essential-5pt", "essential:EssentialEightPoint"),
-    MethodInfo("homography",
+    MethodInfo(
+        "homography",
         "a plane, always: H, the motion of most points in front; 50 px of disparity (median), 40 good points",
-        "essential:PlaneOnly"),
-    MethodInfo("colmap",
+        "essential:PlaneOnly",
+    ),
+    MethodInfo(
+        "colmap",
         "five-point E or H by the ratio of their inliers; 100 inliers, 16 degrees (median), not forward",
-        "sfm_systems:Colmap"),
+        "sfm_systems:Colmap",
+    ),
     MethodInfo("poselib", "PoseLib's five-point LO-RANSAC; gates of essential-5pt", "poselib:PoseLib", needs="poselib"),
-    MethodInfo("poselib-100",
+    MethodInfo(
+        "poselib-100",
         "as poselib with at least 100 iterations in place of 1000, as in the benchmark of its authors",
-        "poselib:poselib_100", needs="poselib"),
+        "poselib:poselib_100",
+        needs="poselib",
+    ),
     MethodInfo("magsac", "essential-5pt by another name", "essential:EssentialFivePoint", alias_of="essential-5pt"),
-    MethodInfo("poselib-window", "PoseLib's relative pose in place of QuEst, evaluated by the window of quest",
-        needs="poselib"),
-    MethodInfo("opensfm",
+    MethodInfo(
+        "poselib-window", "PoseLib's relative pose in place of QuEst, evaluated by the window of quest", needs="poselib"
+    ),
+    MethodInfo(
+        "opensfm",
         "rotation-only test, then five-point or plane-based motion by their inliers, 20 points of 1 degree",
-        "sfm_systems:OpenSfm"),
-)  # fmt: skip
+        "sfm_systems:OpenSfm",
+    ),
+)
 #: The methods by name.
 METHODS = {one.name: replace(one, home=one.home and f"slam_init.methods.{one.home}") for one in _DESCRIBED}
 
