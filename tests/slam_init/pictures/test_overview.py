@@ -12,11 +12,17 @@ from make_map import make_attempts, make_map, make_result, make_truth, make_wind
 from make_summary import summarize
 from report_run import report_run
 
-from slam_init.pictures.canvas import canvas
-from slam_init.pictures.decision import VERDICT_COLORS, draw_decision
-from slam_init.pictures.frames import draw_frame
-from slam_init.pictures.map_drawing import ABOVE, BEHIND, SIDE, widest_view
-from slam_init.pictures.overview import overview_png
+from slam_init.pictures.overview import (
+    ABOVE,
+    BEHIND,
+    SIDE,
+    VERDICT_COLORS,
+    canvas,
+    draw_decision,
+    draw_frame,
+    overview_png,
+    widest_view,
+)
 from slam_init.recording.story import ShownFrame, StoryRecorder
 from slam_init.types.evidence import FreeFocal, Margin
 from slam_init.types.refusal import GateName, Verdict, at_most
