@@ -39,7 +39,6 @@ from slam_init.output.results import publish_results
 from slam_init.output.summary import Summary, summary_of
 from slam_init.pictures.overview import overview_png
 from slam_init.recording.recorder import Recorder
-from slam_init.recording.rerun_recorder import RerunRecorder
 from slam_init.recording.story import StoryRecorder
 from slam_init.scale.find import find_scale
 from slam_init.scale.metric_map import in_metres, scaled_keyframes
@@ -192,6 +191,8 @@ def _recorded(
 ) -> tuple[Finished, bytes | None]:
     if folder is None:
         return _Run(job, Recorder()).finished(), None
+    from slam_init.recording.rerun_recorder import RerunRecorder
+
     truth, config = job.source.groundtruth, job.config
     seen = reduction_of(job.source, job.camera).camera
     with RerunRecorder(folder.staging / RECORDING, seen, job.source.name, truth, config.seed, viewer) as recorder:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from contextlib import nullcontext
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 from slam_init.cli.parser import (
@@ -220,13 +221,13 @@ def _run_live(arguments: argparse.Namespace, config: Config, out: Path) -> tuple
     """Run on a stream. An interrupt ends it as if its data had ended, and the next one ends the program."""
     from slam_init.datasets.live import open_live
     from slam_init.initializer import load_all
-    from slam_init.recording.rerun_recorder import load_rerun
     from slam_init.system.process_io import first_interrupt_calls
 
     stored = {"every": 1, "fps": None, "mask": None, "gravity": None, "images": None}
     refuse_changed(arguments, stored, "a live source is not read from files, and takes no")
     source = open_live(arguments.source, keep_all=arguments.no_drop)
-    load_rerun()  # before the stream is opened, so that no frame waits for it
+    # Both before the stream is opened, so that no frame waits for them.
+    import_module("slam_init.recording.rerun_recorder")
     load_all()
     with source:
         return _run_on(source, arguments, config, out, first_interrupt_calls(source.stop))

@@ -21,9 +21,7 @@ import numpy as np
 from slam_init.errors import plain_line
 from slam_init.evaluation.metrics import true_path
 from slam_init.output.summary import Summary
-from slam_init.recording.images import bgr
-from slam_init.recording.pair_view import match_parts
-from slam_init.recording.story import ShownFrame, ShownPair, StoryRecorder
+from slam_init.recording.story import ShownFrame, ShownPair, StoryRecorder, bgr, match_parts
 from slam_init.recording.text import headline
 from slam_init.types.arrays import Bools, Floats, Image, evenly_spaced
 from slam_init.types.initial_map import InitialMap, risk_in_words

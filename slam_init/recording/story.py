@@ -1,16 +1,46 @@
-"""The story of a run in small images: its last frames with their tracks, the last pair, the keyframes of its map."""
+"""The story of a run in small images: its last frames with their tracks, the last pair, the keyframes of its map.
+
+Images are reduced here, for the recording too.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from slam_init.recording.images import PAIR_SIDE_PX, reduced
+import numpy as np
+
 from slam_init.recording.recorder import Recorder
-from slam_init.types.arrays import Floats, Image, Ints
+from slam_init.types.arrays import Bools, Floats, Image, Ints
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.result import Attempt
+
+#: Images are reduced to this many pixels on their longer side, and the images of a pair to half of it. This is enough
+#: to check a match by eye, and 300 frames with their tracks take less than 30 MB.
+LONG_SIDE_PX, PAIR_SIDE_PX = 640, 320
+
+
+def reduced_shape(height: int, width: int, long_side_px: int) -> tuple[int, int]:
+    """Compute the shape of a reduced image."""
+    factor = min(1.0, long_side_px / max(height, width))
+    return max(1, round(height * factor)), max(1, round(width * factor))
+
+
+def reduced(image: Image, long_side_px: int) -> Image:
+    """Reduce an image to a largest length of its longer side: ``image`` (H, W), returns (h, w)."""
+    import cv2
+
+    height, width = reduced_shape(image.shape[0], image.shape[1], long_side_px)
+    if (height, width) == image.shape[:2]:
+        return image
+    return np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def bgr(image: Image) -> Image:
+    """Return an image with three channels: ``image`` (H, W), returns (H, W, 3)."""
+    return np.repeat(image[..., None], 3, axis=2) if image.ndim == 2 else image
+
 
 #: Number of frames in memory. The reference of a pair may be as old as the oldest candidate keyframe.
 _MEMORY_FRAMES = 400
@@ -32,6 +62,19 @@ class ShownFrame:
 
 #: Small copies (h, w) of two images, and the attempt with their matches, in pixels of the images as they were read.
 ShownPair = tuple[Image, Image, Attempt]
+
+
+def moving_matches(attempt: Attempt) -> Bools:
+    """Which matches (N,) of a pair lie on moving objects, and are no inliers of the camera."""
+    return attempt.moving & ~attempt.inliers if attempt.moving.size else np.zeros_like(attempt.inliers)
+
+
+def match_parts(attempt: Attempt) -> dict[str, Bools]:
+    """The matches of a pair by what they are, (N,) each: without an estimated motion they are tracks only."""
+    moving = moving_matches(attempt)
+    others = ~attempt.inliers & ~moving
+    evaluated = np.full(len(others), attempt.evaluated)
+    return {"inliers": attempt.inliers, "outliers": others & evaluated, "moving": moving, "tracks": others & ~evaluated}
 
 
 class StoryRecorder(Recorder):

@@ -9,9 +9,9 @@ import pytest
 import rerun as rr
 
 from slam_init.errors import OutputError
-from slam_init.recording import recording_file
+from slam_init.recording import rerun_recorder
 from slam_init.recording.layout import blueprint
-from slam_init.recording.recording_file import RecordingFile
+from slam_init.recording.rerun_recorder import RecordingFile
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def test_a_disk_that_fails_is_an_error_and_leaves_no_file(tmp_path, stream, monk
     file = RecordingFile(tmp_path / "a.rrd", stream, blueprint())
     log(stream, 3)
     with monkeypatch.context() as patched, pytest.raises(OutputError, match="No space left on device: make room"):
-        patched.setattr(recording_file.shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(1, 1, 0))
+        patched.setattr(rerun_recorder.shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(1, 1, 0))
         file.check()
     monkeypatch.setattr(type(tmp_path), "replace", full)
     with pytest.raises(OutputError, match="No space left on device: make room"):

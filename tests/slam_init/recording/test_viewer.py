@@ -11,7 +11,7 @@ from read_recording import column
 import slam_init.recording.viewer as viewer_module
 from slam_init.errors import OutputError, SourceError, ViewerError
 from slam_init.recording.layout import blueprint
-from slam_init.recording.recording_file import RecordingFile
+from slam_init.recording.rerun_recorder import RecordingFile
 from slam_init.recording.viewer import SPAWN, check_recording, screenshots, serve, show, viewer_url
 
 
