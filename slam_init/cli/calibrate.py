@@ -6,7 +6,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from slam_init.cli.parser import DONE, NOT_INITIALIZED, OUT_HELP, Commands, add_command, number
+from slam_init.cli.parser import DONE, NOT_INITIALIZED, OUT_HELP, Commands, add_command, add_options, number
 from slam_init.cli.source_options import add_source, chosen_camera, opened_source
 from slam_init.system.process_io import emit
 
@@ -24,10 +24,14 @@ def add_calibrate(commands: Commands) -> None:
     )
     calibrate = add_command(commands, "calibrate", _calibrate, "estimate the focal length from a video", description)
     add_source(calibrate, default=None, camera="auto")
-    calibrate.add_argument("--start", type=number(0), default=0, metavar="K", help="skip the first K frames")
-    calibrate.add_argument("--max-frames", type=number(1), metavar="N", help="read at most N frames")
-    calibrate.add_argument("--seed", type=number(0), default=0, metavar="N", help="of random draws (default: 0)")
-    calibrate.add_argument("--out", metavar="DIR", default=_DEFAULT_OUT, help=OUT_HELP)
+    helps = {
+        "--start K": "skip the first K frames",
+        "--max-frames N": "read at most N frames",
+        "--seed N": "of random draws (default: 0)",
+        "--out DIR": OUT_HELP,
+    }
+    types = {"--start": number(0), "--max-frames": number(1), "--seed": number(0)}
+    add_options(calibrate, helps, types, start=0, seed=0, out=_DEFAULT_OUT)
 
 
 def _calibrate(arguments: argparse.Namespace) -> int:

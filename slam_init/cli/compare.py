@@ -14,17 +14,11 @@ from slam_init.cli.parser import (
     UsageError,
     add_command,
     add_list_methods,
+    add_options,
     number,
     refuse_changed,
 )
-from slam_init.cli.source_options import (
-    add_camera,
-    add_mask,
-    add_topics,
-    calibrated_view_of,
-    sequence_name,
-    with_topics,
-)
+from slam_init.cli.source_options import CAMERA, MASK, TOPICS, calibrated_view_of, sequence_name, with_topics
 from slam_init.system.process_io import emit
 
 _DEFAULT_COMPARISON = "slam-init-compare"
@@ -33,6 +27,35 @@ _FIXED = {
     "every": 10, "use_every": 1, "fps": None, "mask": None, "camera": None, "min_left": 3, "limit_frames": 150,
     "seed": 0,
 }  # fmt: skip
+_TYPES = {
+    "--every": number(1),
+    "--use-every": number(1),
+    "--fps": float,
+    "--min-left": number(2),
+    "--limit-frames": number(2),
+    "--jobs": number(1),
+    "--time-limit": number(1, float),
+    "--memory-limit": number(100),
+    "--seed": number(0),
+}
+_OPTIONS = {
+    "--methods A,B": "of slam-init run --method (default: all that are installed)",
+    "--every K": "start at every K-th frame (default: 10)",
+    "--use-every N": "use every N-th frame of each sequence",
+    "--fps F": "use the frames nearest to F a second, by their times",
+    "--mask PATH": MASK,
+    "--camera FILE": f"{CAMERA}; 'auto' estimates it; for all sources (default: that of each source)",
+    "--min-left N": "start only where N frames are left (default: 3)",
+    "--limit-frames N": "a trial reads at most N frames (default: 150)",
+    "--jobs N": "processes (default: one a core)",
+    "--backend NAME": "dask:ADDRESS of a scheduler (default: processes of this machine)",
+    "--time-limit S": "of a trial (default: 300 s)",
+    "--memory-limit MB": "of a trial (default: 6000 MB)",
+    "--seed N": "of random draws (default: 0)",
+    **TOPICS,
+    "--audit": "state the risk of the map of each trial (see slam-init audit)",
+    "--out DIR": OUT_HELP,
+}
 
 
 def add_compare(commands: Commands) -> None:
@@ -56,7 +79,6 @@ def add_compare(commands: Commands) -> None:
         help="in place of sources: frozen worlds, starts and seeds, so that figures can be cited "
         "(docs/measurements/simulated.md)",
     )
-    compare.add_argument("--methods", metavar="A,B", help="of slam-init run --method (default: all that are installed)")
     compare.add_argument(
         "--method",
         metavar="NAME",
@@ -66,37 +88,7 @@ def add_compare(commands: Commands) -> None:
         "program (docs/tutorials/compare.md)",
     )
     add_list_methods(compare)
-    compare.add_argument(
-        "--every", type=number(1), default=10, metavar="K", help="start at every K-th frame (default: 10)"
-    )
-    compare.add_argument(
-        "--use-every", type=number(1), default=1, metavar="N", help="use every N-th frame of each sequence"
-    )
-    compare.add_argument("--fps", type=float, metavar="F", help="use the frames nearest to F a second, by their times")
-    add_mask(compare)
-    add_camera(compare, "'auto' estimates it; for all sources", "that of each source")
-    compare.add_argument(
-        "--min-left", type=number(2), default=3, metavar="N", help="start only where N frames are left (default: 3)"
-    )
-    compare.add_argument(
-        "--limit-frames", type=number(2), default=150, metavar="N", help="a trial reads at most N frames (default: 150)"
-    )
-    compare.add_argument("--jobs", type=number(1), metavar="N", help="processes (default: one a core)")
-    compare.add_argument(
-        "--backend", metavar="NAME", help="dask:ADDRESS of a scheduler (default: processes of this machine)"
-    )
-    compare.add_argument(
-        "--time-limit", type=number(1, float), default=300.0, metavar="S", help="of a trial (default: 300 s)"
-    )
-    compare.add_argument(
-        "--memory-limit", type=number(100), default=6000, metavar="MB", help="of a trial (default: 6000 MB)"
-    )
-    compare.add_argument("--seed", type=number(0), default=0, metavar="N", help="of random draws (default: 0)")
-    add_topics(compare)
-    compare.add_argument(
-        "--audit", action="store_true", help="state the risk of the map of each trial (see slam-init audit)"
-    )
-    compare.add_argument("--out", metavar="DIR", default=_DEFAULT_COMPARISON, help=OUT_HELP)
+    add_options(compare, _OPTIONS, _TYPES, **_FIXED, time_limit=300.0, memory_limit=6000, out=_DEFAULT_COMPARISON)
 
 
 def _compare(arguments: argparse.Namespace) -> int:

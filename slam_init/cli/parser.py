@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from difflib import get_close_matches
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
 from slam_init.errors import SlamInitError
@@ -44,7 +42,9 @@ class Parser(argparse.ArgumentParser):
         """Parse words. An option that does not exist is reported by the command that it was given to."""
         arguments, unknown = super().parse_known_args(args, namespace)
         if unknown:
-            self.error(f"unrecognized arguments: {' '.join(unknown)}{_hint(unknown[0], self)}")
+            nearest = get_close_matches(unknown[0], self._option_string_actions, n=1)
+            meant = f": did you mean {nearest[0]}?" if nearest else ""
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{meant}")
         for name, value in vars(arguments).items():
             # As a path, the value of a variable that the shell does not know would be the current folder.
             if value == "" or (isinstance(value, list) and "" in value):
@@ -57,11 +57,6 @@ class Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Raise what is wrong with the arguments."""
-        if wrong := re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message):
-            meant = _nearest(wrong[1], re.findall(r"[\w-]+", wrong[2]))
-            if "COMMAND" in message and wrong[1] and (Path(wrong[1]).exists() or ":" in wrong[1]):
-                meant = f"{self.prog} run {wrong[1]}"
-            message += f": did you mean {meant}?" if meant else ""
         if len(message) > _LONGEST:  # a number of 5,000 digits
             message = f"{message[: _LONGEST // 2]}...{message[-_LONGEST // 4 :]}"
         raise UsageError(f"{message} (see {self.prog} --help)")
@@ -102,41 +97,28 @@ def add_list_methods(parser: argparse._ActionsContainer) -> None:
     parser.add_argument("--list-methods", action=Print, nargs=0, const=methods, help=text)
 
 
-#: What people call an option elsewhere: the options that are meant, of which a command has one at most.
-_OTHER_NAMES = {
-    **dict.fromkeys(("--calib", "--calibration", "--intrinsics"), ("--camera",)),
-    **dict.fromkeys(("-o", "--output", "--outdir", "--save"), ("--out",)),
-    **dict.fromkeys(("--max-frames", "--frames", "--num-frames", "--limit"), ("--max-frames", "--limit-frames")),
-    **dict.fromkeys(("--skip", "--step", "--stride"), ("--use-every", "--every")),
-    **dict.fromkeys(("--show", "--viewer", "--visualize"), ("--live",)),
-    **dict.fromkeys(("-j", "--threads", "--workers", "--processes"), ("--jobs",)),
-    "--timeout": ("--time-limit",),
-    "--memory": ("--memory-limit",),
-}
-#: SOURCE stands without an option.
-_SOURCE_NAMES = ("--video", "--input", "--source", "--folder", "--dataset", "--sequence")
-#: The option that takes a file, by the end of its name.
-_OPTION_OF_FILE = {".yaml": "--camera", ".yml": "--camera", ".xml": "--camera", ".toml": "--config", ".csv": "--imu"}
-#: Least likeness of a word to one that was meant: one of three letters may be another.
-_SLIP = 0.66
+def add_options(
+    parser: argparse._ActionsContainer,
+    helps: Mapping[str, str],
+    types: Mapping[str, Callable[[str], object]] | None = None,
+    **defaults: object,
+) -> None:
+    """Add options.
 
-
-def _nearest(word: str, known: Sequence[str]) -> str | None:
-    """The known word that is spelt most like another one, if any."""
-    return next(iter(get_close_matches(word, known, n=1, cutoff=_SLIP)), None)
-
-
-def _hint(word: str, parser: argparse.ArgumentParser) -> str:
-    """The option that was meant, by its meaning or by its letters, as the end of a message."""
-    options = [option for part in parser._actions for option in part.option_strings]
-    name, option = word.partition("=")[0], _OPTION_OF_FILE.get(Path(word).suffix.lower())
-    if not word.startswith("-") and option in options:
-        return f": did you mean {option} {word}?"
-    if name in _SOURCE_NAMES:
-        return f": leave {name} out: SOURCE stands without an option"
-    others = (option for option in _OTHER_NAMES.get(name, ()) if option in options)
-    meant = next(others, None) or _nearest(name, options)
-    return f": did you mean {meant}?" if meant else ""
+    * ``helps``: The help of each option by its usage: ``--seed N`` takes a value, ``--live [URL]`` may take one and is
+      True without it, and ``--json`` takes none and is True or False.
+    * ``types``: What reads the value of an option, by its name; text without it.
+    * ``defaults``: The values of options that are not given, by their names in the arguments; else None, or False.
+    """
+    for usage, text in helps.items():
+        name, _, value = usage.partition(" ")
+        if not value:
+            parser.add_argument(name, action="store_true", help=text)
+            continue
+        kind = (types or {}).get(name, str)
+        given: dict[str, Any] = {"nargs": "?", "const": True} if value.startswith("[") else {}
+        parser.add_argument(name, metavar=value.strip("[]"), type=kind, help=text, **given)
+    parser.set_defaults(**defaults)
 
 
 def refuse_changed(arguments: argparse.Namespace, defaults: Mapping[str, object], why: str) -> None:

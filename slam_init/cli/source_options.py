@@ -6,7 +6,7 @@ import argparse
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from slam_init.cli.parser import UsageError
+from slam_init.cli.parser import UsageError, add_options
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import user_path
 
@@ -16,6 +16,13 @@ if TYPE_CHECKING:
     from slam_init.types.camera import Camera
     from slam_init.types.frame import Source
 
+#: What the options of several commands do.
+MASK = "an image whose black pixels are ignored in all frames, or a folder with NAME.png or NAME.EXT.png a frame"
+CAMERA = "calibration, or one number: f=1250 (focal length in pixels), fov=72 (degrees across the longer side)"
+TOPICS = {
+    "--topic NAME": "images of a ROS bag (default: the only topic with images)",
+    "--truth-topic NAME": "true poses of a ROS bag, or 'none' (default: the only topic with poses)",
+}
 #: Gravity by the accelerations, and not by a table.
 BY_IMU = "imu"
 #: For messages.
@@ -52,41 +59,19 @@ def add_source(
         help="a folder (images, or a known data set), a video, a ROS bag, matches (COLMAP's database, .h5, .npz), or "
         "synth:NAME" + (f" (default: {default})" if default else ""),
     )
-    group = parser.add_argument_group("frames and camera")
-    group.add_argument("--every", type=int, default=1, metavar="N", help="use every N-th frame, from the start on")
-    group.add_argument("--fps", type=float, metavar="F", help="use the frames nearest to F a second, by their times")
-    add_mask(group)
-    group.add_argument(
-        "--images", metavar="FOLDER", help="pictures for a source of matches, by name; with times and ground truth"
-    )
-    add_camera(group, "'auto' takes the focal length from the metadata, or estimates it", camera)
-    group.add_argument(
-        "--readout",
-        metavar="MS",
-        help="readout of a rolling shutter in milliseconds, 0 for a global shutter; 25,up or 25,left where rows or "
-        "columns are read in another direction than down; 'auto' estimates it (default: that of the calibration)",
-    )
-    add_topics(group)
-
-
-def add_camera(parser: argparse._ActionsContainer, auto: str, default: str) -> None:
-    """Add the option of a calibration, with what it does for ``auto`` and by default."""
-    parser.add_argument(
-        "--camera",
-        metavar="FILE",
-        help="calibration, or one number: f=1250 (focal length in pixels), fov=72 (degrees across the longer side); "
-        f"{auto} (default: {default})",
-    )
-
-
-def add_topics(parser: argparse._ActionsContainer) -> None:
-    """Add the options that choose the topics of a ROS bag."""
-    parser.add_argument("--topic", metavar="NAME", help="images of a ROS bag (default: the only topic with images)")
-    parser.add_argument(
-        "--truth-topic",
-        metavar="NAME",
-        help="true poses of a ROS bag, or 'none' (default: the only topic with poses)",
-    )
+    helps = {
+        "--every N": "use every N-th frame, from the start on",
+        "--fps F": "use the frames nearest to F a second, by their times",
+        "--mask PATH": MASK,
+        "--images FOLDER": "pictures for a source of matches, by name; with times and ground truth",
+        "--camera FILE": f"{CAMERA}; 'auto' takes the focal length from the metadata, or estimates it (default: "
+        f"{camera})",
+        "--readout MS": "readout of a rolling shutter in milliseconds, 0 for a global shutter; 25,up or 25,left where "
+        "rows or columns are read in another direction than down; 'auto' estimates it (default: that of the "
+        "calibration)",
+        **TOPICS,
+    }
+    add_options(parser.add_argument_group("frames and camera"), helps, {"--every": int, "--fps": float}, every=1)
 
 
 def with_topics(arguments: argparse.Namespace, source: str) -> str:
@@ -105,15 +90,6 @@ def with_topics(arguments: argparse.Namespace, source: str) -> str:
     except SourceError:  # reported when it is opened; for slam-init compare it may be a folder of sequences
         return source
     return str(BagName(source, arguments.topic, arguments.truth_topic))
-
-
-def add_mask(parser: argparse._ActionsContainer) -> None:
-    """Add the option of a mask."""
-    parser.add_argument(
-        "--mask",
-        metavar="PATH",
-        help="an image whose black pixels are ignored in all frames, or a folder with NAME.png or NAME.EXT.png a frame",
-    )
 
 
 def with_gravity(arguments: argparse.Namespace, source: TimedSource) -> TimedSource:
