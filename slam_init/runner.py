@@ -19,7 +19,6 @@ from slam_init.datasets.live import without_password
 from slam_init.datasets.track_source import TrackProvider
 from slam_init.errors import ConfigError, OutputError, SlamInitError, SourceError, check_type
 from slam_init.evaluation.metrics import compare_with_groundtruth, scale_error
-from slam_init.exports import check_formats, stage
 from slam_init.frontend.frame_memory import FrameMemory
 from slam_init.frontend.orb import describe_landmarks
 from slam_init.initializer import FittedPoses, Initializer
@@ -33,13 +32,11 @@ from slam_init.output.colmap import colmap_note
 from slam_init.output.folder import OutputFolder
 from slam_init.output.names import INTERRUPTED, OVERVIEW, RECORDING, segment_folder
 from slam_init.output.plain_json import Json, plain_fields
-from slam_init.output.provenance import InputHash, provenance_of
-from slam_init.output.records import SegmentRecord, SourceRecord
-from slam_init.output.results import publish_results
-from slam_init.output.summary import Summary, summary_of
+from slam_init.output.results import maps_of, publish_results
+from slam_init.output.scene import check_formats, stage
+from slam_init.output.summary import InputHash, SegmentRecord, SourceRecord, Summary, provenance_of, summary_of
 from slam_init.pictures.overview import overview_png
 from slam_init.recording.recorder import Recorder
-from slam_init.recording.story import StoryRecorder
 from slam_init.scale.find import find_scale
 from slam_init.scale.metric_map import in_metres, scaled_keyframes
 from slam_init.scale.requests import KnownBoard, KnownMarkers, MeasuredMotion, ScaleRequest
@@ -50,7 +47,6 @@ from slam_init.types.history import History
 from slam_init.types.inertial import InertialRecord
 from slam_init.types.initial_map import Descriptors, InitialMap, Keyframe
 from slam_init.types.lens import CALIBRATED_SIGMA
-from slam_init.types.pose import Trajectory
 from slam_init.types.refusal import Verdict, in_words
 from slam_init.types.result import MAX_SEGMENTS, GroundTruthErrors, Result, Segment
 from slam_init.types.scale import ScaleOrigin
@@ -151,20 +147,22 @@ def run(
         max_frames = min(max_frames or most, most)
     check_formats(export, source)
     camera = camera_of_source(source, camera, start)
-    # The landmarks of an external program are its own.
-    described = out is not None and not is_external(config.method)
+    # An external program reports neither tracks nor attempts, and its landmarks are its own.
+    own = not is_external(config.method)
     job = Job(
-        source, camera, config, start, max_frames, continue_frames, progress, notes, scale, restart, described, imu
-    )
+        source, camera, config, start, max_frames, continue_frames, progress, notes, scale, restart, imu, viewer,
+        described=own and out is not None, pictured=own and overview,
+    )  # fmt: skip
     if out is None:
-        done, _ = _finished(job, None, viewer, overview=overview)
+        done = _finished(job, None)
         return done.result, done.summary
     with OutputFolder(out, "run") as folder:
         try:
-            done, picture = _finished(job, folder, viewer, overview=overview)
-            _stage_exports(folder, done, export, source)
+            done = _finished(job, folder)
+            for prefix, map_, located in maps_of(done.result, done.located):
+                stage(folder, prefix, map_, export, source, located)
             toml = config_toml(config)
-            publish_results(folder, done.result, done.summary, toml, done.located, picture, done.descriptors)
+            publish_results(folder, done.result, done.summary, toml, done.located, done.picture, done.descriptors)
         except SlamInitError:
             raise
         except BaseException as error:  # an interrupt, or an error of the program
@@ -174,50 +172,31 @@ def run(
     return done.result, done.summary
 
 
-def _finished(
-    job: Job, folder: OutputFolder | None, viewer: str | None, *, overview: bool
-) -> tuple[Finished, bytes | None]:
-    """Run a job, and once more with the camera by all its frames, where no window determines the focal length.
-
-    * Returns: The run and its picture, where it is wanted.
-    """
-    done = _recorded(job, folder, viewer, overview=overview)
-    again = calibrated_by_motion(job, done[0])
-    return done if again is None else _recorded(again, folder, viewer, overview=overview)
+def _finished(job: Job, folder: OutputFolder | None) -> Finished:
+    """Run a job, and once more with the camera by all its frames, where no window determines the focal length."""
+    done = _recorded(job, folder)
+    again = calibrated_by_motion(job, done)
+    return done if again is None else _recorded(again, folder)
 
 
-def _recorded(
-    job: Job, folder: OutputFolder | None, viewer: str | None, *, overview: bool
-) -> tuple[Finished, bytes | None]:
+def _recorded(job: Job, folder: OutputFolder | None) -> Finished:
+    """Run a job, and draw its overview. The results of a run must not be lost where this fails."""
     if folder is None:
-        return _Run(job, Recorder()).finished(), None
+        return _Run(job, Recorder()).finished()
     from slam_init.recording.rerun_recorder import RerunRecorder
 
-    truth, config = job.source.groundtruth, job.config
+    truth, name, seed = job.source.groundtruth, job.source.name, job.config.seed
     seen = reduction_of(job.source, job.camera).camera
-    with RerunRecorder(folder.staging / RECORDING, seen, job.source.name, truth, config.seed, viewer) as recorder:
+    with RerunRecorder(folder.staging / RECORDING, seen, name, truth, seed, job.viewer) as recorder:
         done = _Run(job, recorder).finished()
         recorder.summary(done.summary)
-    # An external program reports neither tracks nor attempts: there is no story to show.
-    wanted = overview and not is_external(config.method)
-    return done, _overview(done.result, done.summary, recorder.story, truth) if wanted else None
-
-
-def _stage_exports(folder: OutputFolder, done: Finished, export: Collection[str], source: Source) -> None:
-    """Write each map in the formats of other tools, beside its own files."""
-    for number, segment in enumerate(done.result.segments, start=1):
-        stage(folder, f"{segment_folder(number)}/", segment.map, export, source, segment.located)
-    if not done.result.segments and done.result.map is not None:
-        stage(folder, "", done.result.map, export, source, done.located)
-
-
-def _overview(result: Result, summary: Summary, story: StoryRecorder, truth: Trajectory | None) -> bytes | None:
-    """Draw the overview; None with a warning where this fails, since the results of a run must not be lost by it."""
+    if not job.pictured:
+        return done
     try:
-        return overview_png(result, summary, story, truth)
+        return replace(done, picture=overview_png(done.result, done.summary, recorder.story, truth))
     except Exception as error:
         warnings.warn(f"{OVERVIEW} was not made: {error}", RuntimeWarning, stacklevel=2)
-        return None
+        return done
 
 
 def _keep_recording(folder: OutputFolder) -> bool:
@@ -277,14 +256,16 @@ class Finished:
     located: tuple[Keyframe, ...]
     descriptors: tuple[Descriptors, ...]
     #: That of the last evaluated window, see :attr:`slam_init.initializer.Initializer.motion`.
-    motion: FittedPoses | None = None
+    motion: FittedPoses | None
+    #: ``overview.png``, where it was drawn.
+    picture: bytes | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Job:
     """The arguments of :func:`run`, checked.
 
-    * ``described``: Whether the map is described by descriptors.
+    * ``described``, ``pictured``: Whether the map is described by descriptors, and the run is drawn.
     """
 
     source: Source
@@ -297,8 +278,10 @@ class Job:
     notes: tuple[str, ...]
     scale: ScaleRequest | None
     restart: bool
-    described: bool
     imu: bool | InertialSensor
+    viewer: str | None
+    described: bool
+    pictured: bool
 
     @property
     def by_motion(self) -> bool:

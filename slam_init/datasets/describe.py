@@ -11,7 +11,7 @@ from slam_init.datasets import TimedSource
 from slam_init.datasets.match_chains import TrackTable
 from slam_init.datasets.track_source import TrackSource
 from slam_init.errors import plain_line
-from slam_init.output.records import CameraRecord, record
+from slam_init.output.summary import CameraRecord, record
 from slam_init.types.camera import Camera
 from slam_init.types.frame import notes_of
 

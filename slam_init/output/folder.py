@@ -62,7 +62,7 @@ class Marker:
 
     def write(self, folder: Path) -> None:
         """Write the marker of a folder: completely or not at all."""
-        from slam_init.output.provenance import package_versions
+        from slam_init.output.summary import package_versions
 
         made_by = package_versions(["slam-init"])["slam-init"]
         content = {"command": self.command, "version": made_by, "files": sorted(self.files)}

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from quest.display import aligned
 from slam_init.errors import plain_line
-from slam_init.output.records import SegmentRecord
-from slam_init.output.summary import Summary
+from slam_init.output.summary import SegmentRecord, Summary
 from slam_init.types.result import Result, report_facts
 
 

@@ -16,8 +16,7 @@ from written import contents
 import slam_init
 from slam_init.cli.main import main
 from slam_init.errors import OutputError, SlamInitError
-from slam_init.exports import check_formats
-from slam_init.output.scene import Undistortion, image_name
+from slam_init.output.scene import Undistortion, check_formats, image_name
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from make_map import CAMERAS, make_map
 
-from slam_init.output.nerfstudio import transforms_text
+from slam_init.output.scene import transforms_text
 
 
 def test_in_the_axes_of_opengl_the_scene_lies_at_negative_z_and_up_is_positive():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from make_map import CAMERAS, make_frame
 
-from slam_init.output.provenance import InputHash
+from slam_init.output.summary import InputHash
 
 FRAMES = [make_frame(k, k / 30, f"{k}.png") for k in range(3)]
 

@@ -8,8 +8,8 @@ import numpy as np
 from make_map import make_map, make_result
 from make_summary import summarize
 
-from slam_init.output.records import ContinuationRecord
 from slam_init.output.report import report_text
+from slam_init.output.summary import ContinuationRecord
 from slam_init.types.evidence import Margin, WindowEvidence
 from slam_init.types.refusal import Verdict
 from slam_init.types.result import Attempt, GroundTruthErrors
