@@ -68,6 +68,7 @@ def _calibrate(arguments: argparse.Namespace) -> int:
 
 def _text(found: SelfCalibration, out: str) -> str:
     """What the user reads."""
+    from quest.display import aligned
     from slam_init.types.lens import MAX_FOCAL_SIGMA
     from slam_init.types.refusal import Verdict
 
@@ -85,13 +86,12 @@ def _text(found: SelfCalibration, out: str) -> str:
             advice = found.advice
         return f"not calibrated: {why}\n  advice        {advice}\n"
     camera = found.camera
-    alone = "one stretch only: nothing confirms it; a longer video has more"
     k1, k2 = (*camera.distortion, 0.0, 0.0)[:2]
     second = f", k2 = {k2:.4f}" if k2 else ""
-    return (
-        f"calibrated by {stretches}\n"
-        f"  focal length  {camera.fx:.1f} +- {camera.focal_sigma_px:.1f} px\n"
-        f"  distortion    k1 = {k1:.4f} +- {found.k1_sigma:.4f}{second}\n"
-        + (f"  note          {alone}\n" if len(found.stretches) == 1 else "")
-        + f"  results       {out}/camera.yaml\n"
-    )
+    facts = [
+        ("focal length", f"{camera.fx:.1f} +- {camera.focal_sigma_px:.1f} px"),
+        ("distortion", f"k1 = {k1:.4f} +- {found.k1_sigma:.4f}{second}"),
+    ]
+    if len(found.stretches) == 1:
+        facts.append(("note", "one stretch only: nothing confirms it; a longer video has more"))
+    return aligned(f"calibrated by {stretches}", [*facts, ("results", f"{out}/camera.yaml")]) + "\n"

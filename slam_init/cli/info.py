@@ -24,7 +24,7 @@ def add_info(commands: Commands) -> None:
 def _info(arguments: argparse.Namespace) -> int:
     """``slam-init info``."""
     from slam_init.output.plain_json import json_text
-    from slam_init.output.result_folder import is_result_folder, read_result, result_text
+    from slam_init.output.report import is_result_folder, read_result, result_text
 
     folder = user_path(arguments.source)
     if is_result_folder(folder):

@@ -113,8 +113,7 @@ def _run(arguments: argparse.Namespace) -> int:
     if not arguments.quiet and sys.stderr.isatty():  # the libraries take seconds to load, before there is a bar
         complain(f"reading {without_password(arguments.source)}")
     from slam_init.output.plain_json import json_text
-    from slam_init.output.report import report_text
-    from slam_init.output.result_folder import earlier_result
+    from slam_init.output.report import earlier_result, report_text
 
     config, live = _config(arguments), is_live(arguments.source)
     _check_method(arguments, config.method)

@@ -32,7 +32,7 @@ SENSORS = "a EuRoC sequence with imu0, its T_BS, or a ROS bag with sensor_msgs/I
 def sequence_name(text: str) -> str:
     """Read the name of a source: anything but a folder of results."""
     if user_path(text).is_dir():
-        from slam_init.output.result_folder import is_result_folder
+        from slam_init.output.report import is_result_folder
 
         if is_result_folder(user_path(text)):
             raise argparse.ArgumentTypeError(f"{text} is a result of slam-init: use slam-init view {text}, or info")

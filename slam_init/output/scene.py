@@ -301,7 +301,7 @@ def check_formats(formats: Collection[str], source: Source | None = None) -> Non
             raise SlamInitError(f"unknown format {one!r:.40} of an export: use {SCENE}")
     if formats and source is not None and source.kind == "live":
         raise SlamInitError("the export scene reads the images again, and a live source is gone: record it first")
-    if formats and getattr(source, "pictures", source) is None:
+    if formats and getattr(source, "pictures", True) is None:
         raise SlamInitError("the export scene needs images: name them by --images")
 
 

@@ -9,7 +9,7 @@ from make_map import make_map, make_result
 from make_summary import summarize, write_results
 
 from slam_init.errors import SourceError
-from slam_init.output.result_folder import earlier_result, is_result_folder, read_result, result_text
+from slam_init.output.report import earlier_result, is_result_folder, read_result, result_text
 from slam_init.types.refusal import Verdict
 
 

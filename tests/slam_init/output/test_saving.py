@@ -7,7 +7,7 @@ from matched_points import map_of_matches
 import slam_init
 from slam_init.errors import OutputError
 from slam_init.output.names import COLMAP_FILES
-from slam_init.output.result_folder import read_result
+from slam_init.output.report import read_result
 
 
 @pytest.fixture(scope="module")
