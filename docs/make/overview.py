@@ -36,7 +36,7 @@ from slam_init.pictures.overview import (
     pixels_of,
     write,
 )  # fmt: skip
-from slam_init.recording.story import StoryRecorder
+from slam_init.recording.recorder import StoryRecorder
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.initial_map import InitialMap

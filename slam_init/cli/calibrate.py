@@ -6,8 +6,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from slam_init.cli.parser import DONE, NOT_INITIALIZED, OUT_HELP, Commands, add_command, add_options, number
-from slam_init.cli.source_options import add_source, chosen_camera, opened_source
+from slam_init.cli import parser
 from slam_init.system.process_io import emit
 
 if TYPE_CHECKING:
@@ -16,22 +15,24 @@ if TYPE_CHECKING:
 _DEFAULT_OUT = "slam-init-calibration"
 
 
-def add_calibrate(commands: Commands) -> None:
+def add_calibrate(commands: parser.Commands) -> None:
     """Add the command."""
     description = (
         "Estimate focal length and radial distortion from the stretches of a video that fix them; write camera.yaml "
         "with standard deviations. Turn the camera while it moves. A calibration of the source is not used."
     )
-    calibrate = add_command(commands, "calibrate", _calibrate, "estimate the focal length from a video", description)
-    add_source(calibrate, default=None, camera="auto")
+    calibrate = parser.add_command(
+        commands, "calibrate", _calibrate, "estimate the focal length from a video", description
+    )
+    parser.add_source(calibrate, default=None, camera="auto")
     helps = {
         "--start K": "skip the first K frames",
         "--max-frames N": "read at most N frames",
         "--seed N": "of random draws (default: 0)",
-        "--out DIR": OUT_HELP,
+        "--out DIR": parser.OUT_HELP,
     }
-    types = {"--start": number(0), "--max-frames": number(1), "--seed": number(0)}
-    add_options(calibrate, helps, types, start=0, seed=0, out=_DEFAULT_OUT)
+    types = {"--start": parser.number(0), "--max-frames": parser.number(1), "--seed": parser.number(0)}
+    parser.add_options(calibrate, helps, types, start=0, seed=0, out=_DEFAULT_OUT)
 
 
 def _calibrate(arguments: argparse.Namespace) -> int:
@@ -45,9 +46,9 @@ def _calibrate(arguments: argparse.Namespace) -> int:
     from slam_init.methods.self_calibration import calibrate
     from slam_init.output.plain_json import json_text
 
-    source = opened_source(arguments, arguments.seed)
+    source = parser.opened_source(arguments, arguments.seed)
     arguments.camera = arguments.camera or "auto"
-    camera = chosen_camera(arguments, source, arguments.start)
+    camera = parser.chosen_camera(arguments, source, arguments.start)
     with OutputFolder(out, "calibrate") as folder:
         found = calibrate(
             source,
@@ -63,7 +64,7 @@ def _calibrate(arguments: argparse.Namespace) -> int:
         folder.write({name: text.encode() for name, text in texts.items()})
         folder.publish()
     emit(_text(found, str(out)))
-    return DONE if found.camera is not None else NOT_INITIALIZED
+    return parser.DONE if found.camera is not None else parser.NOT_INITIALIZED
 
 
 def _text(found: SelfCalibration, out: str) -> str:

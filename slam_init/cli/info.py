@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from slam_init.cli.parser import DONE, Commands, add_command
-from slam_init.cli.source_options import add_source, chosen_camera, opened_source
+from slam_init.cli.parser import DONE, Commands, add_command, add_source, chosen_camera, opened_source
 from slam_init.system.process_io import emit
 from slam_init.system.regular_file import user_path
 

@@ -8,19 +8,8 @@ from contextlib import ExitStack
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from slam_init.cli.parser import (
-    DONE,
-    NOT_INITIALIZED,
-    OUT_HELP,
-    Commands,
-    UsageError,
-    add_command,
-    add_list_methods,
-    add_options,
-    number,
-    refuse_changed,
-)
-from slam_init.cli.source_options import BY_IMU, SENSORS, add_source, chosen_camera, opened_source, with_gravity
+from slam_init.cli import parser
+from slam_init.cli.parser import BY_IMU, SENSORS, UsageError
 from slam_init.system.process_io import complain, emit, first_interrupt_calls
 from slam_init.system.regular_file import user_path
 
@@ -32,13 +21,13 @@ if TYPE_CHECKING:
 _DEFAULT_SOURCE = "synth:room"
 _DEFAULT_OUT = "slam-init-out"
 _TYPES = {
-    "--start": number(0),
-    "--max-frames": number(1),
-    "--seed": number(0),
+    "--start": parser.number(0),
+    "--max-frames": parser.number(1),
+    "--seed": parser.number(0),
     "--max-depth-sigma": float,
     "--min-parallax": float,
-    "--refine": number(0),
-    "--continue": number(0),
+    "--refine": parser.number(0),
+    "--continue": parser.number(0),
 }
 _DECISION = {
     "--method NAME": "way to initialize: quest (default), orb-slam3, ... (--list-methods); or an external program, as "
@@ -72,26 +61,26 @@ _LIVE = {
     "--live=rerun+http://HOST:9876/proxy uses one that runs",
 }
 _RESULTS = {
-    "--out DIR": OUT_HELP,
+    "--out DIR": parser.OUT_HELP,
     "--no-overview": "do not draw DIR/overview.png",
     "--json": "print the summary as JSON and nothing else",
     "--quiet": "print nothing but errors (and --json)",
 }
 
 
-def add_run(commands: Commands) -> None:
+def add_run(commands: parser.Commands) -> None:
     """Add the command."""
     description = "Read frames until a map is found; write it, and a recording of how, to a folder."
-    run = add_command(commands, "run", _run, "initialize from a sequence", description)
-    add_source(run, default=_DEFAULT_SOURCE)
+    run = parser.add_command(commands, "run", _run, "initialize from a sequence", description)
+    parser.add_source(run, default=_DEFAULT_SOURCE)
     frames = {"--start K": "skip the first K frames", "--max-frames N": "give up after N frames"}
-    add_options(run.add_argument_group("first and last frame"), frames, _TYPES, start=0)
+    parser.add_options(run.add_argument_group("first and last frame"), frames, _TYPES, start=0)
     decision = run.add_argument_group("how it decides")
-    add_options(decision, _DECISION, _TYPES)
-    add_list_methods(decision)
-    add_options(run.add_argument_group("after the map"), _AFTER, _TYPES)
-    add_options(run.add_argument_group("live sources, and a viewer"), _LIVE)
-    add_options(run.add_argument_group("results"), _RESULTS, out=_DEFAULT_OUT)
+    parser.add_options(decision, _DECISION, _TYPES)
+    parser.add_list_methods(decision)
+    parser.add_options(run.add_argument_group("after the map"), _AFTER, _TYPES)
+    parser.add_options(run.add_argument_group("live sources, and a viewer"), _LIVE)
+    parser.add_options(run.add_argument_group("results"), _RESULTS, out=_DEFAULT_OUT)
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -134,8 +123,8 @@ def _run(arguments: argparse.Namespace) -> int:
         if live:
             source = opened.enter_context(_stream(arguments))
         else:
-            source = with_gravity(arguments, opened_source(arguments, config.seed))
-        camera = chosen_camera(arguments, source, arguments.start)
+            source = parser.with_gravity(arguments, parser.opened_source(arguments, config.seed))
+        camera = parser.chosen_camera(arguments, source, arguments.start)
         _check_source(arguments, source)
         from slam_init.runner import run
 
@@ -163,7 +152,7 @@ def _run(arguments: argparse.Namespace) -> int:
         emit(json_text(summary))
     elif not arguments.quiet:
         emit(report_text(result, summary, out, replaced))
-    return DONE if summary.reason is None else NOT_INITIALIZED
+    return parser.DONE if summary.reason is None else parser.NOT_INITIALIZED
 
 
 def _config(arguments: argparse.Namespace) -> Config:
@@ -205,7 +194,7 @@ def _stream(arguments: argparse.Namespace) -> LiveSource:
     from slam_init.initializer import load_all
 
     stored = {"every": 1, "fps": None, "mask": None, "gravity": None, "images": None}
-    refuse_changed(arguments, stored, "a live source is not read from files, and takes no")
+    parser.refuse_changed(arguments, stored, "a live source is not read from files, and takes no")
     source = open_live(arguments.source, keep_all=arguments.no_drop)
     import_module("slam_init.recording.rerun_recorder")
     load_all()

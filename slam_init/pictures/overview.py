@@ -1,8 +1,8 @@
 """``overview.png``: what a run saw, what it decided and why, in one image.
 
 It is plotted with matplotlib on its bundled fonts, without a display. All figures come from the result and its summary.
-A :class:`~slam_init.recording.story.StoryRecorder` keeps during the run what is shown beside them. The same run gives
-the same bytes with the same version of matplotlib.
+A :class:`~slam_init.recording.recorder.StoryRecorder` keeps during the run what is shown beside them. The same run
+gives the same bytes with the same version of matplotlib.
 
 The head states the verdict, the figures of the map and every note. Below it stand on the left the frames, the pair and
 the decision. The right half holds the map; without one it holds the gate that refused.
@@ -21,7 +21,7 @@ import numpy as np
 from slam_init.errors import plain_line
 from slam_init.evaluation.metrics import true_path
 from slam_init.output.summary import Summary
-from slam_init.recording.story import ShownFrame, ShownPair, StoryRecorder, bgr, match_parts
+from slam_init.recording.recorder import ShownFrame, ShownPair, StoryRecorder, bgr, match_parts
 from slam_init.recording.text import headline
 from slam_init.types.arrays import Bools, Floats, Image, evenly_spaced
 from slam_init.types.initial_map import InitialMap, risk_in_words

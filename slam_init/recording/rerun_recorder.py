@@ -48,8 +48,7 @@ from slam_init.output.names import UNFINISHED
 from slam_init.output.summary import Summary
 from slam_init.recording import layout, text, views
 from slam_init.recording.layout import GREEN, PURPLE, YELLOW, End
-from slam_init.recording.recorder import Recorder
-from slam_init.recording.story import LONG_SIDE_PX, StoryRecorder, moving_matches, reduced
+from slam_init.recording.recorder import LONG_SIDE_PX, Recorder, StoryRecorder, moving_matches, reduced
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations

@@ -16,7 +16,7 @@ import rerun as rr
 from slam_init.evaluation.metrics import Similarity, align_truth, positions_between
 from slam_init.recording import layout
 from slam_init.recording.layout import Color
-from slam_init.recording.story import PAIR_SIDE_PX, ShownFrame, bgr, match_parts, reduced_shape
+from slam_init.recording.recorder import PAIR_SIDE_PX, ShownFrame, bgr, match_parts, reduced_shape
 from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera
 from slam_init.types.initial_map import InitialMap, Keyframe

@@ -23,7 +23,7 @@ from slam_init.pictures.overview import (
     overview_png,
     widest_view,
 )
-from slam_init.recording.story import ShownFrame, StoryRecorder
+from slam_init.recording.recorder import ShownFrame, StoryRecorder
 from slam_init.types.evidence import FreeFocal, Margin
 from slam_init.types.refusal import GateName, Verdict, at_most
 from slam_init.types.result import Segment

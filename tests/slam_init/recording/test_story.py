@@ -8,7 +8,7 @@ import numpy as np
 from make_map import make_attempts, make_frame, make_map, make_observations
 from report_run import report_run
 
-from slam_init.recording.story import StoryRecorder
+from slam_init.recording.recorder import StoryRecorder
 
 
 def test_of_a_long_run_the_last_frames_are_kept():
