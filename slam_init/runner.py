@@ -217,6 +217,7 @@ _GIVEN_FRAMES = 10
 #: Metadata contradict a camera beyond this number of their standard deviations: a right camera is beyond two of them
 #: once in twenty, and beyond one in a third of the cases.
 _METADATA_SIGMAS = 2.0
+_NO_FURTHER_FRAMES = Continuation((), 0, ())
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,24 +228,18 @@ class _Part:
     first_frame: int
     #: Number of frames that were read.
     frames: int
-    continued: Continuation | None
-    descriptors: Descriptors | None
-    truth: GroundTruthErrors | None
-
-    @property
-    def located(self) -> tuple[Keyframe, ...]:
-        return () if self.continued is None else self.continued.keyframes
-
-    @property
-    def lost_at(self) -> int | None:
-        return None if self.continued is None else self.continued.lost_at
+    #: The frames after the map.
+    continued: Continuation = _NO_FURTHER_FRAMES
+    descriptors: Descriptors | None = None
+    truth: GroundTruthErrors | None = None
 
     def segment(self) -> Segment:
         """The map and its frames. There is a map."""
         map_, frames = self.result.map, self.result.frames_to_init
         assert map_ is not None
         assert frames is not None
-        return Segment(map_, self.first_frame, frames, self.located, self.lost_at, self.result.scale)
+        continued = self.continued
+        return Segment(map_, self.first_frame, frames, continued.keyframes, continued.lost_at, self.result.scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -344,14 +339,16 @@ class _Run:
         result = replace(result, notes=notes)
         descriptors = tuple(part.descriptors for part in parts if part.descriptors is not None)
         motion = self.initializer.motion if isinstance(self.initializer, Initializer) else None
-        return Finished(result, self._summary(result, parts), parts[0].located, descriptors, motion)
+        return Finished(result, self._summary(result, parts), parts[0].continued.keyframes, descriptors, motion)
 
     def _parts(self) -> list[_Part]:
         """One part, or one for each map."""
         parts, left = [self._part(self.job.start, None)], self.job.continue_frames
-        if left is not None and parts[0].continued is not None:
+        if left is not None:
             left -= parts[0].continued.frames
-        while (lost_at := parts[-1].lost_at) is not None and len(parts) < MAX_SEGMENTS and (left is None or left > 0):
+        while len(parts) < MAX_SEGMENTS and (left is None or left > 0):
+            if (lost_at := parts[-1].continued.lost_at) is None:
+                break
             self._reset(lost_at)
             parts.append(self._part(lost_at, left))
             if left is not None:
@@ -366,17 +363,17 @@ class _Run:
         result = replace(self._initialized(job.available(first_frame), most), segments=())
         read = self.initializer.frames_read - before
         if result.map is None:
-            return _Part(self.reduction.enlarged(result), first_frame, read, None, None, None)
+            return _Part(self.reduction.enlarged(result), first_frame, read)
         images = {k.frame: self.memory[k.frame] for k in result.map.keyframes if k.frame in self.memory}
         descriptors = describe_landmarks(result.map, images) if job.described else None
         count = job.continue_frames if left is None else left - read
-        map_, continued = result.map, None
+        map_, continued = result.map, _NO_FURTHER_FRAMES
         if job.restart or count:
             continued = follow(
                 map_, self.tracker, self.frames, count, self.recorder, until_lost=job.restart, keep_grown=job.by_motion
             )
             read += continued.frames
-        if continued is not None and continued.ended_by is not None:
+        if continued.ended_by is not None:
             result = replace(result, notes=(*result.notes, f"the continuation ended early: {continued.ended_by}"))
         if job.scale is not None:
             result, continued = self._in_metres(job.scale, map_, result, continued, images)
@@ -426,22 +423,21 @@ class _Run:
         request: ScaleRequest,
         map_: InitialMap,
         result: Result,
-        continued: Continuation | None,
+        continued: Continuation,
         images: Mapping[int, Image],
-    ) -> tuple[Result, Continuation | None]:
+    ) -> tuple[Result, Continuation]:
         """Find the scale of a map, and change its unit if there is one."""
-        located, grown = ((), None) if continued is None else (continued.keyframes, continued.grown)
+        located, grown = continued.keyframes, continued.grown
         truth, record = self.job.source.groundtruth, self.job.record
         scale = find_scale(map_, request, images=images, located=located, groundtruth=truth, imu=record, grown=grown)
         if scale.metres_per_unit is None:
             return replace(result, scale=scale), continued
         map_ = in_metres(map_, scale)
         self.recorder.scaled(scale)
-        if continued is not None:
-            continued = replace(continued, keyframes=scaled_keyframes(located, scale.metres_per_unit))
+        continued = replace(continued, keyframes=scaled_keyframes(located, scale.metres_per_unit))
         return replace(result, map=map_, hypotheses=(map_,), scale=scale), continued
 
-    def _errors(self, result: Result, continued: Continuation | None) -> GroundTruthErrors | None:
+    def _errors(self, result: Result, continued: Continuation) -> GroundTruthErrors | None:
         """The errors of a map against the ground truth."""
         truth = self.job.source.groundtruth
         if result.map is None or truth is None:
@@ -449,12 +445,12 @@ class _Run:
         errors, scale = compare_with_groundtruth(result.map.keyframes, truth), result.map.scale
         if errors is None or scale is None or scale.origin == ScaleOrigin.GROUNDTRUTH:
             return errors
-        located = () if continued is None else continued.keyframes
-        return replace(errors, scale_error=scale_error((*result.map.keyframes, *located), truth))
+        return replace(errors, scale_error=scale_error((*result.map.keyframes, *continued.keyframes), truth))
 
     def _summary(self, result: Result, parts: Sequence[_Part]) -> Summary:
         """Summarize the run, with its errors against the ground truth and its provenance."""
-        job, continued = self.job, parts[0].continued
+        job = self.job
+        continues = parts[0].result.map is not None and (job.restart or job.continue_frames)
         options: dict[str, Json] = {
             "start": job.start, "max_frames": job.max_frames, "continue_frames": job.continue_frames,
             "restart": job.restart, "imu": bool(job.imu),
@@ -467,11 +463,10 @@ class _Run:
             SourceRecord(job.source.name, job.source.kind),
             result.map.camera if estimated and result.map is not None else job.camera,
             ground_truth=parts[0].truth,
-            continued=None if continued is None else continued.record(),
+            continued=parts[0].continued.record() if continues else None,
             segments=tuple(
                 SegmentRecord.describe(segment_folder(number), segment, part.continued.record(), part.truth)
                 for number, (segment, part) in enumerate(zip(result.segments, parts, strict=False), start=1)
-                if part.continued is not None
             ),
             provenance=provenance_of(command, plain_fields(job.config) | options, self.hashed),
         )
@@ -508,8 +503,8 @@ def _whole(parts: Sequence[_Part], restart: bool) -> Result:
     notes = [note for part in parts[1:] for note in part.result.notes if note not in first.notes]
     if len(parts) > 1 and last.result.map is None:
         notes.append(f"no further map from frame {last.first_frame} on: {last.result.reason}: {last.result.advice}")
-    if last.lost_at is not None:
-        notes.append(f"the last map was lost at frame {last.lost_at}, and no further one was looked for")
+    if last.continued.lost_at is not None:
+        notes.append(f"the last map was lost at frame {last.continued.lost_at}, and no further one was looked for")
     segments = tuple(part.segment() for part in parts if part.result.map is not None)
     return replace(first, notes=(*first.notes, *dict.fromkeys(notes)), segments=segments)
 

@@ -21,23 +21,14 @@ from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose
 
 #: COLMAP's models with the same parameters in the same order.
-_SAME_PARAMETERS = {"rational": "FULL_OPENCV", "thin-prism-fisheye": "THIN_PRISM_FISHEYE", "fov": "FOV", "eucm": "EUCM"}
+_SAME_PARAMETERS = {
+    "pinhole": "PINHOLE", "fisheye": "OPENCV_FISHEYE", "rational": "FULL_OPENCV",
+    "thin-prism-fisheye": "THIN_PRISM_FISHEYE", "fov": "FOV", "eucm": "EUCM",
+}  # fmt: skip
 #: Number of coefficients that COLMAP's models take, where a lens with more radial distortion has one more.
 _COEFFICIENTS = {"fov": 1, "eucm": 2}
 #: COLMAP's number of the model ``PINHOLE``.
 _PINHOLE = 1
-
-
-def colmap_view(camera: Camera) -> tuple[Camera, str]:
-    """Choose the camera that is written.
-
-    * Returns ``camera``: The same one, or the pinhole camera with the same pixels near the optical axis.
-    """
-    note = colmap_note(camera)
-    if not note:
-        return camera, note
-    K = camera.K
-    return Camera("pinhole", camera.width, camera.height, K[0, 0], K[1, 1], camera.cx, camera.cy), note
 
 
 def colmap_note(camera: Camera) -> str:
@@ -69,10 +60,6 @@ def colmap_camera(camera: Camera) -> tuple[str, list[float]]:
         return "EQUIRECTANGULAR", [camera.width, camera.height]
     if camera.model in _SAME_PARAMETERS:
         return _SAME_PARAMETERS[camera.model], parameters
-    if camera.model == "pinhole":
-        return "PINHOLE", parameters
-    if camera.model == "fisheye":
-        return "OPENCV_FISHEYE", parameters
     if len(camera.distortion) == 5 and camera.distortion[4] != 0:
         # k4, k5, k6: the denominator of the rational model.
         return "FULL_OPENCV", [*parameters, 0.0, 0.0, 0.0]
@@ -172,7 +159,9 @@ def colmap_model(map_: InitialMap, located: Sequence[Keyframe] = ()) -> ColmapMo
     * ``located``: Further frames. They follow the keyframes, and observe no points.
     """
     InitialMap.check(map_)
-    camera, note = colmap_view(map_.camera)
+    camera, note = map_.camera, colmap_note(map_.camera)
+    if note:  # the pinhole camera with the same pixels near the optical axis
+        camera = Camera("pinhole", camera.width, camera.height, camera.K[0, 0], camera.K[1, 1], camera.cx, camera.cy)
     all_pixels, used = _observations(map_, camera)
     images = []
     errors_px = np.zeros(len(map_.observation_landmarks))
