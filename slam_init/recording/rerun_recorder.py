@@ -40,7 +40,6 @@ from typing import Any
 
 import numpy as np
 import rerun as rr
-import rerun.blueprint as rrb
 
 from slam_init.errors import SlamInitError, plain_line
 from slam_init.output.folder import writing
@@ -72,11 +71,29 @@ _CHUNK_BYTES = 1 << 19
 _RESERVE_BYTES = 16 * _CHUNK_BYTES
 
 
+def _stream(identity: str, viewer: str | None) -> rr.RecordingStream:
+    """Open a stream without a wall clock and with an id that depends on its arguments only.
+
+    A chunk ends after a number of bytes and never after a time, so that two equal runs write equal chunks. For a
+    viewer that shows the stream while it is made, chunks end by time.
+    """
+    batching = rr.ChunkBatcherConfig.NEVER() if viewer is None else rr.ChunkBatcherConfig.LOW_LATENCY()
+    if viewer is None:
+        batching.flush_num_bytes = _CHUNK_BYTES
+    name = uuid.uuid5(uuid.NAMESPACE_URL, identity)
+    rec = rr.RecordingStream("slam_init", recording_id=name, send_properties=False, batcher_config=batching)
+    rec.set_log_time_enabled(False)
+    rec.set_log_tick_enabled(False)
+    return rec
+
+
 class RerunRecorder(Recorder):
     """Writes a ``.rrd`` file with a layout for the viewer during the run.
 
     The file is called ``.partial.rrd`` until it is closed, so that an earlier file stays until then. If a ``with``
-    statement ends with a :class:`SlamInitError`, the partial file is removed.
+    statement ends with a :class:`SlamInitError`, the partial file is removed. Rerun reports a full disk in its log
+    only, and a flush may then wait without end. So the space of the disk is looked up with each frame, and a recording
+    ends with an error before the disk is full.
 
     * ``path``: The file; an existing one is replaced.
     * ``camera``: The calibration of the frames.
@@ -110,9 +127,16 @@ class RerunRecorder(Recorder):
         self._end, self._rolling = End.MAP, False
 
         source_name = plain_line(source_name)
-        self._rec = open_stream("slam_init", f"slam-init/{source_name}/{seed}", viewer)
+        self._rec = _stream(f"slam-init/{source_name}/{seed}", viewer)
         self._map_view = views.MapView(self._rec, groundtruth, self._scale)
-        self._file = RecordingFile(path, self._rec, start, viewer)
+        self._path, self._partial, self._is_open = path, path.with_suffix(UNFINISHED), True
+        with self._writing():
+            if path.is_dir():
+                raise IsADirectoryError(f"{path} is a folder")
+            self._check_room()
+            self._partial.touch()
+        sinks = [] if viewer is None else [rr.GrpcSink(viewer)]
+        self._rec.set_sinks(rr.FileSink(str(self._partial)), *sinks, default_blueprint=start)
         self._rec.send_recording_name(f"slam-init {source_name}")
         self._rec.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
         for series in layout.SERIES:
@@ -123,7 +147,7 @@ class RerunRecorder(Recorder):
     def frame(self, frame: Frame, observations: Observations) -> None:
         """Log the reduced image, its keypoints, and their motion over the last frames."""
         rec = self._rec
-        self._file.check()
+        self._check_file()
         rec.set_time("frame", sequence=frame.index)
         # Bags and cameras log dates; times from a start of the clock are no dates, and have no day.
         if is_date(frame.timestamp_s):
@@ -235,18 +259,50 @@ class RerunRecorder(Recorder):
             self._end = End.NO_MAP
 
     def close(self) -> None:
-        """Finish the file and rename it to its final name."""
-        if self._file.is_open and (self._end is not End.MAP or self._rolling):
+        """Write the rest, close the file, and give it its name. It may be called twice."""
+        if not self._is_open:
+            return
+        if self._end is not End.MAP or self._rolling:
             # The layout that the file began with shows a map. The viewer takes the last layout of a file.
             rr.send_blueprint(layout.blueprint(self._end, rolling=self._rolling), recording=self._rec)
-        self._file.complete()
+        try:
+            self._check_file()
+            self._rec.disconnect()
+            with self._writing():
+                self._partial.replace(self._path)
+        finally:
+            self._discard()
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         """Close the file; after a :class:`SlamInitError`, or an interrupt before the first frame, remove it."""
         if isinstance(error, SlamInitError) or (error is not None and not self._frames):
-            self._file.discard()
+            self._discard()
         else:
             self.close()
+
+    # -- the file -----------------------------------------------------------------------------------
+
+    def _writing(self) -> AbstractContextManager[None]:
+        return writing(f"the recording {self._path}", "give another --out")
+
+    def _check_room(self) -> None:
+        if shutil.disk_usage(self._path.parent).free < _RESERVE_BYTES:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def _check_file(self) -> None:
+        """Raise an error where the disk is full, or the file is gone."""
+        with self._writing():
+            if self._is_open and not self._partial.exists():
+                raise FileNotFoundError("the file is gone")
+            self._check_room()
+
+    def _discard(self) -> None:
+        """Close the file, and remove it unless it is complete."""
+        if self._is_open:
+            self._rec.disconnect()
+        self._is_open = False
+        with suppress(OSError):
+            self._partial.unlink(missing_ok=True)
 
     # -- parts of the recording -------------------------------------------------------------------
 
@@ -274,79 +330,3 @@ class RerunRecorder(Recorder):
     def _shown(self, pixels: Floats) -> Any:
         """Convert raw pixels (..., 2) to the reduced image. In Rerun, pixel centres are at half-integers."""
         return (pixels + 0.5) * self._scale
-
-
-# -- the file ------------------------------------------------------------------------------------
-
-
-def open_stream(application: str, identity: str, viewer: str | None = None) -> rr.RecordingStream:
-    """Open a stream without a wall clock and with an id that depends on its arguments only.
-
-    A chunk ends after a number of bytes and never after a time, so that two equal runs write equal chunks. For a
-    viewer that shows the stream while it is made, chunks end by time.
-    """
-    batching = rr.ChunkBatcherConfig.NEVER() if viewer is None else rr.ChunkBatcherConfig.LOW_LATENCY()
-    if viewer is None:
-        batching.flush_num_bytes = _CHUNK_BYTES
-    name = uuid.uuid5(uuid.NAMESPACE_URL, identity)
-    rec = rr.RecordingStream(application, recording_id=name, send_properties=False, batcher_config=batching)
-    rec.set_log_time_enabled(False)
-    rec.set_log_tick_enabled(False)
-    return rec
-
-
-class RecordingFile:
-    """A file that receives a recording while it is made. It has another name until it is complete.
-
-    * ``path``: The file; an existing one is replaced when the recording is complete.
-    * ``recording``: The stream. Its data up to now and all further data go to the file.
-    * ``layout``: The layout in the viewer.
-    * ``viewer``: Address of a viewer that receives the same data.
-    """
-
-    def __init__(
-        self, path: Path, recording: rr.RecordingStream, layout: rrb.Blueprint, viewer: str | None = None
-    ) -> None:
-        self._path, self._partial = path, path.with_suffix(UNFINISHED)
-        self._recording, self.is_open = recording, True
-        with self._writing():
-            if path.is_dir():
-                raise IsADirectoryError(f"{path} is a folder")
-            _check_room(path.parent)
-            self._partial.touch()
-        sinks = [] if viewer is None else [rr.GrpcSink(viewer)]
-        recording.set_sinks(rr.FileSink(str(self._partial)), *sinks, default_blueprint=layout)
-
-    def check(self) -> None:
-        """Raise an error where the disk is full, or the file is gone."""
-        with self._writing():
-            if self.is_open and not self._partial.exists():
-                raise FileNotFoundError("the file is gone")
-            _check_room(self._path.parent)
-
-    def complete(self) -> None:
-        """Write the rest, close the file, and give it its name. It may be called twice."""
-        if self.is_open:
-            try:
-                self.check()
-                self._recording.disconnect()
-                with self._writing():
-                    self._partial.replace(self._path)
-            finally:
-                self.discard()
-
-    def discard(self) -> None:
-        """Close the file, and remove it unless it is complete."""
-        if self.is_open:
-            self._recording.disconnect()
-        self.is_open = False
-        with suppress(OSError):
-            self._partial.unlink(missing_ok=True)
-
-    def _writing(self) -> AbstractContextManager[None]:
-        return writing(f"the recording {self._path}", "give another --out")
-
-
-def _check_room(folder: Path) -> None:
-    if shutil.disk_usage(folder).free < _RESERVE_BYTES:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from matched_points import map_of_matches
+from written import contents
 
 import slam_init
 from slam_init.errors import OutputError
@@ -20,9 +21,7 @@ def result():
 
 
 def files(folder):
-    return {
-        str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file() and ".slam-init" not in path.parts
-    }
+    return set(contents(folder))
 
 
 def test_a_result_is_saved_with_the_files_of_its_map_and_a_summary(result, tmp_path):
