@@ -35,6 +35,8 @@ OUT_HELP = "results: a new or empty folder, or one of an earlier run of this com
 
 #: A longer message repeats what somebody typed, or a whole file.
 _LONGEST = 400
+#: Least likeness of an option to the one that was meant: with less, --calib would be taken for --scale.
+_SLIP = 0.75
 
 
 class UsageError(SlamInitError):
@@ -49,7 +51,7 @@ class Parser(argparse.ArgumentParser):
         """Parse words. An option that does not exist is reported by the command that it was given to."""
         arguments, unknown = super().parse_known_args(args, namespace)
         if unknown:
-            nearest = get_close_matches(unknown[0], self._option_string_actions, n=1)
+            nearest = get_close_matches(unknown[0], self._option_string_actions, n=1, cutoff=_SLIP)
             meant = f": did you mean {nearest[0]}?" if nearest else ""
             self.error(f"unrecognized arguments: {' '.join(unknown)}{meant}")
         for name, value in vars(arguments).items():
