@@ -279,14 +279,9 @@ class Job:
     pictured: bool
 
     @property
-    def by_motion(self) -> bool:
-        """Whether the scale is found from an inertial sensor."""
-        return isinstance(self.scale, MeasuredMotion)
-
-    @property
     def record(self) -> InertialRecord | None:
-        """What that scale is found from."""
-        if not self.by_motion:
+        """What the scale is found from, if it is found from an inertial sensor."""
+        if not isinstance(self.scale, MeasuredMotion):
             return None
         return self.imu.record if isinstance(self.imu, InertialSensor) else inertial_of(self.source)
 
@@ -369,8 +364,9 @@ class _Run:
         count = job.continue_frames if left is None else left - read
         map_, continued = result.map, _NO_FURTHER_FRAMES
         if job.restart or count:
+            by_motion = isinstance(job.scale, MeasuredMotion)
             continued = follow(
-                map_, self.tracker, self.frames, count, self.recorder, until_lost=job.restart, keep_grown=job.by_motion
+                map_, self.tracker, self.frames, count, self.recorder, until_lost=job.restart, keep_grown=by_motion
             )
             read += continued.frames
         if continued.ended_by is not None:
