@@ -39,9 +39,8 @@ def report_text(result: Result, summary: Summary, out: str | os.PathLike[str], r
     folder = plain_line(str(Path(out)))
     if replaced is not None:
         facts = [*facts, ("replaced", plain_line(replaced))]
-    return (
-        aligned(title, [*facts, ("results", f"{folder}/ (look at overview.png, or: slam-init view {folder})")]) + "\n"
-    )
+    results = f"{folder}/ (look at overview.png, or: slam-init view {folder})"
+    return aligned(title, [*facts, ("results", results)]) + "\n"
 
 
 def _run_facts(summary: Summary) -> list[tuple[str, str]]:

@@ -105,7 +105,11 @@ def map_files(
     # The map of an external program has no landmarks, and no graph to go on with.
     if map_.graph is None:
         return files
-    files["map.ply"] = ply_bytes(map_)
+    comments = (
+        "world frame: the first keyframe's camera, x right, y down, z forward",
+        f"unit: {'the median depth in the first view' if map_.scale is None else 'metre'}",
+    )
+    files["map.ply"] = coloured_points(map_.points, map_.colors, comments)
     files |= {
         # The file system allows names of images that are not Unicode; the bytes are written unchanged.
         name: text.encode("utf-8", "surrogateescape")
@@ -180,15 +184,6 @@ def tum_line(keyframe: Keyframe) -> str:
     w, x, y, z = keyframe.world_from_cam.q_wxyz
     numbers = numbers_text([*keyframe.world_from_cam.t, x, y, z, w])
     return f"{keyframe.timestamp_s:.9f} {numbers}\n"
-
-
-def ply_bytes(map_: InitialMap) -> bytes:
-    """Write the landmarks of a map in PLY format."""
-    comments = (
-        "world frame: the first keyframe's camera, x right, y down, z forward",
-        f"unit: {'the median depth in the first view' if map_.scale is None else 'metre'}",
-    )
-    return coloured_points(map_.points, map_.colors, comments)
 
 
 def save(thing: object, folder: str | os.PathLike[str]) -> None:

@@ -44,14 +44,12 @@ from slam_init.types.pose import Pose
 # -- cameras and points ----------------------------------------------------------------------------
 
 #: y and z point the other way.
-_FLIP = np.diag([1.0, -1.0, -1.0])
+_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def opengl_matrix(world_from_cam: Pose) -> Floats:
     """Convert a pose to the axes of OpenGL: returns (4, 4)."""
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = world_from_cam.R @ _FLIP, world_from_cam.t
-    return matrix
+    return world_from_cam.matrix() @ _FLIP
 
 
 def transforms_text(map_: InitialMap, located: Sequence[Keyframe] = (), points: str = "map.ply") -> str | None:
