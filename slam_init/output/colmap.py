@@ -101,8 +101,11 @@ class ColmapModel:
     images: tuple[ModelImage, ...]
     points: tuple[ModelPoint, ...]
 
-    def texts(self) -> tuple[str, str, str]:
-        """Write the contents of ``cameras.txt``, ``images.txt`` and ``points3D.txt``."""
+    def texts(self) -> list[bytes]:
+        """Write the contents of ``cameras.txt``, ``images.txt`` and ``points3D.txt``.
+
+        The file system allows names of images that are not Unicode; their bytes are written unchanged.
+        """
         model, parameters = colmap_camera(self.camera)
         cameras = (
             (f"# {self.note}\n" if self.note else "") + "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
@@ -123,7 +126,8 @@ class ColmapModel:
         for point in self.points:
             rgb, track = (" ".join(map(str, values)) for values in (point.rgb, point.track.ravel()))
             points.append(f"{point.id} {numbers_text(point.xyz)} {rgb} {numbers_text([point.error_px])} {track}")
-        return cameras, "\n".join(images) + "\n", "\n".join(points) + "\n"
+        texts = (cameras, "\n".join(images) + "\n", "\n".join(points) + "\n")
+        return [text.encode("utf-8", "surrogateescape") for text in texts]
 
     def binaries(self) -> tuple[bytes, bytes, bytes]:
         """Write the contents of ``cameras.bin``, ``images.bin`` and ``points3D.bin``. The camera is a pinhole."""
@@ -215,7 +219,7 @@ def pycolmap_reconstruction(map_: InitialMap, located: Sequence[Keyframe] = ()) 
         raise SlamInitError('pycolmap is not installed: pip install ".[colmap]"') from None
     with tempfile.TemporaryDirectory() as folder:  # its reader is the one interface that all versions have
         for name, text in zip(COLMAP_FILES, colmap_model(map_, located).texts(), strict=True):
-            Path(folder, Path(name).name).write_bytes(text.encode("utf-8", "surrogateescape"))
+            Path(folder, Path(name).name).write_bytes(text)
         return pycolmap.Reconstruction(folder)
 
 

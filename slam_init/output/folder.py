@@ -26,7 +26,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from slam_init.errors import OutputError, check_type
+from slam_init.errors import OutputError
 from slam_init.output.names import RUN_FILES
 from slam_init.system.process_io import interrupts_deferred
 from slam_init.system.regular_file import user_path
@@ -164,9 +164,8 @@ class OutputFolder:
     """
 
     def __init__(self, path: str | os.PathLike[str], command: str, *, in_place: bool = False) -> None:
-        check_type(path, (str, os.PathLike), "the folder", "text, or a pathlib.Path", OutputError)
         # A path of the command line has its home folder already. "./~" has become "~" there.
-        self.path = user_path(path) if isinstance(path, str) else Path(path)
+        self.path = path if isinstance(path, Path) else user_path(path, OutputError)
         if "\0" in str(self.path):
             raise OutputError(f"the folder {str(self.path)!r:.60} has a null byte: give another one")
         self._command = command

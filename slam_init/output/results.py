@@ -110,11 +110,7 @@ def map_files(
         f"unit: {'the median depth in the first view' if map_.scale is None else 'metre'}",
     )
     files["map.ply"] = coloured_points(map_.points, map_.colors, comments)
-    files |= {
-        # The file system allows names of images that are not Unicode; the bytes are written unchanged.
-        name: text.encode("utf-8", "surrogateescape")
-        for name, text in zip(COLMAP_FILES, colmap_model(map_).texts(), strict=True)
-    }
+    files |= zip(COLMAP_FILES, colmap_model(map_).texts(), strict=True)
     files[_GRAPH] = map_.graph.serialize().encode()
     files[_VALUES] = map_.values.serialize().encode()
     files["handover.npz"] = handover_bytes(map_, located, descriptors)
@@ -218,6 +214,5 @@ def write_colmap(map_: InitialMap, folder: str | os.PathLike[str]) -> None:
     InitialMap.check(map_)
     names = [name.rpartition("/")[2] for name in COLMAP_FILES]
     with OutputFolder(folder, "colmap") as out:
-        texts = colmap_model(map_).texts()
-        out.write({n: t.encode("utf-8", "surrogateescape") for n, t in zip(names, texts, strict=True)})
+        out.write(dict(zip(names, colmap_model(map_).texts(), strict=True)))
         out.publish()
