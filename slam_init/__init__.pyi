@@ -10,12 +10,12 @@ from slam_init.errors import ConfigError as ConfigError
 from slam_init.errors import OutputError as OutputError
 from slam_init.errors import SlamInitError as SlamInitError
 from slam_init.errors import SourceError as SourceError
-from slam_init.exports import export as export
 from slam_init.initializer import Initializer as Initializer
 from slam_init.mapping.follower import Follower as Follower
 from slam_init.output.colmap import pycolmap_reconstruction as pycolmap_reconstruction
 from slam_init.output.results import load_graph as load_graph
 from slam_init.output.results import write_colmap as write_colmap
+from slam_init.output.scene import export as export
 from slam_init.runner import run as run
 from slam_init.scale.find import find_scale as find_scale
 from slam_init.scale.metric_map import in_metres as in_metres

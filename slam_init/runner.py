@@ -19,7 +19,6 @@ from slam_init.datasets.live import without_password
 from slam_init.datasets.track_source import TrackProvider
 from slam_init.errors import ConfigError, OutputError, SlamInitError, SourceError, check_type
 from slam_init.evaluation.metrics import compare_with_groundtruth, scale_error
-from slam_init.exports import check_formats, stage
 from slam_init.frontend.frame_memory import FrameMemory
 from slam_init.frontend.orb import describe_landmarks
 from slam_init.initializer import FittedPoses, Initializer
@@ -33,14 +32,11 @@ from slam_init.output.colmap import colmap_note
 from slam_init.output.folder import OutputFolder
 from slam_init.output.names import INTERRUPTED, OVERVIEW, RECORDING, segment_folder
 from slam_init.output.plain_json import Json, plain_fields
-from slam_init.output.provenance import InputHash, provenance_of
-from slam_init.output.records import SegmentRecord, SourceRecord
-from slam_init.output.results import publish_results
-from slam_init.output.summary import Summary, summary_of
+from slam_init.output.results import maps_of, publish_results
+from slam_init.output.scene import check_formats, stage
+from slam_init.output.summary import InputHash, SegmentRecord, SourceRecord, Summary, provenance_of, summary_of
 from slam_init.pictures.overview import overview_png
 from slam_init.recording.recorder import Recorder
-from slam_init.recording.rerun_recorder import RerunRecorder
-from slam_init.recording.story import StoryRecorder
 from slam_init.scale.find import find_scale
 from slam_init.scale.metric_map import in_metres, scaled_keyframes
 from slam_init.scale.requests import KnownBoard, KnownMarkers, MeasuredMotion, ScaleRequest
@@ -51,7 +47,6 @@ from slam_init.types.history import History
 from slam_init.types.inertial import InertialRecord
 from slam_init.types.initial_map import Descriptors, InitialMap, Keyframe
 from slam_init.types.lens import CALIBRATED_SIGMA
-from slam_init.types.pose import Trajectory
 from slam_init.types.refusal import Verdict, in_words
 from slam_init.types.result import MAX_SEGMENTS, GroundTruthErrors, Result, Segment
 from slam_init.types.scale import ScaleOrigin
@@ -152,20 +147,22 @@ def run(
         max_frames = min(max_frames or most, most)
     check_formats(export, source)
     camera = camera_of_source(source, camera, start)
-    # The landmarks of an external program are its own.
-    described = out is not None and not is_external(config.method)
+    # An external program reports neither tracks nor attempts, and its landmarks are its own.
+    own = not is_external(config.method)
     job = Job(
-        source, camera, config, start, max_frames, continue_frames, progress, notes, scale, restart, described, imu
-    )
+        source, camera, config, start, max_frames, continue_frames, progress, notes, scale, restart, imu, viewer,
+        described=own and out is not None, pictured=own and overview,
+    )  # fmt: skip
     if out is None:
-        done, _ = _finished(job, None, viewer, overview=overview)
+        done = _finished(job, None)
         return done.result, done.summary
     with OutputFolder(out, "run") as folder:
         try:
-            done, picture = _finished(job, folder, viewer, overview=overview)
-            _stage_exports(folder, done, export, source)
+            done = _finished(job, folder)
+            for prefix, map_, located in maps_of(done.result, done.located):
+                stage(folder, prefix, map_, export, source, located)
             toml = config_toml(config)
-            publish_results(folder, done.result, done.summary, toml, done.located, picture, done.descriptors)
+            publish_results(folder, done.result, done.summary, toml, done.located, done.picture, done.descriptors)
         except SlamInitError:
             raise
         except BaseException as error:  # an interrupt, or an error of the program
@@ -175,48 +172,31 @@ def run(
     return done.result, done.summary
 
 
-def _finished(
-    job: Job, folder: OutputFolder | None, viewer: str | None, *, overview: bool
-) -> tuple[Finished, bytes | None]:
-    """Run a job, and once more with the camera by all its frames, where no window determines the focal length.
-
-    * Returns: The run and its picture, where it is wanted.
-    """
-    done = _recorded(job, folder, viewer, overview=overview)
-    again = calibrated_by_motion(job, done[0])
-    return done if again is None else _recorded(again, folder, viewer, overview=overview)
+def _finished(job: Job, folder: OutputFolder | None) -> Finished:
+    """Run a job, and once more with the camera by all its frames, where no window determines the focal length."""
+    done = _recorded(job, folder)
+    again = calibrated_by_motion(job, done)
+    return done if again is None else _recorded(again, folder)
 
 
-def _recorded(
-    job: Job, folder: OutputFolder | None, viewer: str | None, *, overview: bool
-) -> tuple[Finished, bytes | None]:
+def _recorded(job: Job, folder: OutputFolder | None) -> Finished:
+    """Run a job, and draw its overview. The results of a run must not be lost where this fails."""
     if folder is None:
-        return _Run(job, Recorder()).finished(), None
-    truth, config = job.source.groundtruth, job.config
+        return _Run(job, Recorder()).finished()
+    from slam_init.recording.rerun_recorder import RerunRecorder
+
+    truth, name, seed = job.source.groundtruth, job.source.name, job.config.seed
     seen = reduction_of(job.source, job.camera).camera
-    with RerunRecorder(folder.staging / RECORDING, seen, job.source.name, truth, config.seed, viewer) as recorder:
+    with RerunRecorder(folder.staging / RECORDING, seen, name, truth, seed, job.viewer) as recorder:
         done = _Run(job, recorder).finished()
         recorder.summary(done.summary)
-    # An external program reports neither tracks nor attempts: there is no story to show.
-    wanted = overview and not is_external(config.method)
-    return done, _overview(done.result, done.summary, recorder.story, truth) if wanted else None
-
-
-def _stage_exports(folder: OutputFolder, done: Finished, export: Collection[str], source: Source) -> None:
-    """Write each map in the formats of other tools, beside its own files."""
-    for number, segment in enumerate(done.result.segments, start=1):
-        stage(folder, f"{segment_folder(number)}/", segment.map, export, source, segment.located)
-    if not done.result.segments and done.result.map is not None:
-        stage(folder, "", done.result.map, export, source, done.located)
-
-
-def _overview(result: Result, summary: Summary, story: StoryRecorder, truth: Trajectory | None) -> bytes | None:
-    """Draw the overview; None with a warning where this fails, since the results of a run must not be lost by it."""
+    if not job.pictured:
+        return done
     try:
-        return overview_png(result, summary, story, truth)
+        return replace(done, picture=overview_png(done.result, done.summary, recorder.story, truth))
     except Exception as error:
         warnings.warn(f"{OVERVIEW} was not made: {error}", RuntimeWarning, stacklevel=2)
-        return None
+        return done
 
 
 def _keep_recording(folder: OutputFolder) -> bool:
@@ -237,6 +217,7 @@ _GIVEN_FRAMES = 10
 #: Metadata contradict a camera beyond this number of their standard deviations: a right camera is beyond two of them
 #: once in twenty, and beyond one in a third of the cases.
 _METADATA_SIGMAS = 2.0
+_NO_FURTHER_FRAMES = Continuation((), 0, ())
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,24 +228,18 @@ class _Part:
     first_frame: int
     #: Number of frames that were read.
     frames: int
-    continued: Continuation | None
-    descriptors: Descriptors | None
-    truth: GroundTruthErrors | None
-
-    @property
-    def located(self) -> tuple[Keyframe, ...]:
-        return () if self.continued is None else self.continued.keyframes
-
-    @property
-    def lost_at(self) -> int | None:
-        return None if self.continued is None else self.continued.lost_at
+    #: The frames after the map.
+    continued: Continuation = _NO_FURTHER_FRAMES
+    descriptors: Descriptors | None = None
+    truth: GroundTruthErrors | None = None
 
     def segment(self) -> Segment:
         """The map and its frames. There is a map."""
         map_, frames = self.result.map, self.result.frames_to_init
         assert map_ is not None
         assert frames is not None
-        return Segment(map_, self.first_frame, frames, self.located, self.lost_at, self.result.scale)
+        continued = self.continued
+        return Segment(map_, self.first_frame, frames, continued.keyframes, continued.lost_at, self.result.scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,14 +251,16 @@ class Finished:
     located: tuple[Keyframe, ...]
     descriptors: tuple[Descriptors, ...]
     #: That of the last evaluated window, see :attr:`slam_init.initializer.Initializer.motion`.
-    motion: FittedPoses | None = None
+    motion: FittedPoses | None
+    #: ``overview.png``, where it was drawn.
+    picture: bytes | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Job:
     """The arguments of :func:`run`, checked.
 
-    * ``described``: Whether the map is described by descriptors.
+    * ``described``, ``pictured``: Whether the map is described by descriptors, and the run is drawn.
     """
 
     source: Source
@@ -296,18 +273,15 @@ class Job:
     notes: tuple[str, ...]
     scale: ScaleRequest | None
     restart: bool
-    described: bool
     imu: bool | InertialSensor
-
-    @property
-    def by_motion(self) -> bool:
-        """Whether the scale is found from an inertial sensor."""
-        return isinstance(self.scale, MeasuredMotion)
+    viewer: str | None
+    described: bool
+    pictured: bool
 
     @property
     def record(self) -> InertialRecord | None:
-        """What that scale is found from."""
-        if not self.by_motion:
+        """What the scale is found from, if it is found from an inertial sensor."""
+        if not isinstance(self.scale, MeasuredMotion):
             return None
         return self.imu.record if isinstance(self.imu, InertialSensor) else inertial_of(self.source)
 
@@ -360,14 +334,16 @@ class _Run:
         result = replace(result, notes=notes)
         descriptors = tuple(part.descriptors for part in parts if part.descriptors is not None)
         motion = self.initializer.motion if isinstance(self.initializer, Initializer) else None
-        return Finished(result, self._summary(result, parts), parts[0].located, descriptors, motion)
+        return Finished(result, self._summary(result, parts), parts[0].continued.keyframes, descriptors, motion)
 
     def _parts(self) -> list[_Part]:
         """One part, or one for each map."""
         parts, left = [self._part(self.job.start, None)], self.job.continue_frames
-        if left is not None and parts[0].continued is not None:
+        if left is not None:
             left -= parts[0].continued.frames
-        while (lost_at := parts[-1].lost_at) is not None and len(parts) < MAX_SEGMENTS and (left is None or left > 0):
+        while len(parts) < MAX_SEGMENTS and (left is None or left > 0):
+            if (lost_at := parts[-1].continued.lost_at) is None:
+                break
             self._reset(lost_at)
             parts.append(self._part(lost_at, left))
             if left is not None:
@@ -382,17 +358,18 @@ class _Run:
         result = replace(self._initialized(job.available(first_frame), most), segments=())
         read = self.initializer.frames_read - before
         if result.map is None:
-            return _Part(self.reduction.enlarged(result), first_frame, read, None, None, None)
+            return _Part(self.reduction.enlarged(result), first_frame, read)
         images = {k.frame: self.memory[k.frame] for k in result.map.keyframes if k.frame in self.memory}
         descriptors = describe_landmarks(result.map, images) if job.described else None
         count = job.continue_frames if left is None else left - read
-        map_, continued = result.map, None
+        map_, continued = result.map, _NO_FURTHER_FRAMES
         if job.restart or count:
+            by_motion = isinstance(job.scale, MeasuredMotion)
             continued = follow(
-                map_, self.tracker, self.frames, count, self.recorder, until_lost=job.restart, keep_grown=job.by_motion
+                map_, self.tracker, self.frames, count, self.recorder, until_lost=job.restart, keep_grown=by_motion
             )
             read += continued.frames
-        if continued is not None and continued.ended_by is not None:
+        if continued.ended_by is not None:
             result = replace(result, notes=(*result.notes, f"the continuation ended early: {continued.ended_by}"))
         if job.scale is not None:
             result, continued = self._in_metres(job.scale, map_, result, continued, images)
@@ -442,22 +419,21 @@ class _Run:
         request: ScaleRequest,
         map_: InitialMap,
         result: Result,
-        continued: Continuation | None,
+        continued: Continuation,
         images: Mapping[int, Image],
-    ) -> tuple[Result, Continuation | None]:
+    ) -> tuple[Result, Continuation]:
         """Find the scale of a map, and change its unit if there is one."""
-        located, grown = ((), None) if continued is None else (continued.keyframes, continued.grown)
+        located, grown = continued.keyframes, continued.grown
         truth, record = self.job.source.groundtruth, self.job.record
         scale = find_scale(map_, request, images=images, located=located, groundtruth=truth, imu=record, grown=grown)
         if scale.metres_per_unit is None:
             return replace(result, scale=scale), continued
         map_ = in_metres(map_, scale)
         self.recorder.scaled(scale)
-        if continued is not None:
-            continued = replace(continued, keyframes=scaled_keyframes(located, scale.metres_per_unit))
+        continued = replace(continued, keyframes=scaled_keyframes(located, scale.metres_per_unit))
         return replace(result, map=map_, hypotheses=(map_,), scale=scale), continued
 
-    def _errors(self, result: Result, continued: Continuation | None) -> GroundTruthErrors | None:
+    def _errors(self, result: Result, continued: Continuation) -> GroundTruthErrors | None:
         """The errors of a map against the ground truth."""
         truth = self.job.source.groundtruth
         if result.map is None or truth is None:
@@ -465,12 +441,12 @@ class _Run:
         errors, scale = compare_with_groundtruth(result.map.keyframes, truth), result.map.scale
         if errors is None or scale is None or scale.origin == ScaleOrigin.GROUNDTRUTH:
             return errors
-        located = () if continued is None else continued.keyframes
-        return replace(errors, scale_error=scale_error((*result.map.keyframes, *located), truth))
+        return replace(errors, scale_error=scale_error((*result.map.keyframes, *continued.keyframes), truth))
 
     def _summary(self, result: Result, parts: Sequence[_Part]) -> Summary:
         """Summarize the run, with its errors against the ground truth and its provenance."""
-        job, continued = self.job, parts[0].continued
+        job = self.job
+        continues = parts[0].result.map is not None and (job.restart or job.continue_frames)
         options: dict[str, Json] = {
             "start": job.start, "max_frames": job.max_frames, "continue_frames": job.continue_frames,
             "restart": job.restart, "imu": bool(job.imu),
@@ -483,11 +459,10 @@ class _Run:
             SourceRecord(job.source.name, job.source.kind),
             result.map.camera if estimated and result.map is not None else job.camera,
             ground_truth=parts[0].truth,
-            continued=None if continued is None else continued.record(),
+            continued=parts[0].continued.record() if continues else None,
             segments=tuple(
                 SegmentRecord.describe(segment_folder(number), segment, part.continued.record(), part.truth)
                 for number, (segment, part) in enumerate(zip(result.segments, parts, strict=False), start=1)
-                if part.continued is not None
             ),
             provenance=provenance_of(command, plain_fields(job.config) | options, self.hashed),
         )
@@ -524,8 +499,8 @@ def _whole(parts: Sequence[_Part], restart: bool) -> Result:
     notes = [note for part in parts[1:] for note in part.result.notes if note not in first.notes]
     if len(parts) > 1 and last.result.map is None:
         notes.append(f"no further map from frame {last.first_frame} on: {last.result.reason}: {last.result.advice}")
-    if last.lost_at is not None:
-        notes.append(f"the last map was lost at frame {last.lost_at}, and no further one was looked for")
+    if last.continued.lost_at is not None:
+        notes.append(f"the last map was lost at frame {last.continued.lost_at}, and no further one was looked for")
     segments = tuple(part.segment() for part in parts if part.result.map is not None)
     return replace(first, notes=(*first.notes, *dict.fromkeys(notes)), segments=segments)
 

@@ -1,4 +1,4 @@
-"""The tutorials run as they stand, links lead somewhere, and the documents stay within their bounds."""
+"""The README and the tutorials run as they stand, links lead somewhere, the documents stay within their bounds."""
 
 import ast
 import importlib
@@ -8,7 +8,9 @@ import re
 import shlex
 from contextlib import chdir
 
+import cv2
 import pytest
+from make_video import write_mp4
 from makers import maker
 from paths import ROOT
 
@@ -188,3 +190,59 @@ def test_the_docstrings_of_the_reference_describe_parameters_and_results():
         if not inspect.isclass(pkgutil.resolve_name(name)):
             checks += ["PR01", "PR02", "PR03", "PR04", "RT01", "RT04", "YD01"]
         assert [error for error in validate(name)["errors"] if error[0] in checks] == [], name
+
+
+# -- the READMEs -----------------------------------------------------------------------------------
+
+COMMANDS = ["python -m pip install . && slam-init run", 'python -m pip install ".[test]" && python -m pytest']
+
+
+def set_up(text):
+    """The commands of the one fenced block below the heading ``Set up``."""
+    section = re.search(r"^## Set up\n(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL)
+    assert section, "no heading '## Set up'"
+    found = re.findall(r"^```sh\n(.*?)^```$", section[1], re.MULTILINE | re.DOTALL)
+    assert len(found) == 1, "one fenced sh block below '## Set up'"
+    return found[0].splitlines()
+
+
+def test_the_readme_holds_exactly_the_two_commands():
+    assert set_up((ROOT / "README.md").read_text(encoding="utf-8")) == COMMANDS
+
+
+def python_of(name):
+    """The one fenced block of Python in a file."""
+    (code,) = [text for language, _, text in blocks(ROOT / name) if language == "python"]
+    return code
+
+
+def test_the_python_of_the_readme_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    exec(python_of("README.md"), {})
+    printed = capsys.readouterr().out
+    assert "initialized after" in printed and re.search(r"^frame 1: static_camera: ", printed, re.MULTILINE)
+    assert (tmp_path / "start" / "handover.npz").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["video", "images"])
+def test_the_python_of_the_readme_runs_on_frames_without_calibration(kind, tmp_path, monkeypatch, capsys, room):
+    frames = [frame.image for frame in room.frames(0, 12)]
+    if kind == "video":
+        place = write_mp4(tmp_path / "room.mp4", frames)
+    else:
+        place = tmp_path / "images"
+        place.mkdir()
+        for k, image in enumerate(frames):
+            cv2.imwrite(str(place / f"{k:03d}.png"), image)
+    monkeypatch.chdir(tmp_path)
+    names = {}
+    exec(python_of("README.md").replace("synth:room", str(place)), names)
+    assert names["initializer"].camera.source in ("prior", "estimated")
+    assert "initialized" in capsys.readouterr().out  # or not, where the focal length is not known
+    assert names["result"].camera.width == frames[0].shape[1]
+
+
+def test_the_python_of_the_readme_of_quest_runs(capsys):
+    exec(python_of("quest/README.md"), {})
+    assert capsys.readouterr().out.startswith("general")

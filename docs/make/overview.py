@@ -19,11 +19,24 @@ from sequences_synth import make_sequence
 from sequences_synth.render import render
 from slam_init.datasets import open_source
 from slam_init.initializer import Initializer
-from slam_init.pictures.canvas import ESTIMATE, FAINT, INK, INLIER, OUTLIER, TRACK, canvas, pixels_of, write
-from slam_init.pictures.decision import VERDICT_COLORS
-from slam_init.pictures.frames import draw_frame, draw_pair
-from slam_init.pictures.map_drawing import ABOVE, SIDE, draw_map
-from slam_init.recording.story import StoryRecorder
+from slam_init.pictures.overview import (
+    ABOVE,
+    ESTIMATE,
+    FAINT,
+    INK,
+    INLIER,
+    OUTLIER,
+    SIDE,
+    TRACK,
+    VERDICT_COLORS,
+    canvas,
+    draw_frame,
+    draw_map,
+    draw_pair,
+    pixels_of,
+    write,
+)  # fmt: skip
+from slam_init.recording.recorder import StoryRecorder
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame
 from slam_init.types.initial_map import InitialMap

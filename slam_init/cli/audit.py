@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 
-from slam_init.cli.parser import DONE, DOUBTFUL, WRONG, Commands, add_command
+from slam_init.cli.parser import DONE, DOUBTFUL, WRONG, Commands, add_command, add_options
 from slam_init.errors import CalibrationError, SlamInitError, SourceError
 from slam_init.system.process_io import emit
 from slam_init.system.regular_file import user_path
@@ -28,16 +28,13 @@ def add_audit(commands: Commands) -> None:
         help="handover.npz, the folder of a run, the folder of a COLMAP model, gtsam's graph.txt, nerfstudio's "
         "transforms.json, or a trajectory: columns with a header, TUM's format (ORB-SLAM's keyframes), or KITTI's",
     )
-    audit.add_argument(
-        "--images",
-        metavar="SOURCE",
-        help="the images of the map, or its matches (COLMAP's database, .h5, .npz): their tracks are used in place of "
-        "those that the map has kept. A trajectory needs them",
-    )
-    audit.add_argument(
-        "--camera", metavar="FILE", help="calibration, or f=1250 or fov=72 (default: that of the map, else of --images)"
-    )
-    audit.add_argument("--json", action="store_true", help="print it as JSON")
+    helps = {
+        "--images SOURCE": "the images of the map, or its matches (COLMAP's database, .h5, .npz): their tracks are "
+        "used in place of those that the map has kept. A trajectory needs them",
+        "--camera FILE": "calibration, or f=1250 or fov=72 (default: that of the map, else of --images)",
+        "--json": "print it as JSON",
+    }
+    add_options(audit, helps)
 
 
 def _audit(arguments: argparse.Namespace) -> int:

@@ -6,8 +6,7 @@ import argparse
 import sys
 from typing import TYPE_CHECKING
 
-from slam_init.cli.parser import DONE, NOT_INITIALIZED, OUT_HELP, Commands, add_command, number
-from slam_init.cli.source_options import add_source, chosen_camera, opened_source
+from slam_init.cli import parser
 from slam_init.system.process_io import emit
 
 if TYPE_CHECKING:
@@ -16,18 +15,24 @@ if TYPE_CHECKING:
 _DEFAULT_OUT = "slam-init-calibration"
 
 
-def add_calibrate(commands: Commands) -> None:
+def add_calibrate(commands: parser.Commands) -> None:
     """Add the command."""
     description = (
         "Estimate focal length and radial distortion from the stretches of a video that fix them; write camera.yaml "
         "with standard deviations. Turn the camera while it moves. A calibration of the source is not used."
     )
-    calibrate = add_command(commands, "calibrate", _calibrate, "estimate the focal length from a video", description)
-    add_source(calibrate, default=None, camera="auto")
-    calibrate.add_argument("--start", type=number(0), default=0, metavar="K", help="skip the first K frames")
-    calibrate.add_argument("--max-frames", type=number(1), metavar="N", help="read at most N frames")
-    calibrate.add_argument("--seed", type=number(0), default=0, metavar="N", help="of random draws (default: 0)")
-    calibrate.add_argument("--out", metavar="DIR", default=_DEFAULT_OUT, help=OUT_HELP)
+    calibrate = parser.add_command(
+        commands, "calibrate", _calibrate, "estimate the focal length from a video", description
+    )
+    parser.add_source(calibrate, default=None, camera="auto")
+    helps = {
+        "--start K": "skip the first K frames",
+        "--max-frames N": "read at most N frames",
+        "--seed N": "of random draws (default: 0)",
+        "--out DIR": parser.OUT_HELP,
+    }
+    types = {"--start": parser.number(0), "--max-frames": parser.number(1), "--seed": parser.number(0)}
+    parser.add_options(calibrate, helps, types, start=0, seed=0, out=_DEFAULT_OUT)
 
 
 def _calibrate(arguments: argparse.Namespace) -> int:
@@ -41,9 +46,9 @@ def _calibrate(arguments: argparse.Namespace) -> int:
     from slam_init.methods.self_calibration import calibrate
     from slam_init.output.plain_json import json_text
 
-    source = opened_source(arguments, arguments.seed)
+    source = parser.opened_source(arguments, arguments.seed)
     arguments.camera = arguments.camera or "auto"
-    camera = chosen_camera(arguments, source, arguments.start)
+    camera = parser.chosen_camera(arguments, source, arguments.start)
     with OutputFolder(out, "calibrate") as folder:
         found = calibrate(
             source,
@@ -59,11 +64,12 @@ def _calibrate(arguments: argparse.Namespace) -> int:
         folder.write({name: text.encode() for name, text in texts.items()})
         folder.publish()
     emit(_text(found, str(out)))
-    return DONE if found.camera is not None else NOT_INITIALIZED
+    return parser.DONE if found.camera is not None else parser.NOT_INITIALIZED
 
 
 def _text(found: SelfCalibration, out: str) -> str:
     """What the user reads."""
+    from quest.display import aligned
     from slam_init.types.lens import MAX_FOCAL_SIGMA
     from slam_init.types.refusal import Verdict
 
@@ -81,13 +87,12 @@ def _text(found: SelfCalibration, out: str) -> str:
             advice = found.advice
         return f"not calibrated: {why}\n  advice        {advice}\n"
     camera = found.camera
-    alone = "one stretch only: nothing confirms it; a longer video has more"
     k1, k2 = (*camera.distortion, 0.0, 0.0)[:2]
     second = f", k2 = {k2:.4f}" if k2 else ""
-    return (
-        f"calibrated by {stretches}\n"
-        f"  focal length  {camera.fx:.1f} +- {camera.focal_sigma_px:.1f} px\n"
-        f"  distortion    k1 = {k1:.4f} +- {found.k1_sigma:.4f}{second}\n"
-        + (f"  note          {alone}\n" if len(found.stretches) == 1 else "")
-        + f"  results       {out}/camera.yaml\n"
-    )
+    facts = [
+        ("focal length", f"{camera.fx:.1f} +- {camera.focal_sigma_px:.1f} px"),
+        ("distortion", f"k1 = {k1:.4f} +- {found.k1_sigma:.4f}{second}"),
+    ]
+    if len(found.stretches) == 1:
+        facts.append(("note", "one stretch only: nothing confirms it; a longer video has more"))
+    return aligned(f"calibrated by {stretches}", [*facts, ("results", f"{out}/camera.yaml")]) + "\n"

@@ -7,24 +7,8 @@ import os
 import shlex
 import sys
 
-from slam_init.cli.parser import (
-    DONE,
-    OUT_HELP,
-    Commands,
-    UsageError,
-    add_command,
-    add_list_methods,
-    number,
-    refuse_changed,
-)
-from slam_init.cli.source_options import (
-    add_camera,
-    add_mask,
-    add_topics,
-    calibrated_view_of,
-    sequence_name,
-    with_topics,
-)
+from slam_init.cli import parser
+from slam_init.cli.parser import UsageError
 from slam_init.system.process_io import emit
 
 _DEFAULT_COMPARISON = "slam-init-compare"
@@ -33,21 +17,50 @@ _FIXED = {
     "every": 10, "use_every": 1, "fps": None, "mask": None, "camera": None, "min_left": 3, "limit_frames": 150,
     "seed": 0,
 }  # fmt: skip
+_TYPES = {
+    "--every": parser.number(1),
+    "--use-every": parser.number(1),
+    "--fps": float,
+    "--min-left": parser.number(2),
+    "--limit-frames": parser.number(2),
+    "--jobs": parser.number(1),
+    "--time-limit": parser.number(1, float),
+    "--memory-limit": parser.number(100),
+    "--seed": parser.number(0),
+}
+_OPTIONS = {
+    "--methods A,B": "of slam-init run --method (default: all that are installed)",
+    "--every K": "start at every K-th frame (default: 10)",
+    "--use-every N": "use every N-th frame of each sequence",
+    "--fps F": "use the frames nearest to F a second, by their times",
+    "--mask PATH": parser.MASK,
+    "--camera FILE": f"{parser.CAMERA}; 'auto' estimates it; for all sources (default: that of each source)",
+    "--min-left N": "start only where N frames are left (default: 3)",
+    "--limit-frames N": "a trial reads at most N frames (default: 150)",
+    "--jobs N": "processes (default: one a core)",
+    "--backend NAME": "dask:ADDRESS of a scheduler (default: processes of this machine)",
+    "--time-limit S": "of a trial (default: 300 s)",
+    "--memory-limit MB": "of a trial (default: 6000 MB)",
+    "--seed N": "of random draws (default: 0)",
+    **parser.TOPICS,
+    "--audit": "state the risk of the map of each trial (see slam-init audit)",
+    "--out DIR": parser.OUT_HELP,
+}
 
 
-def add_compare(commands: Commands) -> None:
+def add_compare(commands: parser.Commands) -> None:
     """Add the command."""
     description = (
         "Run methods on the same tracks from many starts; write tables, statistics and a report. The wait of a trial "
         "is the number of frames after its start until the first correct map; a trial without one counts as its limit. "
         "slam_init/compare/criteria.py states how each sequence is evaluated."
     )
-    compare = add_command(commands, "compare", _compare, "compare methods on the same trials", description)
+    compare = parser.add_command(commands, "compare", _compare, "compare methods on the same trials", description)
     compare.add_argument(
         "sources",
         metavar="SOURCE",
         nargs="*",
-        type=sequence_name,
+        type=parser.sequence_name,
         help="a sequence, a video, a folder of sequences, synth:NAME[?seed=N&...] or points:NAME[?seed=N&...]",
     )
     compare.add_argument(
@@ -56,7 +69,6 @@ def add_compare(commands: Commands) -> None:
         help="in place of sources: frozen worlds, starts and seeds, so that figures can be cited "
         "(docs/measurements/simulated.md)",
     )
-    compare.add_argument("--methods", metavar="A,B", help="of slam-init run --method (default: all that are installed)")
     compare.add_argument(
         "--method",
         metavar="NAME",
@@ -65,38 +77,10 @@ def add_compare(commands: Commands) -> None:
         help="a further method; may be repeated. NAME=command:'PROGRAM {images} {times} {camera} {out}' is an external "
         "program (docs/tutorials/compare.md)",
     )
-    add_list_methods(compare)
-    compare.add_argument(
-        "--every", type=number(1), default=10, metavar="K", help="start at every K-th frame (default: 10)"
+    parser.add_list_methods(compare)
+    parser.add_options(
+        compare, _OPTIONS, _TYPES, **_FIXED, time_limit=300.0, memory_limit=6000, out=_DEFAULT_COMPARISON
     )
-    compare.add_argument(
-        "--use-every", type=number(1), default=1, metavar="N", help="use every N-th frame of each sequence"
-    )
-    compare.add_argument("--fps", type=float, metavar="F", help="use the frames nearest to F a second, by their times")
-    add_mask(compare)
-    add_camera(compare, "'auto' estimates it; for all sources", "that of each source")
-    compare.add_argument(
-        "--min-left", type=number(2), default=3, metavar="N", help="start only where N frames are left (default: 3)"
-    )
-    compare.add_argument(
-        "--limit-frames", type=number(2), default=150, metavar="N", help="a trial reads at most N frames (default: 150)"
-    )
-    compare.add_argument("--jobs", type=number(1), metavar="N", help="processes (default: one a core)")
-    compare.add_argument(
-        "--backend", metavar="NAME", help="dask:ADDRESS of a scheduler (default: processes of this machine)"
-    )
-    compare.add_argument(
-        "--time-limit", type=number(1, float), default=300.0, metavar="S", help="of a trial (default: 300 s)"
-    )
-    compare.add_argument(
-        "--memory-limit", type=number(100), default=6000, metavar="MB", help="of a trial (default: 6000 MB)"
-    )
-    compare.add_argument("--seed", type=number(0), default=0, metavar="N", help="of random draws (default: 0)")
-    add_topics(compare)
-    compare.add_argument(
-        "--audit", action="store_true", help="state the risk of the map of each trial (see slam-init audit)"
-    )
-    compare.add_argument("--out", metavar="DIR", default=_DEFAULT_COMPARISON, help=OUT_HELP)
 
 
 def _compare(arguments: argparse.Namespace) -> int:
@@ -104,7 +88,7 @@ def _compare(arguments: argparse.Namespace) -> int:
     _check_suite(arguments)
     from slam_init.output.folder import chosen_folder
 
-    view = calibrated_view_of(arguments, arguments.use_every)
+    view = parser.calibrated_view_of(arguments, arguments.use_every)
     inputs = [*arguments.sources, *(file for file in (view.mask, view.camera) if file is not None)]
     out = chosen_folder(arguments.out, "compare", inputs)
 
@@ -115,7 +99,7 @@ def _compare(arguments: argparse.Namespace) -> int:
     from slam_init.compare.trials import Plan, Settings
 
     frozen = SUITES[arguments.suite] if arguments.suite else None
-    sources = frozen.worlds if frozen else [with_topics(arguments, source) for source in arguments.sources]
+    sources = frozen.worlds if frozen else [parser.with_topics(arguments, source) for source in arguments.sources]
     settings = Settings(
         seed=arguments.seed,
         limit_frames=arguments.limit_frames,
@@ -141,7 +125,7 @@ def _compare(arguments: argparse.Namespace) -> int:
     )
     text = "".join(f"{note}\n" for note in notes)
     emit(f"{main_table(summary)}\n\n{text}report: {out / 'report.html'}\n")
-    return DONE
+    return parser.DONE
 
 
 def _check_suite(arguments: argparse.Namespace) -> None:
@@ -152,4 +136,4 @@ def _check_suite(arguments: argparse.Namespace) -> None:
         return
     if arguments.sources:
         raise UsageError(f"--suite {arguments.suite} has its own sources: leave {arguments.sources[0]} out")
-    refuse_changed(arguments, _FIXED, f"--suite {arguments.suite} fixes")
+    parser.refuse_changed(arguments, _FIXED, f"--suite {arguments.suite} fixes")

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from slam_init.cli.parser import DONE, Commands, add_command
-from slam_init.cli.source_options import add_source, chosen_camera, opened_source
+from slam_init.cli.parser import DONE, Commands, add_command, add_source, chosen_camera, opened_source
 from slam_init.system.process_io import emit
 from slam_init.system.regular_file import user_path
 
@@ -24,7 +23,7 @@ def add_info(commands: Commands) -> None:
 def _info(arguments: argparse.Namespace) -> int:
     """``slam-init info``."""
     from slam_init.output.plain_json import json_text
-    from slam_init.output.result_folder import is_result_folder, read_result, result_text
+    from slam_init.output.report import is_result_folder, read_result, result_text
 
     folder = user_path(arguments.source)
     if is_result_folder(folder):

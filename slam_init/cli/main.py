@@ -8,7 +8,6 @@ Whatever is wrong is reported in one line on stderr.
 
 from __future__ import annotations
 
-import argparse
 import os
 import signal
 import sys
@@ -82,15 +81,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     return code
 
 
-class _Help(argparse.HelpFormatter):
-    """A column of names that is wide enough for those of the commands, which stand deeper than options."""
-
-    def add_argument(self, action: argparse.Action) -> None:
-        """Measure an option, or the list of the commands."""
-        super().add_argument(action)
-        self._action_max_length += 2 * (action.nargs == argparse.PARSER)
-
-
 def make_parser() -> Parser:
     """Make the parser of all commands; the page of the command line is made from it."""
     parser = Parser(
@@ -99,7 +89,6 @@ def make_parser() -> Parser:
         epilog="Exit codes: 0 initialized or done, 2 bad input, 3 never initialized (audit: doubtful), 4 audit: wrong, "
         "130 interrupted (128 + signal).",
         allow_abbrev=False,
-        formatter_class=_Help,
     )
     version = f"slam-init {slam_init.__version__}\n"
     parser.add_argument("--version", action=Print, nargs=0, const=lambda: version, help="print the version and exit")

@@ -7,7 +7,7 @@ import os
 import re
 from pathlib import Path
 
-from slam_init.cli.parser import DONE, Commands, UsageError, add_command, number
+from slam_init.cli.parser import DONE, Commands, UsageError, add_command, add_options, number
 from slam_init.errors import OutputError, SourceError, ViewerError
 from slam_init.system.process_io import emit
 from slam_init.system.regular_file import check_inside, open_regular, user_path
@@ -33,22 +33,17 @@ def add_view(commands: Commands) -> None:
         default=_DEFAULT_DIR,
         help="the folder of a run, or a file .rrd (default: %(default)s)",
     )
-    how = view.add_mutually_exclusive_group()
-    how.add_argument("--web", action="store_true", help="serve it to browsers on this machine, until Ctrl+C")
-    how.add_argument(
-        "--screenshot",
-        metavar="FILE",
-        nargs="?",
-        const=_DEFAULT_PNG,
-        help=f"write a PNG without a display (default: {_DEFAULT_PNG})",
-    )
-    view.add_argument("--port", type=number(1, most=65535), metavar="N", help="of --web (default: 9090)")
-    view.add_argument(
-        "--at", type=_frames, metavar="FRAMES", help="of --screenshot: frames as in 3,9; one file each (default: last)"
-    )
-    view.add_argument(
-        "--size", type=_size, metavar="WxH", help=f"of --screenshot, in pixels (default: {_DEFAULT_SIZE})"
-    )
+    ways = {
+        "--web": "serve it to browsers on this machine, until Ctrl+C",
+        "--screenshot [FILE]": f"write a PNG without a display (default: {_DEFAULT_PNG})",
+    }
+    add_options(view.add_mutually_exclusive_group(), ways)
+    further = {
+        "--port N": "of --web (default: 9090)",
+        "--at FRAMES": "of --screenshot: frames as in 3,9; one file each (default: last)",
+        "--size WxH": f"of --screenshot, in pixels (default: {_DEFAULT_SIZE})",
+    }
+    add_options(view, further, {"--port": number(1, most=65535), "--at": _frames, "--size": _size})
 
 
 def _view(arguments: argparse.Namespace) -> int:
@@ -63,9 +58,8 @@ def _view(arguments: argparse.Namespace) -> int:
 
     check_recording(recording)
     if arguments.screenshot is not None:
-        _write_screenshots(
-            recording, user_path(arguments.screenshot), arguments.at or [-1], arguments.size or _DEFAULT_SIZE
-        )
+        file = _DEFAULT_PNG if arguments.screenshot is True else arguments.screenshot
+        _write_screenshots(recording, user_path(file), arguments.at or [-1], arguments.size or _DEFAULT_SIZE)
     elif arguments.web:
         emit("open the address that the viewer prints in a browser on this machine; Ctrl+C ends\n")
         serve(recording, arguments.port or WEB_PORT)

@@ -10,7 +10,7 @@ import numpy as np
 from slam_init.datasets import TimedSource
 from slam_init.datasets.track_source import TrackSource, TrackTable
 from slam_init.errors import plain_line
-from slam_init.output.records import CameraRecord, record
+from slam_init.output.summary import CameraRecord, record
 from slam_init.types.camera import Camera
 from slam_init.types.frame import notes_of
 

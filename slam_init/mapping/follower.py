@@ -14,7 +14,7 @@ import numpy as np
 
 from slam_init.errors import SlamInitError, SourceError, check_type
 from slam_init.mapping.growing import GrowingMap
-from slam_init.output.records import ContinuationRecord
+from slam_init.output.summary import ContinuationRecord
 from slam_init.recording.recorder import Recorder
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.history import History

@@ -21,23 +21,14 @@ from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose
 
 #: COLMAP's models with the same parameters in the same order.
-_SAME_PARAMETERS = {"rational": "FULL_OPENCV", "thin-prism-fisheye": "THIN_PRISM_FISHEYE", "fov": "FOV", "eucm": "EUCM"}
+_SAME_PARAMETERS = {
+    "pinhole": "PINHOLE", "fisheye": "OPENCV_FISHEYE", "rational": "FULL_OPENCV",
+    "thin-prism-fisheye": "THIN_PRISM_FISHEYE", "fov": "FOV", "eucm": "EUCM",
+}  # fmt: skip
 #: Number of coefficients that COLMAP's models take, where a lens with more radial distortion has one more.
 _COEFFICIENTS = {"fov": 1, "eucm": 2}
 #: COLMAP's number of the model ``PINHOLE``.
 _PINHOLE = 1
-
-
-def colmap_view(camera: Camera) -> tuple[Camera, str]:
-    """Choose the camera that is written.
-
-    * Returns ``camera``: The same one, or the pinhole camera with the same pixels near the optical axis.
-    """
-    note = colmap_note(camera)
-    if not note:
-        return camera, note
-    K = camera.K
-    return Camera("pinhole", camera.width, camera.height, K[0, 0], K[1, 1], camera.cx, camera.cy), note
 
 
 def colmap_note(camera: Camera) -> str:
@@ -69,10 +60,6 @@ def colmap_camera(camera: Camera) -> tuple[str, list[float]]:
         return "EQUIRECTANGULAR", [camera.width, camera.height]
     if camera.model in _SAME_PARAMETERS:
         return _SAME_PARAMETERS[camera.model], parameters
-    if camera.model == "pinhole":
-        return "PINHOLE", parameters
-    if camera.model == "fisheye":
-        return "OPENCV_FISHEYE", parameters
     if len(camera.distortion) == 5 and camera.distortion[4] != 0:
         # k4, k5, k6: the denominator of the rational model.
         return "FULL_OPENCV", [*parameters, 0.0, 0.0, 0.0]
@@ -114,8 +101,11 @@ class ColmapModel:
     images: tuple[ModelImage, ...]
     points: tuple[ModelPoint, ...]
 
-    def texts(self) -> tuple[str, str, str]:
-        """Write the contents of ``cameras.txt``, ``images.txt`` and ``points3D.txt``."""
+    def texts(self) -> list[bytes]:
+        """Write the contents of ``cameras.txt``, ``images.txt`` and ``points3D.txt``.
+
+        The file system allows names of images that are not Unicode; their bytes are written unchanged.
+        """
         model, parameters = colmap_camera(self.camera)
         cameras = (
             (f"# {self.note}\n" if self.note else "") + "# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n"
@@ -136,7 +126,8 @@ class ColmapModel:
         for point in self.points:
             rgb, track = (" ".join(map(str, values)) for values in (point.rgb, point.track.ravel()))
             points.append(f"{point.id} {numbers_text(point.xyz)} {rgb} {numbers_text([point.error_px])} {track}")
-        return cameras, "\n".join(images) + "\n", "\n".join(points) + "\n"
+        texts = (cameras, "\n".join(images) + "\n", "\n".join(points) + "\n")
+        return [text.encode("utf-8", "surrogateescape") for text in texts]
 
     def binaries(self) -> tuple[bytes, bytes, bytes]:
         """Write the contents of ``cameras.bin``, ``images.bin`` and ``points3D.bin``. The camera is a pinhole."""
@@ -172,7 +163,9 @@ def colmap_model(map_: InitialMap, located: Sequence[Keyframe] = ()) -> ColmapMo
     * ``located``: Further frames. They follow the keyframes, and observe no points.
     """
     InitialMap.check(map_)
-    camera, note = colmap_view(map_.camera)
+    camera, note = map_.camera, colmap_note(map_.camera)
+    if note:  # the pinhole camera with the same pixels near the optical axis
+        camera = Camera("pinhole", camera.width, camera.height, camera.K[0, 0], camera.K[1, 1], camera.cx, camera.cy)
     all_pixels, used = _observations(map_, camera)
     images = []
     errors_px = np.zeros(len(map_.observation_landmarks))
@@ -226,7 +219,7 @@ def pycolmap_reconstruction(map_: InitialMap, located: Sequence[Keyframe] = ()) 
         raise SlamInitError('pycolmap is not installed: pip install ".[colmap]"') from None
     with tempfile.TemporaryDirectory() as folder:  # its reader is the one interface that all versions have
         for name, text in zip(COLMAP_FILES, colmap_model(map_, located).texts(), strict=True):
-            Path(folder, Path(name).name).write_bytes(text.encode("utf-8", "surrogateescape"))
+            Path(folder, Path(name).name).write_bytes(text)
         return pycolmap.Reconstruction(folder)
 
 

@@ -21,13 +21,13 @@ import os
 import shutil
 import sys
 import uuid
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Set
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from slam_init.errors import OutputError, check_type
-from slam_init.output.names import CALIBRATION_FILES, COMPARE_FILES, RUN_FILES
+from slam_init.errors import OutputError
+from slam_init.output.names import RUN_FILES
 from slam_init.system.process_io import interrupts_deferred
 from slam_init.system.regular_file import user_path
 
@@ -37,7 +37,7 @@ _MARKER = "files.json"
 #: A folder that holds these only counts as empty: file systems and file managers create them.
 _NO_CONTENT = {HOME, "lost+found", ".DS_Store"}
 #: Of the files that commands write: a folder does not look like one.
-_SUFFIXES = {Path(name).suffix for name in (*RUN_FILES, *COMPARE_FILES, *CALIBRATION_FILES)}
+_SUFFIXES = {".jsonl", ".csv", ".html", ".yaml", *(Path(name).suffix for name in RUN_FILES)}
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 #: ``RENAME_EXCHANGE`` of Linux and ``RENAME_SWAP`` of macOS, and the folder that paths are relative to.
 _EXCHANGE, _AT_FDCWD = 2, -100
@@ -62,7 +62,7 @@ class Marker:
 
     def write(self, folder: Path) -> None:
         """Write the marker of a folder: completely or not at all."""
-        from slam_init.output.provenance import package_versions
+        from slam_init.output.summary import package_versions
 
         made_by = package_versions(["slam-init"])["slam-init"]
         content = {"command": self.command, "version": made_by, "files": sorted(self.files)}
@@ -164,9 +164,8 @@ class OutputFolder:
     """
 
     def __init__(self, path: str | os.PathLike[str], command: str, *, in_place: bool = False) -> None:
-        check_type(path, (str, os.PathLike), "the folder", "text, or a pathlib.Path", OutputError)
         # A path of the command line has its home folder already. "./~" has become "~" there.
-        self.path = user_path(path) if isinstance(path, str) else Path(path)
+        self.path = path if isinstance(path, Path) else user_path(path, OutputError)
         if "\0" in str(self.path):
             raise OutputError(f"the folder {str(self.path)!r:.60} has a null byte: give another one")
         self._command = command
@@ -214,9 +213,8 @@ class OutputFolder:
     def claim(self, name: str) -> None:
         """Take a file that the command writes to its place itself, and that is no staged file."""
         self._claimed |= {name}
-        earlier = read_marker(self._place) or Marker(self._command)
         with writing(self.path):
-            Marker(self._command, earlier.files | self._claimed).write(self._place)
+            self._mark(self._claimed)
 
     def publish(self, last: str = "") -> None:
         """Replace the earlier results by the staged files: all of them, or none.
@@ -239,15 +237,15 @@ class OutputFolder:
 
     def keep(self, name: str) -> None:
         """Put one staged file beside the earlier results, or alone where there are none."""
-        earlier = read_marker(self._place)
-        if earlier is None:
-            for other in names_in(self.staging):
-                if other != name:
-                    (self.staging / other).unlink()
-            self.publish()
-            return
-        Marker(self._command, earlier.files | {name}).write(self._place)
+        self._place.mkdir(exist_ok=True)
+        self._mark({name})
         (self.staging / name).replace(self._place / name)
+
+    def _mark(self, names: Set[str]) -> frozenset[str]:
+        """Add files to the marker of the folder; return those that it had."""
+        earlier = read_marker(self._place) or Marker(self._command)
+        Marker(self._command, earlier.files | names).write(self._place)
+        return earlier.files
 
     def _cannot_move(self) -> bool:
         """Whether the folder has to stay where it is."""
@@ -258,12 +256,12 @@ class OutputFolder:
         return Path.cwd().is_relative_to(self._place)
 
     def _move_each(self, names: list[str]) -> None:
-        earlier, now = read_marker(self._place) or Marker(self._command), self._claimed | frozenset(names)
-        Marker(self._command, earlier.files | now).write(self._place)
+        now = self._claimed | frozenset(names)
+        earlier = self._mark(now)
         for name in names:
             (self._place / name).parent.mkdir(parents=True, exist_ok=True)
             (self.staging / name).replace(self._place / name)
-        for name in earlier.files - now:
+        for name in earlier - now:
             (self._place / name).unlink(missing_ok=True)
             for folder in Path(name).parents[:-1]:
                 with suppress(OSError):  # it holds other files

@@ -37,10 +37,6 @@ MAP_FILES = (
 RUN_FILES = (*MAP_FILES, "config.toml", OVERVIEW, RECORDING, INTERRUPTED, "summary.json")
 #: The trials of a comparison, one a line, written as they finish.
 TRIALS = "trials.jsonl"
-#: All files that a comparison can write.
-COMPARE_FILES = (TRIALS, "results.csv", "report.html", "summary.json")
-#: The files of a calibration.
-CALIBRATION_FILES = ("camera.yaml", "calibration.json")
 
 
 def segment_folder(number: int) -> str:

@@ -10,7 +10,7 @@ A folder holds exactly one run. A run with one map::
     handover.npz                the map as arrays for another system (slam_init.output.handover)
     transforms.json             the cameras for nerfstudio, in the axes of OpenGL
     continued.txt               TUM format: world_from_cam of the frames that were located after the initialization
-    scene/                      with ``--export scene``: the map with its images (slam_init.exports)
+    scene/                      with ``--export scene``: the map with its images (slam_init.output.scene)
     config.toml                 the resolved configuration
     overview.png                the run in one picture
     recording.rrd               the recording
@@ -37,15 +37,12 @@ from slam_init.output.colmap import colmap_model, numbers_text
 from slam_init.output.folder import OutputFolder
 from slam_init.output.handover import handover_bytes
 from slam_init.output.names import COLMAP_FILES, OVERVIEW, segment_folder
-from slam_init.output.nerfstudio import transforms_text
 from slam_init.output.plain_json import json_text
-from slam_init.output.ply import coloured_points
-from slam_init.output.provenance import provenance_of
-from slam_init.output.records import SourceRecord
-from slam_init.output.summary import Summary, summary_of
+from slam_init.output.scene import coloured_points, transforms_text
+from slam_init.output.summary import SourceRecord, Summary, provenance_of, summary_of
 from slam_init.system.regular_file import read_regular, user_path
 from slam_init.types.initial_map import Descriptors, InitialMap, Keyframe
-from slam_init.types.result import MAX_SEGMENTS, Result
+from slam_init.types.result import Result
 
 #: A map of 100,000 observations takes 20 MB.
 _MAX_ARCHIVE_BYTES = 500_000_000
@@ -80,16 +77,24 @@ def publish_results(
     * ``descriptors``: Those of each map; maps beyond have none.
     """
     files: dict[str, bytes] = {} if overview is None else {OVERVIEW: overview}
-    maps = [(f"{segment_folder(n)}/", one.map, one.located) for n, one in enumerate(result.segments, start=1)]
-    if not maps and result.map is not None:
-        maps = [("", result.map, tuple(continued))]
-    for (prefix, map_, located), described in zip_longest(maps[:MAX_SEGMENTS], descriptors[: len(maps)]):
+    maps = maps_of(result, continued)
+    for (prefix, map_, located), described in zip_longest(maps, descriptors[: len(maps)]):
         files |= {f"{prefix}{name}": content for name, content in map_files(map_, located, described).items()}
     if config_toml is not None:
         files["config.toml"] = config_toml.encode()
     files[_SUMMARY] = json_text(summary).encode()
     folder.write(files)
     folder.publish(last=_SUMMARY)
+
+
+def maps_of(result: Result, continued: Sequence[Keyframe]) -> list[tuple[str, InitialMap, Sequence[Keyframe]]]:
+    """The maps of a result, each with the folder of its files and its frames after the initialization.
+
+    * ``continued``: Those of a result without segments.
+    """
+    if not result.segments and result.map is not None:
+        return [("", result.map, continued)]
+    return [(f"{segment_folder(n)}/", one.map, one.located) for n, one in enumerate(result.segments, start=1)]
 
 
 def map_files(
@@ -100,12 +105,12 @@ def map_files(
     # The map of an external program has no landmarks, and no graph to go on with.
     if map_.graph is None:
         return files
-    files["map.ply"] = ply_bytes(map_)
-    files |= {
-        # The file system allows names of images that are not Unicode; the bytes are written unchanged.
-        name: text.encode("utf-8", "surrogateescape")
-        for name, text in zip(COLMAP_FILES, colmap_model(map_).texts(), strict=True)
-    }
+    comments = (
+        "world frame: the first keyframe's camera, x right, y down, z forward",
+        f"unit: {'the median depth in the first view' if map_.scale is None else 'metre'}",
+    )
+    files["map.ply"] = coloured_points(map_.points, map_.colors, comments)
+    files |= zip(COLMAP_FILES, colmap_model(map_).texts(), strict=True)
     files[_GRAPH] = map_.graph.serialize().encode()
     files[_VALUES] = map_.values.serialize().encode()
     files["handover.npz"] = handover_bytes(map_, located, descriptors)
@@ -177,15 +182,6 @@ def tum_line(keyframe: Keyframe) -> str:
     return f"{keyframe.timestamp_s:.9f} {numbers}\n"
 
 
-def ply_bytes(map_: InitialMap) -> bytes:
-    """Write the landmarks of a map in PLY format, see :mod:`slam_init.output.ply`."""
-    comments = (
-        "world frame: the first keyframe's camera, x right, y down, z forward",
-        f"unit: {'the median depth in the first view' if map_.scale is None else 'metre'}",
-    )
-    return coloured_points(map_.points, map_.colors, comments)
-
-
 def save(thing: object, folder: str | os.PathLike[str]) -> None:
     """Write a map or a result to a folder, see :meth:`slam_init.types.savable.Savable.save`."""
     if isinstance(thing, InitialMap):
@@ -218,6 +214,5 @@ def write_colmap(map_: InitialMap, folder: str | os.PathLike[str]) -> None:
     InitialMap.check(map_)
     names = [name.rpartition("/")[2] for name in COLMAP_FILES]
     with OutputFolder(folder, "colmap") as out:
-        texts = colmap_model(map_).texts()
-        out.write({n: t.encode("utf-8", "surrogateescape") for n, t in zip(names, texts, strict=True)})
+        out.write(dict(zip(names, colmap_model(map_).texts(), strict=True)))
         out.publish()

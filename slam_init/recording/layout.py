@@ -9,6 +9,9 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
+import rerun as rr
+import rerun.blueprint as rrb
+
 from slam_init.types.refusal import GateName
 from slam_init.types.result import Attempt
 
@@ -120,9 +123,6 @@ def blueprint(end: End = End.MAP, *, rolling: bool = False) -> Any:
 
     * ``rolling``: Whether the view of the rolling shutter is in front of that of the frame.
     """
-    import rerun as rr
-    import rerun.blueprint as rrb
-
     advice = rrb.TextDocumentView(origin=ADVICE, name="result")
     # From behind, above and beside the first camera; the unit is the median depth of the landmarks.
     behind = rrb.EyeControls3D(position=(-0.4, -0.45, -0.65), look_target=(0.0, 0.0, 0.8), eye_up=(0, -1, 0))
@@ -155,8 +155,6 @@ def blueprint(end: End = End.MAP, *, rolling: bool = False) -> Any:
 
 def _conjugate_maps() -> Any:
     """Make the view of both undecided maps, side by side, over the evidence that has to decide."""
-    import rerun.blueprint as rrb
-
     # From above, the planes of both maps are lines of different directions.
     above = rrb.EyeControls3D(position=(0.0, -1.7, 0.0), look_target=(0.0, 0.0, 0.7), eye_up=(0, 0, 1))
     views = [
@@ -172,8 +170,6 @@ def _conjugate_maps() -> Any:
 
 
 def _texts() -> Any:
-    import rerun.blueprint as rrb
-
     log = rrb.TextLogView(
         origin="log", name="log", columns=rrb.TextLogColumns(timeline_columns=["frame"], text_log_columns=["Body"])
     )
@@ -191,8 +187,6 @@ def _plots() -> Any:
     The parts of the risk are a tab of their own: over a hundred frames without a map they hide the risk. A legend would
     hide a part of a plot of this size. The names of the lines have their colours.
     """
-    import rerun.blueprint as rrb
-
     hidden = rrb.PlotLegend(visible=False)
 
     def plot(name: str, of: str, contents: Any = "$origin/**", axis_y: Any = None) -> Any:

@@ -28,23 +28,26 @@ the run and its seed only: it has no wall clock and no random ids.
 
 from __future__ import annotations
 
+import errno
 import os
+import shutil
+import uuid
 from collections import deque
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
-from types import TracebackType
+from typing import Any
 
 import numpy as np
+import rerun as rr
 
 from slam_init.errors import SlamInitError, plain_line
+from slam_init.output.folder import writing
+from slam_init.output.names import UNFINISHED
 from slam_init.output.summary import Summary
-from slam_init.recording import layout, map_view, text
-from slam_init.recording.images import LONG_SIDE_PX, jpeg, reduced
+from slam_init.recording import layout, text, views
 from slam_init.recording.layout import GREEN, PURPLE, YELLOW, End
-from slam_init.recording.pair_view import log_pair, moving_matches
-from slam_init.recording.recorder import Recorder
-from slam_init.recording.recording_file import RecordingFile, open_stream
-from slam_init.recording.story import StoryRecorder
+from slam_init.recording.recorder import LONG_SIDE_PX, Recorder, StoryRecorder, moving_matches, reduced
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
@@ -63,20 +66,34 @@ _NOWHERE = np.zeros((0, 2))
 FRAMES_AT_FULL_RATE = 300
 #: The line at a keypoint shows its motion over this many frames.
 _TAIL_FRAMES = 3
+_CHUNK_BYTES = 1 << 19
+#: Space that a recording leaves on its disk: the chunks that Rerun has not written yet.
+_RESERVE_BYTES = 16 * _CHUNK_BYTES
 
 
-def load_rerun() -> None:
-    """Load the library of the viewer, which takes half a second."""
-    # Rerun must not send usage data. It reads this variable when it is imported.
-    os.environ.setdefault("RERUN_ANALYTICS", "false")
-    import rerun  # noqa: F401
+def _stream(identity: str, viewer: str | None) -> rr.RecordingStream:
+    """Open a stream without a wall clock and with an id that depends on its arguments only.
+
+    A chunk ends after a number of bytes and never after a time, so that two equal runs write equal chunks. For a
+    viewer that shows the stream while it is made, chunks end by time.
+    """
+    batching = rr.ChunkBatcherConfig.NEVER() if viewer is None else rr.ChunkBatcherConfig.LOW_LATENCY()
+    if viewer is None:
+        batching.flush_num_bytes = _CHUNK_BYTES
+    name = uuid.uuid5(uuid.NAMESPACE_URL, identity)
+    rec = rr.RecordingStream("slam_init", recording_id=name, send_properties=False, batcher_config=batching)
+    rec.set_log_time_enabled(False)
+    rec.set_log_tick_enabled(False)
+    return rec
 
 
 class RerunRecorder(Recorder):
     """Writes a ``.rrd`` file with a layout for the viewer during the run.
 
     The file is called ``.partial.rrd`` until it is closed, so that an earlier file stays until then. If a ``with``
-    statement ends with a :class:`SlamInitError`, the partial file is removed.
+    statement ends with a :class:`SlamInitError`, the partial file is removed. Rerun reports a full disk in its log
+    only, and a flush may then wait without end. So the space of the disk is looked up with each frame, and a recording
+    ends with an error before the disk is full.
 
     * ``path``: The file; an existing one is replaced.
     * ``camera``: The calibration of the frames.
@@ -97,12 +114,8 @@ class RerunRecorder(Recorder):
         seed: int = 0,
         viewer: str | None = None,
     ) -> None:
-        load_rerun()
-        import rerun as rr
-
         # The first call takes half a second. It comes before the file is created, in case of an interrupt.
         start = layout.blueprint()
-        self._rr = rr
         self._camera = camera
         self._scale = min(1.0, LONG_SIDE_PX / max(camera.width, camera.height))
         self._frames = 0
@@ -114,9 +127,16 @@ class RerunRecorder(Recorder):
         self._end, self._rolling = End.MAP, False
 
         source_name = plain_line(source_name)
-        self._rec = open_stream("slam_init", f"slam-init/{source_name}/{seed}", viewer)
-        self._map_view = map_view.MapView(self._rec, groundtruth, self._scale)
-        self._file = RecordingFile(path, self._rec, start, viewer)
+        self._rec = _stream(f"slam-init/{source_name}/{seed}", viewer)
+        self._map_view = views.MapView(self._rec, groundtruth, self._scale)
+        self._path, self._partial, self._is_open = path, path.with_suffix(UNFINISHED), True
+        with self._writing():
+            if path.is_dir():
+                raise IsADirectoryError(f"{path} is a folder")
+            self._check_room()
+            self._partial.touch()
+        sinks = [] if viewer is None else [rr.GrpcSink(viewer)]
+        self._rec.set_sinks(rr.FileSink(str(self._partial)), *sinks, default_blueprint=start)
         self._rec.send_recording_name(f"slam-init {source_name}")
         self._rec.log("world", rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
         for series in layout.SERIES:
@@ -126,8 +146,8 @@ class RerunRecorder(Recorder):
 
     def frame(self, frame: Frame, observations: Observations) -> None:
         """Log the reduced image, its keypoints, and their motion over the last frames."""
-        rr, rec = self._rr, self._rec
-        self._file.check()
+        rec = self._rec
+        self._check_file()
         rec.set_time("frame", sequence=frame.index)
         # Bags and cameras log dates; times from a start of the clock are no dates, and have no day.
         if is_date(frame.timestamp_s):
@@ -137,14 +157,14 @@ class RerunRecorder(Recorder):
             rec.set_time("sensor_time", duration=frame.timestamp_s)
         self.story.frame(frame, observations)
         if self._frames % (1 + self._frames // FRAMES_AT_FULL_RATE) == 0:
-            rec.log("world/camera/image", jpeg(reduced(frame.image, LONG_SIDE_PX)))
+            rec.log("world/camera/image", views.jpeg(reduced(frame.image, LONG_SIDE_PX)))
         self._frames += 1
         if self._moving:
             self._log_moving(_NOWHERE)
         if self._frames == 1:
             # Logged as static, because the viewer reports an error for an image without a camera on any timeline.
             small = self._camera.scaled(self._scale)
-            map_view.log_pinhole(rec, "world/camera/image", small, YELLOW, map_view.FRUSTUM, static=True)
+            views.log_pinhole(rec, "world/camera/image", small, YELLOW, views.FRUSTUM, static=True)
 
         self._tails.append(observations)
         oldest = self._tails[0]
@@ -164,21 +184,20 @@ class RerunRecorder(Recorder):
         for series in layout.SERIES:
             value = None if series.of_attempt is None else series.of_attempt(attempt)
             if value is not None and np.isfinite(value):
-                self._rec.log(series.entity, self._rr.Scalars(float(value)))
+                self._rec.log(series.entity, rr.Scalars(float(value)))
         self.story.attempt(attempt)
-        log_pair(self._rec, attempt, self.story.recent, self._camera)
+        views.log_pair(self._rec, attempt, self.story.recent, self._camera)
         self._attempt = attempt
         if attempt.frames[1:2] == tuple(self.story.recent)[-1:]:
             self._log_moving(attempt.pixels2[moving_matches(attempt)])
 
     def frame_time(self, elapsed_ms: float) -> None:
         """Log what a frame took, beside the time between two frames at 30 Hz."""
-        self._rec.log(layout.FRAME_TIME, self._rr.Scalars(elapsed_ms))
-        self._rec.log(layout.FRAME_BUDGET, self._rr.Scalars(layout.BUDGET_MS))
+        self._rec.log(layout.FRAME_TIME, rr.Scalars(elapsed_ms))
+        self._rec.log(layout.FRAME_BUDGET, rr.Scalars(layout.BUDGET_MS))
 
     def row_times(self, observations: Observations, corrected: Floats) -> None:
         """Log arrows from the raw pixels to the corrected ones: ``corrected`` (N, 2)."""
-        rr = self._rr
         moved = layout.ARROW_FACTOR * (corrected - observations.pixels) * self._scale
         before = self._shown(observations.pixels)
         arrows = rr.Arrows2D(origins=before, vectors=moved, colors=[(*PURPLE, 150)], radii=rr.Radius.ui_points(0.8))
@@ -189,8 +208,8 @@ class RerunRecorder(Recorder):
 
     def waiting(self, pose: CameraPose) -> None:
         """Turn the camera in the axes of the first one. Its place is not shown: its unit changes with the pair."""
-        self._rec.log("world/camera", self._rr.Transform3D(mat3x3=pose.cam_from_first.T))
-        self._rec.log(layout.ROTATION_SIGMA, self._rr.Scalars(pose.rotation_sigma_deg))
+        self._rec.log("world/camera", rr.Transform3D(mat3x3=pose.cam_from_first.T))
+        self._rec.log(layout.ROTATION_SIGMA, rr.Scalars(pose.rotation_sigma_deg))
 
     def initialized(self, map_: InitialMap, observations: Sequence[Observations]) -> None:
         """Log the map before and after bundle adjustment, and the ground truth aligned to it."""
@@ -207,11 +226,11 @@ class RerunRecorder(Recorder):
     def undecided(self, maps: Sequence[InitialMap]) -> None:
         """Draw both maps with their paths, and clear those shown before."""
         if self._hypotheses or maps:
-            map_view.log_undecided(self._rec, maps)
+            views.log_undecided(self._rec, maps)
             evidence = text.conjugate_maps_markdown(self._attempt) if maps else "decided"
             self._log_text(f"{layout.CANDIDATES}/evidence", evidence)
         self._hypotheses = len(maps)
-        self._end = End.CANDIDATES if len(maps) == len(map_view.CONJUGATE_NAMES) else End.MAP
+        self._end = End.CANDIDATES if len(maps) == len(views.CONJUGATE_NAMES) else End.MAP
 
     def continued(self, keyframe: Keyframe) -> None:
         """Move the camera, and extend both trajectories."""
@@ -224,13 +243,13 @@ class RerunRecorder(Recorder):
 
     def scaled(self, scale: Scale) -> None:
         """Draw a bar of a round length in metres at the first keyframe; the scene stays in units of the map."""
-        map_view.log_scale_bar(self._rec, scale)
+        views.log_scale_bar(self._rec, scale)
 
     def restarted(self) -> None:
         """Clear the lost map. The next one has another world frame."""
         self._log_line("the map was lost: restarting", good=False)
-        for entity in ("world/keyframes", "world/points", "world/trajectory", map_view.SCALE_BAR):
-            self._rec.log(entity, self._rr.Clear(recursive=True))
+        for entity in ("world/keyframes", "world/points", "world/trajectory", views.SCALE_BAR):
+            self._rec.log(entity, rr.Clear(recursive=True))
         self._map_view.clear()
 
     def summary(self, summary: Summary) -> None:
@@ -240,30 +259,59 @@ class RerunRecorder(Recorder):
             self._end = End.NO_MAP
 
     def close(self) -> None:
-        """Finish the file and rename it to its final name."""
-        if self._file.is_open and (self._end is not End.MAP or self._rolling):
+        """Write the rest, close the file, and give it its name. It may be called twice."""
+        if not self._is_open:
+            return
+        if self._end is not End.MAP or self._rolling:
             # The layout that the file began with shows a map. The viewer takes the last layout of a file.
-            self._rr.send_blueprint(layout.blueprint(self._end, rolling=self._rolling), recording=self._rec)
-        self._file.complete()
+            rr.send_blueprint(layout.blueprint(self._end, rolling=self._rolling), recording=self._rec)
+        try:
+            self._check_file()
+            self._rec.disconnect()
+            with self._writing():
+                self._partial.replace(self._path)
+        finally:
+            self._discard()
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
         """Close the file; after a :class:`SlamInitError`, or an interrupt before the first frame, remove it."""
         if isinstance(error, SlamInitError) or (error is not None and not self._frames):
-            self._file.discard()
+            self._discard()
         else:
             self.close()
+
+    # -- the file -----------------------------------------------------------------------------------
+
+    def _writing(self) -> AbstractContextManager[None]:
+        return writing(f"the recording {self._path}", "give another --out")
+
+    def _check_room(self) -> None:
+        if shutil.disk_usage(self._path.parent).free < _RESERVE_BYTES:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def _check_file(self) -> None:
+        """Raise an error where the disk is full, or the file is gone."""
+        with self._writing():
+            if self._is_open and not self._partial.exists():
+                raise FileNotFoundError("the file is gone")
+            self._check_room()
+
+    def _discard(self) -> None:
+        """Close the file, and remove it unless it is complete."""
+        if self._is_open:
+            self._rec.disconnect()
+        self._is_open = False
+        with suppress(OSError):
+            self._partial.unlink(missing_ok=True)
 
     # -- parts of the recording -------------------------------------------------------------------
 
     def _log_line(self, line: str, *, good: bool = True) -> None:
-        levels = self._rr.TextLogLevel
+        levels = rr.TextLogLevel
         level, color = (levels.INFO, GREEN) if good else (levels.WARN, YELLOW)
-        self._rec.log("log", self._rr.TextLog(line, level=level, color=color))
+        self._rec.log("log", rr.TextLog(line, level=level, color=color))
 
     def _log_text(self, entity: str, markdown: str, *, static: bool = False) -> None:
-        rr = self._rr
         self._rec.log(entity, rr.TextDocument(markdown, media_type=rr.MediaType.MARKDOWN), static=static)
 
     def _log_moving(self, pixels: Floats) -> None:
@@ -275,10 +323,10 @@ class RerunRecorder(Recorder):
         self, entity: str, pixels: Floats, color: layout.Color, radius: float, draw_order: float | None = None
     ) -> None:
         """Draw raw pixels as points: ``pixels`` (N, 2)."""
-        radii = self._rr.Radius.ui_points(radius)
-        points = self._rr.Points2D(self._shown(pixels), colors=[color], radii=radii, draw_order=draw_order)
+        radii = rr.Radius.ui_points(radius)
+        points = rr.Points2D(self._shown(pixels), colors=[color], radii=radii, draw_order=draw_order)
         self._rec.log(entity, points)
 
-    def _shown(self, pixels: Floats) -> Floats:
+    def _shown(self, pixels: Floats) -> Any:
         """Convert raw pixels (..., 2) to the reduced image. In Rerun, pixel centres are at half-integers."""
         return (pixels + 0.5) * self._scale

@@ -97,7 +97,6 @@ def screenshots(path: Path, frames: Sequence[int], window: str) -> dict[int, byt
 
 
 def _client(port: int) -> ViewerClient:
-    os.environ.setdefault("RERUN_ANALYTICS", "false")
     from rerun.experimental import ViewerClient
 
     return ViewerClient.connect(f"rerun+http://{_HOST}:{port}/proxy")
@@ -217,7 +216,7 @@ def _started(*options: str, output: BinaryIO | int | None) -> subprocess.Popen[b
         stdin=subprocess.DEVNULL,
         stdout=output,
         stderr=subprocess.STDOUT,  # the command line drops what libraries write to stderr
-        env={"RERUN_ANALYTICS": "false", "NO_COLOR": "1"} | dict(os.environ),
+        env={"NO_COLOR": "1"} | dict(os.environ),
         start_new_session=True,
     )
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Collection
 from typing import BinaryIO
 
 import numpy as np
+from numpy.lib.npyio import NpzFile
 from numpy.typing import NDArray
 
 from slam_init.errors import SourceError
@@ -17,13 +17,12 @@ def parse_npz(
 ) -> dict[str, NDArray[np.generic]]:
     """Read named arrays from a ``.npz`` file. No other array is read, and their sizes are looked up before."""
     try:
-        with zipfile.ZipFile(file) as archive:
-            sizes = {entry.filename.removesuffix(".npy"): entry.file_size for entry in archive.infolist()}
-        names = [name for name in sizes if name in known]
-        if sum(sizes[name] for name in names) > limit_bytes:
-            raise SourceError(f"{place}: has more than {limit_bytes // 10**6} MB of arrays: this is not {what}")
-        file.seek(0)
-        with np.load(file, allow_pickle=False) as archive:
+        with NpzFile(file, allow_pickle=False) as archive:
+            assert archive.zip is not None, "it is open"
+            sizes = {entry.filename.removesuffix(".npy"): entry.file_size for entry in archive.zip.infolist()}
+            names = [name for name in sizes if name in known]
+            if sum(sizes[name] for name in names) > limit_bytes:
+                raise SourceError(f"{place}: has more than {limit_bytes // 10**6} MB of arrays: this is not {what}")
             arrays = {name: np.asarray(archive[name]) for name in names}
     except SourceError:
         raise

@@ -9,7 +9,6 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from types import FrameType
-from typing import TypeAlias
 
 from slam_init.errors import OutputError, plain_line
 
@@ -55,10 +54,6 @@ def _to_null(descriptor: int) -> None:
     os.close(null)
 
 
-#: What handles a signal.
-_Handler: TypeAlias = Callable[[int, FrameType | None], object]
-
-
 #: The signals that end a program. Windows has no SIGHUP.
 _ENDING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 #: A callback has ended after this time, in seconds; else the interrupt comes once more.
@@ -66,7 +61,7 @@ _AGAIN_S = 0.1
 
 
 @contextmanager
-def _handled_by(handler: _Handler) -> Iterator[None]:
+def _handled_by(handler: Callable[[int, FrameType | None], object]) -> Iterator[None]:
     """Set a handler of the signals that end a program. Signals that are ignored (nohup, &) stay ignored."""
     in_main = threading.current_thread() is threading.main_thread()  # no other thread may handle signals
     numbers = [n for n in _ENDING if in_main and signal.getsignal(n) not in (None, signal.SIG_IGN)]

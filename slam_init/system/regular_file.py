@@ -14,13 +14,8 @@ from typing import BinaryIO
 
 from slam_init.errors import SlamInitError, SourceError, check_type
 
-_KINDS = (
-    (stat.S_ISDIR, "a folder"),
-    (stat.S_ISFIFO, "a named pipe"),
-    (stat.S_ISSOCK, "a socket"),
-    (stat.S_ISCHR, "a device"),
-    (stat.S_ISBLK, "a device"),
-)
+#: By the first letter that :func:`stat.filemode` gives.
+_KINDS = {"d": "a folder", "p": "a named pipe", "s": "a socket", "c": "a device", "b": "a device"}
 
 
 def user_path(text: str | os.PathLike[str], error: type[SlamInitError] = SourceError) -> Path:
@@ -41,22 +36,17 @@ def kind_problem(path: str | os.PathLike[str]) -> str | None:
     """
     path = Path(path)
     try:
-        mode = path.stat().st_mode
-    except FileNotFoundError as error:
-        dangling = "a link to a file that does not exist"
-        return f"cannot be read: it is {dangling}" if path.is_symlink() else f"cannot be read ({error.strerror})"
-    except OSError as error:
-        return f"cannot be read ({error.strerror})"
-    except ValueError as error:  # a null byte in the name
-        return f"cannot be read ({error})"
-    return _mode_problem(mode)
+        return _mode_problem(path.stat().st_mode)
+    except (OSError, ValueError) as error:  # ValueError: a null byte in the name
+        if isinstance(error, FileNotFoundError) and path.is_symlink():
+            return "cannot be read: it is a link to a file that does not exist"
+        return f"cannot be read ({getattr(error, 'strerror', error)})"
 
 
 def _mode_problem(mode: int) -> str | None:
     if stat.S_ISREG(mode):
         return None
-    kind = next((name for is_kind, name in _KINDS if is_kind(mode)), "something else")
-    return f"cannot be read: it is {kind}, not a file"
+    return f"cannot be read: it is {_KINDS.get(stat.filemode(mode)[0], 'something else')}, not a file"
 
 
 def open_regular(path: str | os.PathLike[str], error: type[SlamInitError]) -> BinaryIO:

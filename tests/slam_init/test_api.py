@@ -4,19 +4,10 @@ import logging
 from pathlib import PurePath
 
 import pytest
+from path_types import OtherPath
 
 import slam_init
 from slam_init import Config, Initializer, load_config, load_graph, run
-
-
-class APath:
-    """Neither str nor Path: what os.fspath takes."""
-
-    def __init__(self, path):
-        self._path = str(path)
-
-    def __fspath__(self):
-        return self._path
 
 
 def test_a_name_that_does_not_exist_is_an_attribute_error():
@@ -36,9 +27,9 @@ def test_attempts_are_logged_and_nothing_is_printed(room, caplog, capfd):
 
 
 def test_results_are_written_to_and_read_from_any_path(room, tmp_path, room_run):
-    out = APath(tmp_path / "out")
+    out = OtherPath(tmp_path / "out")
     result, _ = run(room, room.camera, Config(), out=out, max_frames=2)
     assert not result and (tmp_path / "out" / "summary.json").is_file()
-    assert load_config(APath(tmp_path / "out" / "config.toml")) == Config()
+    assert load_config(OtherPath(tmp_path / "out" / "config.toml")) == Config()
     graph, values = load_graph(PurePath(room_run.out))
     assert graph.size() > 0 and values.size() > 0

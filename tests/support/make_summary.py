@@ -7,9 +7,8 @@ from pathlib import Path
 from make_map import CAMERAS
 
 from slam_init.output.folder import OutputFolder
-from slam_init.output.records import SourceRecord
 from slam_init.output.results import publish_results
-from slam_init.output.summary import Summary, summary_of
+from slam_init.output.summary import SourceRecord, Summary, summary_of
 from slam_init.types.camera import Camera
 from slam_init.types.result import Result
 

@@ -12,8 +12,8 @@ from slam_init import Pose, open_source, write_colmap
 from slam_init.cli import main
 from slam_init.datasets.posed_images import with_axes
 from slam_init.output.handover import handover_bytes
-from slam_init.output.nerfstudio import opengl_matrix
 from slam_init.output.results import tum_text
+from slam_init.output.scene import opengl_matrix
 from slam_init.types.initial_map import Keyframe
 
 pytestmark = pytest.mark.slow

@@ -13,7 +13,7 @@ from make_map import make_map
 from slam_init import Camera, Pose, SourceError, open_source
 from slam_init.config import Config
 from slam_init.datasets.map_files import open_map, tracked_by
-from slam_init.output.nerfstudio import opengl_matrix
+from slam_init.output.scene import opengl_matrix
 
 COUNT = 12
 

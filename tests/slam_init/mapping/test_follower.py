@@ -9,7 +9,7 @@ from continue_with_isam2 import position_errors
 from slam_init import Follower, SlamInitError
 from slam_init.errors import SourceError
 from slam_init.mapping.follower import follow
-from slam_init.output.records import ContinuationRecord
+from slam_init.output.summary import ContinuationRecord
 from slam_init.recording.recorder import Recorder
 from slam_init.types.frame import Frame
 

@@ -16,7 +16,7 @@ def read_by_colmap(folder, map_):
     """The model of a map, written and read back by COLMAP."""
     for name, text in zip(COLMAP_FILES, colmap_model(map_).texts(), strict=True):
         (folder / name).parent.mkdir(exist_ok=True)
-        (folder / name).write_text(text)
+        (folder / name).write_bytes(text)
     return pycolmap.Reconstruction(folder / "colmap")
 
 

@@ -12,12 +12,8 @@ from make_map import make_attempts, make_map, make_result, make_truth, make_wind
 from make_summary import summarize
 from report_run import report_run
 
-from slam_init.pictures.canvas import canvas
-from slam_init.pictures.decision import VERDICT_COLORS, draw_decision
-from slam_init.pictures.frames import draw_frame
-from slam_init.pictures.map_drawing import ABOVE, BEHIND, SIDE, widest_view
-from slam_init.pictures.overview import overview_png
-from slam_init.recording.story import ShownFrame, StoryRecorder
+from slam_init.pictures import overview
+from slam_init.recording.recorder import ShownFrame, StoryRecorder
 from slam_init.types.evidence import FreeFocal, Margin
 from slam_init.types.refusal import GateName, Verdict, at_most
 from slam_init.types.result import Segment
@@ -32,7 +28,7 @@ def story():
 
 def draw(result, story, truth=None, name="arc"):
     summary = summarize(result)
-    return overview_png(result, replace(summary, source=replace(summary.source, name=name)), story, truth)
+    return overview.overview_png(result, replace(summary, source=replace(summary.source, name=name)), story, truth)
 
 
 def picture(png):
@@ -89,7 +85,7 @@ def test_a_run_without_a_frame_or_an_attempt_has_a_picture_and_names_are_no_math
 
 def artists_of(draw_into):
     """What a panel holds: the labels of its lines, and its collections."""
-    with canvas(800, 400) as figure:
+    with overview.canvas(800, 400) as figure:
         axes = figure.add_axes((0.1, 0.1, 0.8, 0.8))
         draw_into(axes)
         return [line.get_label() for line in axes.lines], list(axes.collections)
@@ -111,13 +107,13 @@ def test_a_long_failure_shows_the_risk_alone():
         (120, Verdict.ACCEPTED, True),
     ):
         attempts = attempts_of(count, 1, verdict)
-        labels, _ = artists_of(lambda axes, attempts=attempts: draw_decision(axes, attempts))
+        labels, _ = artists_of(lambda axes, attempts=attempts: overview.draw_decision(axes, attempts))
         assert any(label.startswith("part:") for label in labels) == has_terms
         assert "risk" in labels
 
 
 def test_every_third_frame_leaves_no_hole_in_the_strip():
-    _, collections = artists_of(lambda axes: draw_decision(axes, attempts_of(6, 3, Verdict.LOW_PARALLAX)))
+    _, collections = artists_of(lambda axes: overview.draw_decision(axes, attempts_of(6, 3, Verdict.LOW_PARALLAX)))
     strip = next(one for one in collections if one.get_paths() and len(one.get_paths()) == 6)
     spans = sorted((path.vertices[:, 0].min(), path.vertices[:, 0].max()) for path in strip.get_paths())
     assert all(before[1] == pytest.approx(after[0]) for before, after in pairwise(spans))
@@ -127,7 +123,7 @@ def test_a_link_by_descriptors_draws_no_path():
     ids, places = np.arange(4), np.array([[100.0, 100.0], [200.0, 100.0], [300.0, 100.0], [400.0, 100.0]])
     moved = places + np.array([[10.0, 0.0], [20.0, 0.0], [600.0, 0.0], [0.0, 900.0]])
     before, after = (ShownFrame(k, np.zeros((60, 80), np.uint8), ids, at) for k, at in enumerate((places, moved)))
-    _, (tails,) = artists_of(lambda axes: draw_frame(axes, after, before, 1280))
+    _, (tails,) = artists_of(lambda axes: overview.draw_frame(axes, after, before, 1280))
     assert len(tails.get_segments()) == 2
 
 
@@ -141,10 +137,10 @@ def test_a_run_that_started_again_shows_each_map(story):
 
 def test_a_map_is_seen_in_the_view_in_which_it_fills_most():
     map_ = make_map(points=400)
-    for flat, view in ((0, SIDE), (1, ABOVE), (2, BEHIND)):
+    for flat, view in ((0, overview.SIDE), (1, overview.ABOVE), (2, overview.BEHIND)):
         stretch = np.full(3, 100.0)
         stretch[flat] = 0.1
-        assert widest_view(replace(map_, points=map_.points * stretch)) == view
+        assert overview.widest_view(replace(map_, points=map_.points * stretch)) == view
 
 
 def test_the_head_states_the_focal_length_every_note_and_the_gate_that_refused(story, reported):
@@ -160,5 +156,5 @@ def test_the_head_states_the_focal_length_every_note_and_the_gate_that_refused(s
 
 
 def test_every_verdict_has_a_colour_of_its_own():
-    assert set(VERDICT_COLORS) == set(Verdict)
-    assert len(set(VERDICT_COLORS.values())) == len(Verdict)
+    assert set(overview.VERDICT_COLORS) == set(Verdict)
+    assert len(set(overview.VERDICT_COLORS.values())) == len(Verdict)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from itertools import pairwise
 
@@ -188,6 +189,29 @@ def test_a_path_that_cannot_be_written_is_an_error_at_once(tmp_path):
     for path in (tmp_path, tmp_path / "missing" / "a.rrd"):
         with pytest.raises(OutputError, match="cannot write the recording"):
             pinhole(path)
+
+
+def test_a_disk_that_fails_is_an_error_and_leaves_no_file(path, monkeypatch):
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    recorder, seen = pinhole(path), make_observations(make_map())[0]
+    seen_in(recorder, seen)
+    with monkeypatch.context() as patched, pytest.raises(OutputError, match="No space left on device: make room"):
+        patched.setattr(rerun_recorder.shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(1, 1, 0))
+        seen_in(recorder, replace(seen, frame=seen.frame + 1))
+    monkeypatch.setattr(type(path), "replace", full)
+    with pytest.raises(OutputError, match="No space left on device: make room"):
+        recorder.close()
+    assert list(path.parent.iterdir()) == []
+
+
+def test_a_file_that_is_gone_is_an_error_at_the_next_frame_and_stays_away(path):
+    with pytest.raises(OutputError, match="the file is gone"), pinhole(path) as recorder:
+        path.with_suffix(".partial.rrd").unlink()
+        seen_in(recorder, make_observations(make_map())[0])
+    recorder.close()
+    assert list(path.parent.iterdir()) == []
 
 
 def test_an_error_leaves_the_earlier_recording_and_an_interrupt_the_new_one(path):

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 
 import pytest
 import rerun as rr
+from make_map import CAMERAS
 from read_recording import column
 
 import slam_init.recording.viewer as viewer_module
 from slam_init.errors import OutputError, SourceError, ViewerError
-from slam_init.recording.layout import blueprint
-from slam_init.recording.recording_file import RecordingFile
+from slam_init.recording.rerun_recorder import RerunRecorder
 from slam_init.recording.viewer import SPAWN, check_recording, screenshots, serve, show, viewer_url
 
 
@@ -139,11 +139,9 @@ def test_a_recording_goes_to_a_viewer_and_to_its_file(tmp_path, port):
     address = rr.serve_grpc(grpc_port=port, recording=server)
     assert viewer_module._answers("127.0.0.1", port, 30.0)  # its thread may listen later than its address is known
     url = viewer_url(address)
-    stream = rr.RecordingStream("test", recording_id="1", send_properties=False)
-    file = RecordingFile(tmp_path / "a.rrd", stream, blueprint(), viewer=url)
-    stream.log("figure", rr.Scalars(3.0))
-    file.complete()
-    assert column(tmp_path / "a.rrd", "/figure", "Scalars:scalars") == [[3.0]]
+    with RerunRecorder(tmp_path / "a.rrd", CAMERAS["pinhole"], "arc", viewer=url) as recorder:
+        recorder.frame_time(3.0)
+    assert column(tmp_path / "a.rrd", "/stats/time/frame", "Scalars:scalars") == [[3.0]]
 
 
 def test_only_a_recording_is_opened(tmp_path):

@@ -1,21 +1,31 @@
-"""The view of the map: landmarks, frusta, the estimated path, and the true path aligned to it."""
+"""The views of a recording: the map, and a pair.
+
+Of the map: landmarks, frusta, the estimated path, and the true path aligned to it. Of a pair: two images side by side,
+and the matches as lines between them.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import rerun as rr
 
 from slam_init.evaluation.metrics import Similarity, align_truth, positions_between
-from slam_init.recording.layout import CANDIDATES, ERROR, ERROR_BARS, ESTIMATE_COLOR, TRUTH_COLOR, Color
-from slam_init.types.arrays import Floats
+from slam_init.recording import layout
+from slam_init.recording.layout import Color
+from slam_init.recording.recorder import PAIR_SIDE_PX, ShownFrame, bgr, match_parts, reduced_shape
+from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose, Trajectory
+from slam_init.types.result import Attempt
 from slam_init.types.scale import Scale
 
+#: At this quality a match can be checked by eye, and a frame of 640x480 pixels takes about 50 kB.
+_JPEG_QUALITY = 75
 #: Number of dashes of the ground truth. It is dashed so that the estimate can be seen where both agree.
 _DASHES = 30
 #: The better one of two undecided maps, and the other one.
@@ -25,6 +35,14 @@ CONJUGATE_NAMES = ("a", "b")
 FRUSTUM, _SMALLEST_FRUSTUM, _FRUSTUM_OF_PATH = 0.08, 0.005, 0.1
 #: Colours of the better one of two undecided maps, and of the other one.
 _COLORS: tuple[Color, ...] = ((190, 120, 255), (130, 110, 150))
+
+
+def jpeg(image: Image) -> Any:
+    """Compress an image. OpenCV does this several times faster than Rerun: ``image`` (H, W)."""
+    import cv2
+
+    _, encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+    return rr.EncodedImage(contents=encoded.tobytes(), media_type="image/jpeg")
 
 
 def dashes(positions: Floats) -> list[Floats]:
@@ -42,11 +60,9 @@ def dashes(positions: Floats) -> list[Floats]:
 
 def log_undecided(rec: Any, maps: Sequence[InitialMap]) -> None:
     """Log the paths of up to two maps, and each map in a space of its own; clear those of maps that do not exist."""
-    import rerun as rr
-
     thick = rr.Radius.ui_points(1.5)
     for k, (name, color) in enumerate(zip(CONJUGATE_NAMES, _COLORS, strict=True)):
-        hypothesis, candidate = f"world/trajectory/hypothesis{k + 1}", f"{CANDIDATES}/{name}"
+        hypothesis, candidate = f"world/trajectory/hypothesis{k + 1}", f"{layout.CANDIDATES}/{name}"
         if k >= len(maps):
             rec.log(hypothesis, rr.Clear(recursive=False))
             rec.log(candidate, rr.Clear(recursive=True))
@@ -59,13 +75,11 @@ def log_undecided(rec: Any, maps: Sequence[InitialMap]) -> None:
         for keyframe in map_.keyframes:
             entity = f"{candidate}/keyframes/{keyframe.frame}"
             rec.log(entity, _transform(keyframe.world_from_cam))
-            log_pinhole(rec, entity, map_.camera, ESTIMATE_COLOR, FRUSTUM)
+            log_pinhole(rec, entity, map_.camera, layout.ESTIMATE_COLOR, FRUSTUM)
         rec.log(f"{candidate}/path", rr.LineStrips3D(path, colors=[_COLORS[0]], radii=thick))
 
 
 def _log_points(rec: Any, entity: str, map_: InitialMap, points: Floats) -> None:
-    import rerun as rr
-
     rec.log(entity, rr.Points3D(points, colors=map_.colors, radii=rr.Radius.ui_points(2.5)))
 
 
@@ -84,8 +98,6 @@ def round_length(most: float) -> float:
 
 def log_scale_bar(rec: Any, scale: Scale) -> None:
     """Log the bar from the first camera to the right, with its length and the scale as label."""
-    import rerun as rr
-
     if scale.metres_per_unit is None or scale.sigma is None:
         return
     metres = round_length(_LONGEST * scale.metres_per_unit)
@@ -112,8 +124,6 @@ class MapView:
 
     def log(self, map_: InitialMap) -> None:
         """Log the map before and after bundle adjustment, and the errors of the adjustment."""
-        import rerun as rr
-
         rec = self._rec
         poses_after = tuple(keyframe.world_from_cam for keyframe in map_.keyframes)
         path = max(float(np.linalg.norm(pose.t - poses_after[0].t)) for pose in poses_after)
@@ -134,10 +144,10 @@ class MapView:
             self._log_true_path(map_.keyframes[-1].timestamp_s)
         rec.disable_timeline("stage")
 
-        rec.log(ERROR_BARS, rr.BarChart(np.array(map_.bundle_errors), color=ESTIMATE_COLOR))
+        rec.log(layout.ERROR_BARS, rr.BarChart(np.array(map_.bundle_errors), color=layout.ESTIMATE_COLOR))
         for iteration, error in enumerate(map_.bundle_errors):
             rec.set_time("ba_iter", sequence=iteration)
-            rec.log(ERROR, rr.Scalars(error))
+            rec.log(layout.ERROR, rr.Scalars(error))
         rec.disable_timeline("ba_iter")
 
     def extend(self, keyframe: Keyframe) -> None:
@@ -157,7 +167,7 @@ class MapView:
         """Without images, since they cover one another on a short path. The view of the pair shows two of them."""
         camera = map_.camera.scaled(self._scale)
         for view in map_.keyframes:
-            log_pinhole(self._rec, f"world/keyframes/{view.frame}", camera, ESTIMATE_COLOR, self._size)
+            log_pinhole(self._rec, f"world/keyframes/{view.frame}", camera, layout.ESTIMATE_COLOR, self._size)
 
     def clear(self) -> None:
         """Forget the map and its paths."""
@@ -166,12 +176,10 @@ class MapView:
     def _log_camera(self, world_from_cam: Pose) -> None:
         """Log the pose of the camera, and the estimated path up to it."""
         self._rec.log("world/camera", _transform(world_from_cam))
-        self._log_path("est", [np.array(self._path)], ESTIMATE_COLOR)
+        self._log_path("est", [np.array(self._path)], layout.ESTIMATE_COLOR)
 
     def _log_path(self, name: str, strips: Sequence[Floats], color: Color) -> None:
         """Log a trajectory as line strips."""
-        import rerun as rr
-
         # The title of the view explains the colours. Labels in the view would cover one another where the estimate is
         # good. Of two lines in one place, the viewer draws the broader one on top.
         width = rr.Radius.ui_points(1.5 if name == "est" else 2.0)
@@ -181,7 +189,7 @@ class MapView:
         """Log the true path from the first keyframe to a time, where it is known and was aligned."""
         if self._groundtruth is not None and self._world_from_gt is not None:
             path = self._world_from_gt.apply(positions_between(self._groundtruth, self._first_s, last_s))
-            self._log_path("gt", dashes(path), TRUTH_COLOR)
+            self._log_path("gt", dashes(path), layout.TRUTH_COLOR)
 
 
 def log_pinhole(rec: Any, entity: str, camera: Camera, color: Color, size: float, *, static: bool = False) -> None:
@@ -189,8 +197,6 @@ def log_pinhole(rec: Any, entity: str, camera: Camera, color: Color, size: float
 
     * ``camera``: Of the recorded images, which are smaller than those that were read.
     """
-    import rerun as rr
-
     thin: Any = rr.Radius.ui_points(1.0)  # its stubs allow numbers only
     pinhole = rr.Pinhole(
         resolution=[camera.width, camera.height],
@@ -204,6 +210,41 @@ def log_pinhole(rec: Any, entity: str, camera: Camera, color: Color, size: float
 
 
 def _transform(pose: Pose) -> Any:
-    import rerun as rr
-
     return rr.Transform3D(translation=pose.t, mat3x3=pose.R)
+
+
+# -- a pair ----------------------------------------------------------------------------------------
+
+#: At most this many matches are shown as lines, since more lines cannot be distinguished. All matches are shown as
+#: points.
+_MAX_LINES = 120
+#: Of inliers, outliers, matches on moving objects, and tracks.
+_MATCH_COLORS: tuple[Color, ...] = (layout.GREEN, layout.RED, layout.PURPLE, layout.YELLOW)
+#: The images of a pair are put one above the other if width divided by height is larger than this.
+_WIDE = 1.8
+
+
+def log_pair(rec: Any, attempt: Attempt, recent: Mapping[int, ShownFrame], camera: Camera) -> None:
+    """Log the images and the matches of a pair.
+
+    * ``attempt``: With its matches. Where no motion was estimated, they are neither inliers nor outliers.
+    """
+    shown = [recent.get(index) for index in attempt.frames[:2]]
+    shape = reduced_shape(camera.height, camera.width, PAIR_SIDE_PX)
+    blank = np.full((*shape, 3), 40, np.uint8)
+    left, right = (blank if one is None else bgr(one.image) for one in shown)
+    wide = shape[1] > _WIDE * shape[0]
+    rec.log("pairs/image", jpeg(np.concatenate([left, right], axis=0 if wide else 1)))
+
+    factor = shape[1] / camera.width
+    second = (0, shape[0]) if wide else (shape[1], 0)
+    points1 = (attempt.pixels1 + 0.5) * factor
+    points2 = (attempt.pixels2 + 0.5) * factor + second
+    matches = np.stack([points1, points2], axis=1)
+    sparse = np.arange(len(matches)) % max(1, -(-len(matches) // _MAX_LINES)) == 0
+    for (name, chosen), color in zip(match_parts(attempt).items(), _MATCH_COLORS, strict=True):
+        entity = f"pairs/image/{name}"
+        thin, thick = rr.Radius.ui_points(0.5), rr.Radius.ui_points(1.5)
+        rec.log(entity, rr.LineStrips2D(matches[chosen & sparse], colors=[(*color, 150)], radii=thin))
+        ends = matches[chosen].reshape(-1, 2)
+        rec.log(f"{entity}/points", rr.Points2D(ends, colors=[color], radii=thick))
