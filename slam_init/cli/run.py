@@ -15,7 +15,7 @@ from slam_init.system.regular_file import user_path
 
 if TYPE_CHECKING:
     from slam_init.config import Config
-    from slam_init.datasets.live.source import LiveSource
+    from slam_init.datasets.live import LiveSource
     from slam_init.types.frame import Source
 
 _DEFAULT_SOURCE = "synth:room"
@@ -97,7 +97,7 @@ def _run(arguments: argparse.Namespace) -> int:
     out = chosen_folder(arguments.out, "run", inputs)
 
     from slam_init.datasets.live import is_live, without_password
-    from slam_init.datasets.live.source import LiveSource
+    from slam_init.datasets.live import LiveSource
 
     if not arguments.quiet and sys.stderr.isatty():  # the libraries take seconds to load, before there is a bar
         complain(f"reading {without_password(arguments.source)}")
