@@ -60,7 +60,6 @@ def pages():
     """The pages that people read: names and texts."""
     for page in (
         ROOT / "README.md",
-        ROOT / "AGENTS.md",
         ROOT / "CONTRIBUTING.md",
         ROOT / "SECURITY.md",
         ROOT / "quest" / "README.md",

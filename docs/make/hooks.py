@@ -34,7 +34,6 @@ log = logging.getLogger("mkdocs.hooks.slam_init")
 
 #: Documents of the repository that are pages of the site: file -> page.
 DOCUMENTS = {
-    "AGENTS.md": "agents.md",
     "CONTRIBUTING.md": "contributing.md",
     "SECURITY.md": "security.md",
     "CHANGELOG.md": "changelog.md",
