@@ -9,8 +9,6 @@ sequences below ``SLAM_INIT_DATA``. A rule whose absence costs neither a false m
     python -m tests.benchmarks.ablation --from-log ablation.jsonl --out table.md
 """
 
-from __future__ import annotations
-
 import importlib
 import inspect
 import multiprocessing

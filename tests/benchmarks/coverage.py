@@ -12,8 +12,6 @@ keyframe farthest from it, as the gauge of the graph is.
     300 worlds of another generator, as of :mod:`tests.benchmarks.reliability`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

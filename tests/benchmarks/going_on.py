@@ -5,8 +5,6 @@ are located in the map that grows (:mod:`slam_init.mapping.growing`). The same i
 points fitted to them: the difference is what the first map costs. The same is done on built-in scenes.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

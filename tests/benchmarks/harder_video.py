@@ -6,8 +6,6 @@ backward and stand on their heads, so that the rows of a rolling shutter are rea
 as real. Numbers of the project were chosen on the sequences and not on these copies.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace

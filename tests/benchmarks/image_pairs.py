@@ -6,8 +6,6 @@ The corners are matched by their numbers. All other matches are SIFT matches wit
 ratio test, as the pipeline matches photographs (:mod:`slam_init.frontend.sift`).
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ synthetic scene. It prints one table of each. :mod:`slam_init.compare.criteria` 
 false.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from collections import Counter

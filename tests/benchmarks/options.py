@@ -1,7 +1,5 @@
 """What the programs share: options, one thread, output files, logs."""
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

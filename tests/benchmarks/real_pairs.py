@@ -13,8 +13,6 @@ The column "true" is the share of matches that are within the threshold of the t
 both cameras. It is the largest share of inliers that a method can find.
 """
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

@@ -16,8 +16,6 @@ stated principal point, ``frames`` a list of (index, time, track ids, pixels), `
 point of each track id and ``kind`` 0 for those at rest.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import math
 import subprocess

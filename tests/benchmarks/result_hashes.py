@@ -11,8 +11,6 @@ method on three worlds and three sequences. For each run the table holds the exi
 and the figures of ``summary.json`` without what depends on the machine or the version.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import hashlib

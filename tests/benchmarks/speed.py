@@ -23,8 +23,6 @@ compared.
   (*cold*), and full for the next ones (*warm*).
 """
 
-from __future__ import annotations
-
 import os
 import platform
 import resource

@@ -1,7 +1,5 @@
 """The robust estimate of a relative pose: its contract, the kinds of scenes, and the laws that it obeys."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import example, given, settings

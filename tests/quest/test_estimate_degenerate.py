@@ -1,7 +1,5 @@
 """The robust estimate on degenerate and unusual scenes, by name of the scene."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from make_two_views import NO_TRANSLATION, NOISE_RAD, R_TRUE, all_around, box, is_true, line, views

@@ -1,7 +1,5 @@
 """Few matches and little parallax: what is refused, the kind, the depths, the stated covariance."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The noise of a motion, the choice between the modes of a search, and what chance explains."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Bundle problems whose truth is known: motions, disturbed starts, and errors of an adjusted map."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import gtsam

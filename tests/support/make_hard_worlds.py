@@ -1,7 +1,5 @@
 """Track worlds for which a small risk was stated although the map was false; simulated by plain numpy."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

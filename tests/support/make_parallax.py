@@ -1,7 +1,5 @@
 """Two views of a scene at a known ratio of baseline and depth, and a motion that is refined from the true one."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

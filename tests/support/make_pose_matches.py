@@ -1,7 +1,5 @@
 """Poses and matched bearings for tests of robust estimation: noise, outliers, points behind a camera."""
 
-from __future__ import annotations
-
 import numpy as np
 from make_views import unit
 

@@ -1,7 +1,5 @@
 """Exact geometry seen by a camera: observations and bundle problems, with a chosen noise."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

@@ -1,7 +1,5 @@
 """Two noisy views of a scene with outliers, and the errors of an estimated pose."""
 
-from __future__ import annotations
-
 import numpy as np
 from make_views import unit
 

@@ -1,7 +1,5 @@
 """Windows of simulated worlds: tracks with their truth, exact or noisy, and the hypotheses of their pair."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

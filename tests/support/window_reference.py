@@ -1,7 +1,5 @@
 """The equations of a window in plain numpy: all derivatives of each observation in one row, one elimination a track."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

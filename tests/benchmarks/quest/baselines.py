@@ -5,8 +5,6 @@ Each essential matrix gives its two rotations, the twisted pair. The translation
 :func:`quest.paper.selection.select_candidates` or :func:`quest.translation_and_depths`, as for QuEst.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

@@ -6,8 +6,6 @@ pose among the first pose and one alternative; then the same over the scenes tha
 inliers solves. The two figures differ most on planes, where two poses explain both images.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from tests.benchmarks.options import program, run_on_one_thread, show

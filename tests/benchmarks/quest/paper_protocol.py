@@ -11,8 +11,6 @@ sample alone, and how often refinement on all matches of the pair reaches the en
 refinement starts from the candidate ranked first, or from the best of the first four.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

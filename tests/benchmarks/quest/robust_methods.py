@@ -9,8 +9,6 @@ PoseLib returns one pose. It does not report whether the camera is rotation-only
 plane.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

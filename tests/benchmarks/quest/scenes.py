@@ -5,8 +5,6 @@ of view. The second camera is rotated by 4 degrees about a random axis and moved
 Both images have Gaussian noise; an outlier has its true place in image 1 and a random place in image 2.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ as unit quaternions wxyz: (K, 4), or (B, K, 4) padded with NaN. :func:`quest.pap
 the rotations and adds the translations.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

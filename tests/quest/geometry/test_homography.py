@@ -1,7 +1,5 @@
 """Homographies of planes: the fit, and the decomposition into the true pose and the second one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import assume, given

@@ -3,8 +3,6 @@
 What all solvers obey is stated in ``tests/quest/paper/test_solvers.py``.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import strategies as st

@@ -1,7 +1,5 @@
 """One suite for all solvers of the relative rotation: exactness by kind of scene, laws, degenerate samples."""
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

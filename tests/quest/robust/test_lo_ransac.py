@@ -1,7 +1,5 @@
 """The search for the motion of least cost: progressive samples."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

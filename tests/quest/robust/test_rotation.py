@@ -1,7 +1,5 @@
 """The rotation that explains most matches: proposed by pairs of matches, compiled."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

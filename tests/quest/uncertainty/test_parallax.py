@@ -1,7 +1,5 @@
 """The statement on parallax: its error rate, its power, and degenerate scenes."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

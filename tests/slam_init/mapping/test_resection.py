@@ -1,7 +1,5 @@
 """Laws of a resection: what its angles say of points at any distance."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from quest.geometry.quaternion import rotation_from_vector

@@ -1,7 +1,5 @@
 """Compiled refinement: of poses as the readable one, of rotations to the least robust cost."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
