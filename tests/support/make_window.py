@@ -22,7 +22,7 @@ from slam_init.window.equations import observed_by, unknowns_of
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
 from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
 from slam_init.window.kernels import accumulate
-from slam_init.window.motion import OtherMotion
+from slam_init.window.motion import Motion, OtherMotion
 from slam_init.window.projection import camera_vector
 from slam_init.window.risk import WindowRisk
 from slam_init.window.state import Priors, WindowState, start_at
@@ -144,20 +144,20 @@ def pose_of_pair(
     return estimate_relative_pose(rays1, rays2, threshold_rad=2.0 / camera.focal_px), rays1, rays2
 
 
+def motions_of(camera: Camera, views: Sequence[Observations], **changed) -> list[Motion]:
+    """The motions that the pair of a window proposes, after changes of its pose."""
+    pose, rays1, rays2 = pose_of_pair(camera, *views[:2])
+    assert isinstance(pose, RelativePose)
+    return motions_of_pair(replace(pose, **changed), (views[0].frame, views[1].frame), rays1, rays2)
+
+
 def hypotheses_of(
-    camera: Camera,
-    views: Sequence[Observations],
-    priors: Priors,
-    noise_px: float = 0.7,
-    pose: RelativePose | None = None,
+    camera: Camera, views: Sequence[Observations], priors: Priors, noise_px: float = 0.7, **changed
 ) -> WindowHypotheses | None:
     """The fitted hypotheses of a window, reference and current first; None where the pair proposes no translation."""
-    proposed, rays1, rays2 = pose_of_pair(camera, *views[:2])
-    pose = pose or proposed
-    if not isinstance(pose, RelativePose):
+    if not pose_of_pair(camera, *views[:2])[0]:
         return None
-    motions = motions_of_pair(pose, (views[0].frame, views[1].frame), rays1, rays2)
-    return fit_hypotheses(gather_tracks(camera, views, noise_px), motions, priors)
+    return fit_hypotheses(gather_tracks(camera, views, noise_px), motions_of(camera, views, **changed), priors)
 
 
 def true_motion(source: PointSource, reference: int, current: int) -> Pose:
@@ -328,22 +328,31 @@ def hypotheses_of_changing_lens(
     return hypotheses_of(camera, views, Priors(0.02, principal_sigma_px=2.0))
 
 
-def hypotheses_of_scene(scene, seed, views, last=None, priors=None, **options):
-    """The hypotheses of the first and the last frame of a simulated scene, and of evenly spaced frames between."""
+def window_of(scene, seed, views, last=None, **options):
+    """A simulated source, and its first and last frame with evenly spaced frames between."""
     source = point_source(scene, seed, **options)
     observations = list(source.observations())
     picks = np.linspace(0, len(observations) - 1 if last is None else last, views).round().astype(int)
-    part = pair_and_further([observations[k] for k in picks], views)
+    return source, pair_and_further([observations[k] for k in picks], views)
+
+
+def hypotheses_of_scene(scene, seed, views, last=None, priors=None, **options):
+    """The hypotheses of such a window."""
+    source, part = window_of(scene, seed, views, last, **options)
     return hypotheses_of(source.camera, part, priors or Priors(focal_sigma=0.03))
 
 
-def finished(source, config=WINDOW_CONFIG, initializer=None):
-    """The result after the tracks of a source, up to the map."""
-    initializer = initializer or Initializer(source.camera, config)
-    for observed in source.observations():
+def fed(initializer, observations):
+    """The initializer after the tracks of some frames, up to its map."""
+    for observed in observations:
         if initializer.process_tracks(observed):
             break
-    return initializer.finish()
+    return initializer
+
+
+def finished(source, config=WINDOW_CONFIG):
+    """The result after the tracks of a source, up to the map."""
+    return fed(Initializer(source.camera, config), source.observations()).finish()
 
 
 def errors_deg(source, map_):
@@ -351,6 +360,12 @@ def errors_deg(source, map_):
     first, second = map_.keyframes[:2]
     found = second.world_from_cam.inverse() @ first.world_from_cam
     return pose_errors_deg(found, true_motion(source, first.frame, second.frame))
+
+
+def is_right(source, map_):
+    """Whether the motion of the first two keyframes of a map is that of the source."""
+    rotation, direction = errors_deg(source, map_)
+    return rotation < 5 and direction < 15
 
 
 def looks_small(risk: WindowRisk) -> WindowRisk:
