@@ -72,11 +72,10 @@ def test_wrong_shapes_are_refused(shape1, shape2):
 
 
 @pytest.mark.parametrize("view", [0, 1])
-@pytest.mark.parametrize(("value", "message"), [(np.nan, "finite"), (0.0, "zero")])
-def test_a_bearing_that_is_zero_or_not_finite_is_refused(view, value, message):
+def test_a_bearing_that_is_zero_is_refused(view):
     both = views(box(0))
-    both[view][7] = value
-    with pytest.raises(ValueError, match=message):
+    both[view][7] = 0.0
+    with pytest.raises(ValueError, match="zero"):
         estimate_relative_pose(*both)
 
 
@@ -199,6 +198,7 @@ def test_the_same_seed_gives_the_same_bytes(scene):
         assert getattr(first, name).tobytes() == getattr(second, name).tobytes()
     assert first.evidence == second.evidence
     assert len(first.alternatives) == len(second.alternatives)
-    # Another seed draws other samples and gives the same pose.
+    # Another seed draws other samples and gives the same pose, but for rounding.
+    assert first.R.tobytes() != other.R.tobytes()
     assert other.kind == first.kind
     assert (other.inliers == first.inliers).mean() > 0.95

@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from make_pose_matches import (
-    NOISE_RAD,
-    THRESHOLD_RAD,
-    as_model,
-    disturbed,
-    pose_and_matches,
-)
+from make_pose_matches import NOISE_RAD, THRESHOLD_RAD, as_model, disturbed, pose_and_matches
 
 from quest.geometry.epipolar import tangent_basis
 from quest.geometry.quaternion import matrix_from_quaternion, vector_from_rotation
@@ -29,21 +23,15 @@ def test_outliers_move_the_refined_motion_by_less_than_its_noise(seed, angle_rad
     R, t, m, n = pose_and_matches(seed, 80, wrong=wrong)
     start = as_model(*disturbed(R, t, seed, angle_rad))
     before = start.tobytes()
-    model, _ = refine_with_noise(PoseProblem(m, n, THRESHOLD_RAD), start)
+    model, noise_rad = refine_with_noise(PoseProblem(m, n, THRESHOLD_RAD), start)
     assert start.tobytes() == before
+    assert noise_rad == pytest.approx(NOISE_RAD, rel=0.5)  # five deviations of a median of 55
     R_right, t_right = refine_pose(R, t, m[wrong:], n[wrong:], 1.0, iterations=50)
     _, J = sampson_jacobian(R_right, t_right, m[wrong:], n[wrong:])
     turn = vector_from_rotation(matrix_from_quaternion(model[:4]) @ R_right.T)
     difference = J @ np.concatenate([turn, tangent_basis(t_right).T @ model[4:]])
     # Least squares of the right matches errs by five in the mean.
     assert difference @ difference < 12 * NOISE_RAD**2
-
-
-def test_the_noise_is_that_of_the_matches():
-    for seed in range(5):
-        R, t, m, n = pose_and_matches(seed, 400, wrong=100)
-        _, noise_rad = refine_with_noise(PoseProblem(m, n, THRESHOLD_RAD), as_model(R, t))
-        assert noise_rad == pytest.approx(NOISE_RAD, rel=0.2)
 
 
 @pytest.mark.parametrize("count", [40, 900])

@@ -24,6 +24,11 @@ def plane(seed: int, count: int = 200) -> np.ndarray:
     return X
 
 
+def wall(seed: int, count: int = 200) -> np.ndarray:
+    """Points on a plane at right angles to the optical axis of camera 1."""
+    return box(seed, count) * [2, 2, 0] + [0, 0, 4.5]
+
+
 def line(seed: int, count: int = 200) -> np.ndarray:
     """Points on a line."""
     along = np.random.default_rng(seed).uniform(0, 1, (count, 1))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from make_views import SCENES, distance, scene_points, two_views, unit
 
 from quest.geometry.quaternion import matrix_from_quaternion
-from quest.paper.monomials import coefficient_rows, quartic_index, quartics, triples
+from quest.paper.monomials import coefficient_rows, quartics, triples
 from quest.paper.printed import quest6_printed, quest7_printed
 from quest.paper.quest6 import quest6
 from quest.paper.selection import select_candidates
@@ -19,15 +19,6 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 # --- the quartics ---
-
-
-def test_the_monomials_of_the_eigenproblems_come_first():
-    q = np.array([2.0, 3.0, 5.0, 7.0])
-    x = quartics(q)
-    assert x[:4] == pytest.approx(2**3 * q)
-    assert (x[:20] % 2 == 0).all()
-    assert (x[20:] % 2 == 1).all()
-    assert x[quartic_index(3, 1, 0, 3)] == 7 * 3 * 2 * 7
 
 
 def test_each_row_is_the_determinant_of_the_epipolar_normals():
@@ -40,37 +31,9 @@ def test_each_row_is_the_determinant_of_the_epipolar_normals():
         assert np.abs(A @ quartics(q)) == pytest.approx(np.abs(expected), abs=1e-13)
 
 
-def test_each_row_is_the_determinant_of_the_matrix_M_of_the_paper():
-    # Points j and k less point i eliminate t: columns are the depths u_i, v_i, u_j, v_j, u_k, v_k. Where the
-    # paper's Example 2 prints third entries of 1 in -n1, -m2 and -m3, the elimination gives -1.
-    rng = np.random.default_rng(1)
-    m, n = rng.normal(size=(2, 3, 3))
-    m[:, 2] = n[:, 2] = 1
-    q = rng.normal(size=4)
-    R = matrix_from_quaternion(q)
-    rm = m @ R.T
-    zero = np.zeros(3)
-    first = np.column_stack([rm[0], -n[0], -rm[1], n[1], zero, zero])
-    second = np.column_stack([rm[0], -n[0], zero, zero, -rm[2], n[2]])
-    M = np.concatenate([first, second])
-    row = coefficient_rows(m[None], n[None])[0, 0]
-    # The paper writes R without dividing by |q|^2, hence the factor of a form of degree six.
-    unnormalized = np.dot(q, q) ** 3 * abs(np.linalg.det(M))
-    assert unnormalized == pytest.approx(np.dot(q, q) * abs(row @ quartics(q)))
-    assert abs(np.linalg.det(M)) == pytest.approx(abs(np.linalg.det(np.cross(rm, n))))
-
-
 @pytest.mark.parametrize(
     ("count", "coplanar", "rank"),
-    [
-        (5, False, 10),
-        (6, False, 20),
-        (7, False, 31),
-        (8, False, 32),
-        (6, True, 20),
-        (7, True, 20),
-        (9, True, 20),
-    ],
+    [(5, False, 10), (6, False, 20), (7, False, 31), (8, False, 32), (6, True, 20), (7, True, 20), (9, True, 20)],
 )
 def test_the_ranks_of_A_are_the_corrected_ones_of_the_paper(count: int, coplanar: bool, rank: int):
     m, n = two_views(scene_points(0, count, coplanar=coplanar), unit([0.9, 0.1, -0.2, 0.3]), [0.7, -0.2, 0.4])

@@ -11,10 +11,7 @@ from make_two_views import NOISE_RAD, R_TRUE, T_TRUE, box, errors_deg, plane, vi
 from make_views import unit
 
 from quest import InputError, estimate_relative_pose
-from quest.geometry.quaternion import (
-    matrix_from_quaternion,
-    quaternion_from_matrix,
-)
+from quest.geometry.quaternion import matrix_from_quaternion, quaternion_from_matrix
 from quest.robust.lo_ransac import lo_ransac
 from quest.robust.pose_problem import PoseProblem
 from quest.robust.prosac import progressive_samples
@@ -50,8 +47,7 @@ def test_the_first_sample_holds_the_best_matches_and_the_subset_grows_by_one_mat
 
 def search(m, n, seed: int = 0, *, scores=None, max_samples: int = 50_000):
     rng = np.random.default_rng(seed)
-    options = {"confidence": 0.999, "max_samples": max_samples, "scores": scores}
-    return lo_ransac(m, n, THRESHOLD_RAD, rng, **options)
+    return lo_ransac(m, n, THRESHOLD_RAD, rng, confidence=0.999, max_samples=max_samples, scores=scores)
 
 
 @settings(max_examples=8)
@@ -72,15 +68,6 @@ def test_the_motion_is_found_with_a_cost_near_that_of_the_true_motion(seed, outl
         # With half of the matches as outliers, one seed was off by 0.505 degrees.
         assert rotation < 0.7
         assert direction < 3
-
-
-def test_the_same_seed_gives_the_same_bytes_and_another_seed_does_not():
-    m, n = scene(0, outliers=0.4)
-    first, second, other = (search(m, n, seed) for seed in (1, 1, 2))
-    assert first.models.tobytes() == second.models.tobytes()
-    assert first.costs.tobytes() == second.costs.tobytes()
-    assert first.samples == second.samples
-    assert first.models.tobytes() != other.models.tobytes()
 
 
 def test_easy_data_need_few_samples_and_the_bound_on_samples_holds():
