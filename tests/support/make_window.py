@@ -211,18 +211,10 @@ class Equations:
     back: np.ndarray
 
 
-def equations(
-    tracks: WindowTracks,
-    state: WindowState,
-    gate: float,
-    *,
-    with_field: bool = False,
-    with_readout: bool = False,
-    with_principal: bool = False,
-) -> Equations:
-    """The equations at a state, by the compiled loop, without any prior."""
+def equations(tracks: WindowTracks, state: WindowState, gate: float, **unknowns: bool) -> Equations:
+    """The equations at a state, by the compiled loop, without any prior; ``unknowns`` are those of a layout."""
     views, count = tracks.seen.shape
-    layout = Layout.of(views, field=with_field, readout=with_readout, principal=with_principal)
+    layout = Layout.of(views, **{"field": False, "readout": False, "principal": False} | unknowns)
     arrays = Arrays.empty(count, layout.plane + (0 if state.plane is None else 3))
     fitted = Fitted.empty(views, count)
     sums = Sums.empty(views, len(arrays.gradient))
@@ -236,27 +228,21 @@ def equations(
     return Equations(cost, fitted.costs, squares, *arrays[:4])
 
 
-def cost_at(tracks: WindowTracks, state: WindowState, gate: float, **unknowns: bool) -> float:
-    """The cost at a state, with the unknowns of :func:`equations`."""
-    return equations(tracks, state, gate, **unknowns).cost
-
-
 def moved(
     state: WindowState,
     step: np.ndarray,
     back: np.ndarray,
     *,
-    with_field: bool,
-    with_readout: bool = False,
-    with_principal: bool = False,
+    field: bool = False,
+    readout: bool = False,
+    principal: bool = False,
 ) -> WindowState:
     """The state after a step of the shared unknowns, with the tracks following to first order.
 
     The unknowns have the order of :mod:`slam_init.window.kernels`. A track moves by ``-A^-1 W step``. The gradient
     of the track is left out, so that the tracks do not move without a step.
     """
-    field_size = FIELD_TERMS if with_field else 0
-    R, t, field = state.R.copy(), state.t.copy(), state.field.copy()
+    R, t, coefficients = state.R.copy(), state.t.copy(), state.field.copy()
     rest = list(step)
 
     def next_unknowns(count: int) -> np.ndarray:
@@ -268,11 +254,11 @@ def moved(
         if k:
             R[k] = rotation_from_vector(next_unknowns(3)) @ R[k]
             t[k] = t[k] + next_unknowns(3)
-        if with_field:
-            field[k] += next_unknowns(field_size)
+        if field:
+            coefficients[k] += next_unknowns(FIELD_TERMS)
     log_scale, k1 = state.lens.log_scale + float(next_unknowns(1)[0]), state.lens.k1 + float(next_unknowns(1)[0])
-    readout_s = state.lens.readout_s + (float(next_unknowns(1)[0]) if with_readout else 0.0)
-    x, y = state.lens.principal_px + (next_unknowns(2) if with_principal else np.zeros(2))
+    readout_s = state.lens.readout_s + (float(next_unknowns(1)[0]) if readout else 0.0)
+    x, y = state.lens.principal_px + (next_unknowns(2) if principal else np.zeros(2))
     lens = Lens(log_scale, k1, readout_s, (float(x), float(y)))
     plane = None if state.plane is None else state.plane + next_unknowns(3)
     local = -np.einsum("tpq,tqg,g->tp", back[:, :, 1:4], back[:, :, 4:], step)
@@ -280,7 +266,7 @@ def moved(
     rays = state.rays + np.einsum("tq,tqj->tj", local[:, :2], tangents)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     inverse = state.inverse_distances + local[:, 2]
-    return WindowState(R, t, rays, inverse, lens, field, plane, state.on_plane)
+    return WindowState(R, t, rays, inverse, lens, coefficients, plane, state.on_plane)
 
 
 def fit_near_truth(window, priors=PRIORS, kind="general", seed=0, tolerance=1e-10):

@@ -27,13 +27,13 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
 
 
 def reference_equations(
-    tracks: WindowTracks, state: WindowState, gate: float, *, with_field: bool, with_readout: bool, with_principal: bool
+    tracks: WindowTracks, state: WindowState, gate: float, *, field: bool, readout: bool, principal: bool
 ) -> Reference:
     """The equations at a state; all tracks off the plane have a free distance."""
     views, count = tracks.seen.shape
-    fields, block = FIELD_TERMS * with_field, 6 + FIELD_TERMS * with_field
+    fields, block = FIELD_TERMS * field, 6 + FIELD_TERMS * field
     focal = block * (views - 1) + fields
-    lens = 2 + with_readout + 2 * with_principal
+    lens = 2 + readout + 2 * principal
     size = focal + lens + (0 if state.plane is None else 3)
     normal, shares, total = np.zeros((size, size)), np.zeros((count, size)), 0.0
     camera = camera_vector(tracks.camera)
@@ -79,14 +79,14 @@ def reference_equations(
                 first = fields + block * (a - 1)
                 J[:, first : first + 6] -= D @ Q @ np.hstack([-cross_matrix(v), rho * np.eye(3)])
             J[:, focal], J[:, focal + 1] = pixel - camera[3:5], by_k1
-            if with_readout:
+            if readout:
                 J[:, focal + 2] = tracks.sweep_px_s[k, i]
-            if with_principal:
+            if principal:
                 J[:, focal + lens - 2 : focal + lens] = np.eye(2)
             J /= tracks.sigma_px[k, i]
             e = pixel + (state.lens.readout_s - tracks.readout_s) * tracks.sweep_px_s[k, i] - tracks.pixels[k, i]
             e = (e + state.lens.principal_px) / tracks.sigma_px[k, i]
-            if with_field:
+            if field:
                 first = fields + block * (k - 1) + 6 if k else 0
                 place = np.kron(np.eye(2), tracks.places[k, i])
                 J[:, first : first + FIELD_TERMS] += place

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from make_map import CAMERAS
-from make_window import cost_at, equations, make_window, moved
+from make_window import equations, make_window, moved
 from window_reference import reference_equations
 
 from slam_init.types.lens import Lens
@@ -71,7 +71,7 @@ def test_an_observation_beyond_the_root_of_three_gates_costs_the_gate_and_has_no
 @pytest.mark.parametrize("kind", ["free", "plane"])
 def test_the_equations_are_those_of_the_readable_reference(kind, unknowns):
     tracks, state = world(kind, views=4, camera=CAMERAS["radtan"], drift_px=2.0)
-    options = {f"with_{name}": name in unknowns for name in ("field", "readout", "principal")}
+    options = {name: name in unknowns for name in ("field", "readout", "principal")}
     found, expected = equations(tracks, state, GATE, **options), reference_equations(tracks, state, GATE, **options)
     assert found.cost == pytest.approx(expected.cost)
     scale = np.sqrt(np.diag(expected.normal)) + 1.0
@@ -86,7 +86,7 @@ def test_the_equations_are_those_of_the_readable_reference(kind, unknowns):
 @pytest.mark.parametrize("kind", ["free", "plane"])
 def test_the_gradient_is_the_slope_of_the_cost_along_a_step_that_the_tracks_follow(kind, unknowns, camera):
     tracks, state = world(kind, camera=CAMERAS[camera], drift_px=2.0)
-    options = {f"with_{name}": name in unknowns for name in ("field", "readout", "principal")}
+    options = {name: name in unknowns for name in ("field", "readout", "principal")}
     found = equations(tracks, state, GATE, **options)
     scale = np.sqrt(np.diag(found.normal))
     size, step = len(found.gradient), 1e-4
@@ -94,7 +94,7 @@ def test_the_gradient_is_the_slope_of_the_cost_along_a_step_that_the_tracks_foll
         along = np.zeros(size)
         along[unknown] = step / max(scale[unknown], 1.0)
         ahead, behind = (
-            cost_at(tracks, moved(state, s * along, found.back, **options), GATE, **options) for s in (1, -1)
+            equations(tracks, moved(state, s * along, found.back, **options), GATE, **options).cost for s in (1, -1)
         )
         slope = (ahead - behind) / (2 * along[unknown])
         # The equations are those of half of the cost.
