@@ -354,6 +354,17 @@ def is_right(source, map_):
     return rotation < 5 and direction < 15
 
 
+def motion_errors_deg(source, motion):
+    """Errors of a fitted motion of a pair."""
+    return pose_errors_deg(motion.cam2_from_cam1, true_motion(source, *motion.frames[:2]))
+
+
+def is_motion_of(source, motion, rotation_deg, direction_deg):
+    """Whether both errors of a fitted motion of a pair are below these bounds."""
+    rotation, direction = motion_errors_deg(source, motion)
+    return rotation < rotation_deg and direction < direction_deg
+
+
 def looks_small(risk: WindowRisk) -> WindowRisk:
     """A risk whose terms are all 0, beside which the camera that rotates and zooms is looked for."""
     return replace(risk, direction=0.0, competing=0.0, rotation=0.0, other=OtherMotion())

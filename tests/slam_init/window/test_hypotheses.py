@@ -4,7 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from make_window import hypotheses_of, motions_of, pose_errors_deg, pose_of_pair, true_motion, window_of
+from make_window import (
+    hypotheses_of,
+    is_motion_of,
+    motion_errors_deg,
+    motions_of,
+    pose_of_pair,
+    true_motion,
+    window_of,
+)
 
 from quest import Hypothesis
 from quest.geometry.quaternion import quaternion_from_matrix, rotation_from_vector
@@ -18,17 +26,13 @@ from slam_init.window.tracks import gather_tracks
 PRIORS = Priors(focal_sigma=0.03)
 
 
-def errors_deg(source, views, motion):
-    return pose_errors_deg(motion.cam2_from_cam1, true_motion(source, views[0].frame, views[1].frame))
-
-
 def test_a_plane_in_two_views_has_two_motions_and_one_of_them_is_true():
     """A rate: some planes are called general, or their second motion has points behind a camera."""
     both = alike = 0
     for seed in range(12):
         source, views = window_of("wall", seed, 2, baseline=0.15)
         found = hypotheses_of(source.camera, views, PRIORS)
-        assert min(errors_deg(source, views, motion)[1] for motion in found.motions) < 15
+        assert min(motion_errors_deg(source, motion)[1] for motion in found.motions) < 15
         if not found.planar or len(found.motions) != 2:
             continue
         a, b = found.motions
@@ -45,9 +49,7 @@ def test_a_plane_in_two_views_has_two_motions_and_one_of_them_is_true():
 def test_further_views_put_the_true_motion_of_a_plane_first(seed):
     source, views = window_of("wall", seed, 10, baseline=0.3)
     found = hypotheses_of(source.camera, views, PRIORS)
-    rotation, direction = errors_deg(source, views, found.motions[0])
-    assert rotation < 1
-    assert direction < 5
+    assert is_motion_of(source, found.motions[0], 1, 5)
     costs = [motion.fit.cost for motion in found.motions]
     assert costs == sorted(costs)
 
@@ -61,9 +63,7 @@ def test_a_room_has_one_motion_and_it_is_true(seed):
     assert motion.rows == (0, 1, 2, 3, 4, 5)
     assert motion.fit.state.plane is None
     assert np.linalg.norm(motion.cam2_from_cam1.t) == pytest.approx(1)
-    rotation, direction = errors_deg(source, views, motion)
-    assert rotation < 0.5
-    assert direction < 2
+    assert is_motion_of(source, motion, 0.5, 2)
 
 
 @pytest.mark.parametrize("off_rad", [0.0, 0.002])
@@ -90,7 +90,7 @@ def test_a_view_that_cannot_be_located_is_left_out(way):
     assert found.motions[0].rows == (0, 1, 2, 4)
     assert len(found.motions[0].fit.state.R) == 4
     assert len(found.rotation_only.state.R) == 5  # the rotation-only camera sees all views
-    assert errors_deg(source, views, found.motions[0])[1] < 2
+    assert motion_errors_deg(source, found.motions[0])[1] < 2
 
 
 # -- motions --------------------------------------------------------------------------------------
@@ -153,7 +153,7 @@ def test_a_room_that_is_proposed_with_a_plane_is_fitted_without_one():
     found = fit_hypotheses(gather_tracks(source.camera, views, 0.7), motions, PRIORS)
     assert not found.planar
     assert found.motions[0].fit.state.plane is None
-    assert errors_deg(source, views, found.motions[0])[1] < 2
+    assert motion_errors_deg(source, found.motions[0])[1] < 2
 
 
 # -- gain over the rotation-only camera -----------------------------------------------------------
