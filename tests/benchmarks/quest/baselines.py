@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from quest.errors import InputError
-from quest.geometry.epipolar import as_matches
-from quest.geometry.homography import decompose_homography, fit_homography
+from quest.geometry.epipolar import as_matches, tangent_basis
+from quest.geometry.homography import decompose_homography
 from quest.geometry.quaternion import quaternion_from_matrix
 from quest.paper.quest6 import rotation_alone
 
@@ -253,9 +253,10 @@ def homography(m: ArrayLike, n: ArrayLike) -> Floats:
     """
     m, n, single = _as_samples(m, n, at_least=4)
     q = np.full((len(m), 2, 4), np.nan)
-    for found, rays1, rays2 in zip(q, m, n, strict=True):
-        H = fit_homography(rays1, rays2)
+    # The two components of n x Hm orthogonal to n.
+    rows = np.einsum("bnik,bnj->bnkij", tangent_basis(n), m).reshape(len(m), -1, 9)
+    for found, H, rays in zip(q, np.linalg.svd(rows)[2][:, -1].reshape(-1, 3, 3), m, strict=True):
         if np.linalg.cond(H) < 1 / _SINGULAR:
-            for k, (R, _, _) in enumerate(decompose_homography(H, rays1)):
+            for k, (R, _, _) in enumerate(decompose_homography(H, rays)):
                 found[k] = quaternion_from_matrix(R)
     return _finish(q, m, n, single)
