@@ -198,7 +198,6 @@ def test_the_same_seed_gives_the_same_bytes(scene):
         assert getattr(first, name).tobytes() == getattr(second, name).tobytes()
     assert first.evidence == second.evidence
     assert len(first.alternatives) == len(second.alternatives)
-    # Another seed draws other samples and gives the same pose, but for rounding.
-    assert first.R.tobytes() != other.R.tobytes()
+    # Another seed draws other samples and gives the same pose.
     assert other.kind == first.kind
     assert (other.inliers == first.inliers).mean() > 0.95
