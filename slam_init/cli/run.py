@@ -96,8 +96,7 @@ def _run(arguments: argparse.Namespace) -> int:
     inputs = [arguments.source, *(file for file in read if file not in (None, True, BY_IMU))]
     out = chosen_folder(arguments.out, "run", inputs)
 
-    from slam_init.datasets.live import is_live, without_password
-    from slam_init.datasets.live import LiveSource
+    from slam_init.datasets.live import LiveSource, is_live, without_password
 
     if not arguments.quiet and sys.stderr.isatty():  # the libraries take seconds to load, before there is a bar
         complain(f"reading {without_password(arguments.source)}")

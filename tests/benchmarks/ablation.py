@@ -5,22 +5,17 @@ decided again: planes at short baselines, cameras on a tripod whose lens zooms, 
 sequences below ``SLAM_INIT_DATA``. A rule whose absence costs neither a false map nor right ones goes. ::
 
     python -m tests.benchmarks.ablation --seeds 300 320 --log ablation.jsonl
-    python -m tests.benchmarks.ablation --worlds PATH/gen.py:10000-10100 --log ablation.jsonl
+    python -m tests.benchmarks.ablation --seeds 10000 10100 --worlds PATH/gen.py --log ablation.jsonl
     python -m tests.benchmarks.ablation --from-log ablation.jsonl --out table.md
 """
 
-from __future__ import annotations
-
-import argparse
 import importlib
 import inspect
-import json
 import multiprocessing
-import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -30,14 +25,21 @@ import numpy as np
 from slam_init.datasets import open_source
 from slam_init.datasets.synth import open_points
 from slam_init.initializer import Initializer
-from slam_init.types.camera import Camera
-from slam_init.types.frame import Observations
 from slam_init.types.pose import Pose
 from slam_init.window.levels import WRONG_DIRECTION_DEG
 from slam_init.window.motion import OtherMotion
 from slam_init.window.tails import two_directions
-from tests.benchmarks.options import data_folder, progress, show
-from tests.benchmarks.reliability import World, built_in, by_another_hand, commit, decide, errors_deg, is_wrong
+from tests.benchmarks.options import append_row, data_folder, program, progress, read_rows, show
+from tests.benchmarks.reliability import (
+    World,
+    built_in,
+    by_another_hand,
+    commit,
+    decide,
+    errors_deg,
+    is_wrong,
+    world_of,
+)
 from tests.benchmarks.tables import markdown_table
 
 _PLANES, _BASELINES = ("wall", "desk", "nadir", "tilted-30"), (0.03, 0.05, 0.1)
@@ -131,24 +133,27 @@ class Outcome:
     commit: str
 
 
-def cases(seeds: range, others: Sequence[tuple[Path, range]]) -> Iterator[Case]:
-    """All cases of some seeds, and the worlds of files by other hands."""
+def cases(seeds: range) -> Iterator[Case]:
+    """All cases of some seeds."""
     for seed in seeds:
         for scene in _PLANES:
             for baseline in _BASELINES:
-                world = _points(f"points:{scene}?baseline={baseline}", seed)
+                world = world_of(open_points(f"points:{scene}?baseline={baseline}", seed), {})
                 yield Case(f"planes, {baseline:g}", f"{scene} {seed}", world)
         for scene in _TRIPODS:
             for zoom in _ZOOMS:
-                world = _points(f"points:{scene}?views={_ZOOMED_VIEWS}", seed)
+                world = world_of(open_points(f"points:{scene}?views={_ZOOMED_VIEWS}", seed), {}, no_translation=True)
                 yield Case(f"tripods, zoom {zoom:g}", f"{scene} {seed}", _zooming(world, zoom))
         for k, world in enumerate(built_in(seed)):
             yield Case("worlds", f"{seed} {k}", world)
-    for path, of_file in others:
-        worlds = by_another_hand(path)
-        for seed in of_file:
-            for world in worlds(seed):
-                yield Case(f"worlds of {path.parent.name}", str(seed), world)
+
+
+def cases_by_another_hand(path: Path, seeds: range) -> Iterator[Case]:
+    """The worlds of a Python file, as of :mod:`tests.benchmarks.reliability`."""
+    worlds = by_another_hand(path)
+    for seed in seeds:
+        for world in worlds(seed):
+            yield Case(f"worlds of {path.parent.name}", str(seed), world)
 
 
 def film() -> Iterator[Case]:
@@ -159,31 +164,18 @@ def film() -> Iterator[Case]:
                 yield Case(f"film: {name}", str(start), start=start)
 
 
-def _points(text: str, seed: int) -> World:
-    source = open_points(text, seed)
-    poses = dict(enumerate(source.groundtruth.world_from_cam))
-    scene = text.partition("?")[0].removeprefix("points:")
-    return World(
-        source.camera, list(source.observations()), poses, scene in _TRIPODS, {"scene": scene}, np.zeros((0, 3))
-    )
-
-
 def _zooming(world: World, zoom: float) -> World:
     """The world through a lens that zooms by a factor from its first view to its last one."""
     camera, last = world.camera, len(world.views) - 1
-    views = []
+    centre, views = np.array([camera.cx, camera.cy]), []
     for k, view in enumerate(world.views):
-        centre = np.array([camera.cx, camera.cy])
         pixels = centre + zoom ** (k / last) * (view.pixels - centre)
         inside = ((pixels >= 0) & (pixels <= [camera.width - 1, camera.height - 1])).all(axis=1)
-        views.append(_view(camera, view, inside, pixels[inside]))
+        ids, pixels = view.track_ids[inside], pixels[inside]
+        views.append(
+            replace(view, track_ids=ids, pixels=pixels, bearings=camera.bearings(pixels), colors=view.colors[inside])
+        )
     return replace(world, views=views)
-
-
-def _view(camera: Camera, view: Observations, inside: Any, pixels: Any) -> Observations:
-    colors = None if view.colors is None else view.colors[inside]
-    ids, bearings = view.track_ids[inside], camera.bearings(pixels)
-    return replace(view, track_ids=ids, pixels=pixels, bearings=bearings, colors=colors)
 
 
 def outcome_of(case: Case) -> tuple[str, int, float]:
@@ -242,13 +234,13 @@ def measure(log: Path, rules: Sequence[str], jobs: int) -> None:
     context = multiprocessing.get_context("fork")
     with context.Pool(jobs, maxtasksperchild=1) as pool:
         for found in progress(pool.imap(_decide_all, ["", *rules]), "rules", len(rules) + 1):
-            with log.open("a", encoding="utf-8") as file:
-                file.writelines(json.dumps(asdict(one)) + "\n" for one in found)
+            for one in found:
+                append_row(log, one)
 
 
 def report(log: Path) -> str:
     """The table: a row a rule, a column a group; in each cell what differs from the outcomes with all rules."""
-    found = [Outcome(**json.loads(line)) for line in log.read_text(encoding="utf-8").splitlines()]
+    found = read_rows(log, Outcome)
     groups, rules = list(dict.fromkeys(one.group for one in found)), list(dict.fromkeys(one.rule for one in found))
     rows = []
     for rule in rules:
@@ -270,32 +262,25 @@ def _cell(group: Sequence[Outcome]) -> str:
     return f"{counts['correct']}/{counts['false']}/{counts['none'] + counts['fails']}{wait}"
 
 
-def _file_with_seeds(text: str) -> tuple[Path, range]:
-    path, _, seeds = text.rpartition(":")
-    first, _, end = seeds.partition("-")
-    return Path(path), range(int(first), int(end))
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Measure and print the table; return the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.ablation", allow_abbrev=False)
-    parser.description = "Outcomes without each rule of a decision."
+def main() -> None:
+    """Measure and print the table."""
+    parser = program("ablation", __doc__)
     parser.add_argument("--seeds", type=int, nargs=2, default=(300, 320), metavar=("FIRST", "END"))
-    parser.add_argument("--worlds", type=_file_with_seeds, action="append", default=[], metavar="FILE:FIRST-END")
+    parser.add_argument("--worlds", type=Path, metavar="FILE", help="only the worlds of these seeds by another hand")
     parser.add_argument("--rules", nargs="+", choices=RULES, default=list(RULES), metavar="RULE", help="by default all")
-    parser.add_argument("--no-film", action="store_true", help="simulated worlds only")
     parser.add_argument("--jobs", type=int, default=2, metavar="N")
     parser.add_argument("--log", type=Path, default=Path("ablation.jsonl"), metavar="FILE", help="lines are appended")
     parser.add_argument("--from-log", type=Path, metavar="FILE", help="the table of a log; run nothing")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="write the table to a file as well")
-    options = parser.parse_args(argv)
+    options = parser.parse_args()
     if options.from_log is None:
-        _cases.extend(cases(range(*options.seeds), options.worlds))
-        _cases.extend(() if options.no_film else film())
+        seeds = range(*options.seeds)
+        if options.worlds is not None:
+            _cases.extend(cases_by_another_hand(options.worlds, seeds))
+        else:
+            _cases.extend([*cases(seeds), *film()])
         measure(options.log, options.rules, options.jobs)
     show(report(options.from_log or options.log), options.out)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -10,46 +10,26 @@ keyframe farthest from it, as the gauge of the graph is.
     of :mod:`slam_init.bundle.lens`; an independent or a drifting field of correlated errors.
 ``python -m tests.benchmarks.coverage 300 --worlds PATH/gen.py --seed 10000``
     300 worlds of another generator, as of :mod:`tests.benchmarks.reliability`.
-``--lens 0``
-    The maps with ``map.lens_uncertainty=0``, as for a lens that is known to be exact.
-``--rows FILE``
-    The results of the maps as JSON lines, also of earlier runs: the table is that of all of them.
 """
 
-from __future__ import annotations
-
-import argparse
-import json
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import gtsam
 import numpy as np
 
-from slam_init.config import Config, MapConfig
 from slam_init.datasets.synth import open_points
-from slam_init.initializer import Initializer
-from slam_init.types.arrays import Bools, Floats
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.pose import Pose
-from tests.benchmarks.options import positive, show
-from tests.benchmarks.reliability import (
-    DIRECTION_DEG,
-    ROTATION_DEG,
-    World,
-    by_another_hand,
-    commit,
-    errors_deg,
-    points_of,
-)
+from tests.benchmarks.options import program, show
+from tests.benchmarks.reliability import World, by_another_hand, commit, errors_deg, initialized, is_wrong, world_of
 from tests.benchmarks.tables import markdown_table
 
 #: Quantiles of chi-square at 95 % by degrees of freedom.
 _CHI95 = {3: 7.815, 5: 11.070, 6: 12.592}
-#: Landmarks of a map whose marginals are asked of gtsam.
-_OF_GRAPH = 12
 _SCENES = (
     *("room", "wall", "nadir", "nadir-turn", "corridor", "desk"),
     *("rotate-then-move", "tilted-15", "tilted-30", "tilted-45"),
@@ -59,25 +39,18 @@ _STRATA = ("exact", "focal", "principal", "k1", "field", "drift")
 
 @dataclass(frozen=True)
 class Coverage:
-    """Shares of one map within its stated 95 %, and the median relative deviation of a depth."""
+    """Shares of one map within its stated 95 %."""
 
     stratum: str
     poses: float
     points: float
     depths: float
-    poses_of_graph: float
-    points_of_graph: float
-    depth_sigma: float
 
 
 def coverage_of(world: World, map_: InitialMap) -> Coverage | None:
     """Evaluate a map; None if it is false, which no deviation says."""
-    import gtsam
-
-    rotation_deg, direction_deg = errors_deg(map_, world.world_from_cam)
-    if rotation_deg >= ROTATION_DEG or direction_deg >= DIRECTION_DEG:
+    if is_wrong(errors_deg(map_, world.world_from_cam), world):
         return None
-
     first = map_.keyframes[0]
     estimated = [first.world_from_cam.inverse() @ keyframe.world_from_cam for keyframe in map_.keyframes]
     start = world.world_from_cam[first.frame].inverse()
@@ -85,22 +58,17 @@ def coverage_of(world: World, map_: InitialMap) -> Coverage | None:
     lengths = np.array([np.linalg.norm(pose.t) for pose in estimated])
     far = int(np.argmax(lengths))
     scale = lengths[far] / max(float(np.linalg.norm(true[far].t)), 1e-12)
-    marginals = gtsam.Marginals(map_.graph, map_.values)
-    inside, inside_graph = [], []
+    inside = []
     for k in range(1, len(true)):
         moved = estimated[k].inverse() @ Pose(true[k].R, scale * true[k].t)
         error = gtsam.Pose3.Logmap(gtsam.Pose3(gtsam.Rot3(moved.R), moved.t))
-        bound = _CHI95[5 if k == far else 6]
-        of_graph = marginals.marginalCovariance(gtsam.symbol("x", map_.keyframes[k].frame))
-        inside.append(error @ np.linalg.solve(map_.pose_covariances[k], error) < bound)
-        inside_graph.append(error @ np.linalg.solve(of_graph, error) < bound)
+        inside.append(error @ np.linalg.solve(map_.pose_covariances[k], error) < _CHI95[5 if k == far else 6])
     points = first.world_from_cam.apply(scale * start.apply(world.points[map_.track_ids]))
     good = np.flatnonzero(np.isfinite(points).all(axis=1))
     if len(good) == 0:
         return None
-    errors = (points - map_.points)[good]
-    chosen = good[np.linspace(0, len(good) - 1, min(len(good), _OF_GRAPH)).astype(int)]
-    landmarks = [marginals.marginalCovariance(gtsam.symbol("l", int(map_.track_ids[row]))) for row in chosen]
+    errors, covariances = (points - map_.points)[good], map_.point_covariances[good]
+    squared = np.einsum("li,li->l", errors, np.linalg.solve(covariances, errors[..., None])[..., 0])
     newest = map_.keyframes[-1].world_from_cam
     true_newest = first.world_from_cam @ Pose(true[-1].R, scale * true[-1].t)
     depths = np.linalg.norm(newest.inverse().apply(map_.points[good]), axis=1)
@@ -108,17 +76,8 @@ def coverage_of(world: World, map_: InitialMap) -> Coverage | None:
     return Coverage(
         str(world.factors["stratum"]),
         float(np.mean(inside)),
-        float(np.mean(_within(errors, map_.point_covariances[good]))),
+        float(np.mean(squared < _CHI95[3])),
         float(np.mean(np.abs(off) < 1.96 * map_.depth_sigmas[good])),
-        float(np.mean(inside_graph)),
-        float(np.mean(_within((points - map_.points)[chosen], np.array(landmarks)))),
-        map_.depth_sigma,
-    )
-
-
-def _within(errors: Floats, covariances: Floats) -> Bools:
-    return np.asarray(
-        np.einsum("li,li->l", errors, np.linalg.solve(covariances, errors[..., None])[..., 0]) < _CHI95[3]
     )
 
 
@@ -143,9 +102,7 @@ def simulated_world(stratum: str, seed: int) -> World:
     scene, baseline = _SCENES[seed % len(_SCENES)], rng.choice([0.05, 0.1, 0.2, 0.4])
     noise, points = rng.choice([0.2, 0.4, 0.7]), rng.choice([150, 300, 600])
     text = f"points:{scene}?views=20&noise_px={noise}&baseline={baseline}&points={points}{error}"
-    source = open_points(text, seed)
-    poses = dict(enumerate(source.groundtruth.world_from_cam))
-    return World(source.camera, list(source.observations()), poses, False, {"stratum": stratum}, points_of(source))
+    return world_of(open_points(text, seed), {"stratum": stratum})
 
 
 def other_worlds(path: Path, count: int, seed: int) -> Iterator[World]:
@@ -165,25 +122,14 @@ def _stratum_of(factors: Any) -> str:
     return f"{factors['cal']}{beyond}"
 
 
-def run(world: World, config: Config) -> Coverage | None:
-    """Initialize from the tracks of a world, and evaluate the map."""
-    initializer = Initializer(world.camera, config)
-    for observed in world.views:
-        if initializer.process_tracks(observed):
-            break
-    return None if initializer.map is None else coverage_of(world, initializer.map)
-
-
 def table(rows: Sequence[Coverage]) -> str:
     """The table in markdown, with the commit that it was measured on."""
-    figures = ("poses", "points", "depths", "poses_of_graph", "points_of_graph")
     lines = []
     for stratum in ["all", *dict.fromkeys(row.stratum for row in rows)]:
         part = [row for row in rows if stratum in ("all", row.stratum)]
-        cells = [_share([getattr(row, figure) for row in part]) for figure in figures]
-        lines.append([stratum, str(len(part)), *cells, f"{np.median([row.depth_sigma for row in part]):.3f}"])
-    header = ["within 95 %", "maps", "poses", "points", "depths", "graph: poses", "graph: points", "depth sigma"]
-    return f"{markdown_table(header, lines)}\n\ncommit {commit()}"
+        cells = [_share([getattr(row, figure) for row in part]) for figure in ("poses", "points", "depths")]
+        lines.append([stratum, str(len(part)), *cells])
+    return f"{markdown_table(['within 95 %', 'maps', 'poses', 'points', 'depths'], lines)}\n\ncommit {commit()}"
 
 
 def _share(values: Sequence[float]) -> str:
@@ -191,33 +137,20 @@ def _share(values: Sequence[float]) -> str:
     return f"{100 * mean:.0f} [{100 * max(mean - spread, 0):.0f}, {100 * min(mean + spread, 1):.0f}]"
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main() -> None:
     """Measure, and print the table."""
-    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.coverage", allow_abbrev=False)
-    parser.add_argument("count", type=positive, nargs="?", default=20, help="worlds, of each stratum (default: 20)")
+    parser = program("coverage", __doc__)
+    parser.add_argument("count", type=int, nargs="?", default=20, help="worlds, of each stratum (default: 20)")
     parser.add_argument("--seed", type=int, default=0, help="of the first world")
     parser.add_argument("--worlds", type=Path, metavar="FILE", help="another generator")
-    parser.add_argument("--lens", type=float, default=1.0, help="map.lens_uncertainty")
-    parser.add_argument("--rows", type=Path, metavar="FILE", help="JSON lines of the maps, which are added to")
-    arguments = parser.parse_args(argv)
-    config = Config(map=MapConfig(lens_uncertainty=arguments.lens))
-    rows: list[Coverage] = []
-    if arguments.rows is not None and arguments.rows.exists():
-        rows = [Coverage(**json.loads(line)) for line in arguments.rows.read_text("utf-8").splitlines()]
-    if arguments.worlds is None:
-        worlds = simulated_worlds(arguments.count, arguments.seed)
-    else:
-        worlds = other_worlds(arguments.worlds, arguments.count, arguments.seed)
-    for world in worlds:
-        if (found := run(world, config)) is None:
-            continue
-        rows.append(found)
-        if arguments.rows is not None:
-            with arguments.rows.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(asdict(found)) + "\n")
-    show(table(rows) + "\n", None)
-    return 0
+    options = parser.parse_args()
+    worlds = simulated_worlds(options.count, options.seed)
+    if options.worlds is not None:
+        worlds = other_worlds(options.worlds, options.count, options.seed)
+    maps = ((world, initialized(world)[0].map) for world in worlds)
+    found = [coverage_of(world, map_) for world, map_ in maps if map_ is not None]
+    show(table([row for row in found if row is not None]) + "\n", options.out)
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    main()

@@ -2,19 +2,13 @@
 
 From every tenth frame of each real sequence below ``SLAM_INIT_DATA`` an initializer finds a map, and 60 further frames
 are located in the map that grows (:mod:`slam_init.mapping.growing`). The same is done from the map with true poses and
-points fitted to them: the difference is what the first map costs. On built-in scenes the depths are compared with the
-true ones, at the hand-over and after 20 frames.
+points fitted to them: the difference is what the first map costs. The same is done on built-in scenes.
 """
 
-from __future__ import annotations
-
-import argparse
 import math
-import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
-from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
@@ -23,7 +17,6 @@ from slam_init.bundle.least_squares import fit_points, with_lenses
 from slam_init.bundle.problem import BundleProblem
 from slam_init.config import Config
 from slam_init.datasets import open_source
-from slam_init.datasets.synth import SynthSource
 from slam_init.evaluation.metrics import align_positions, align_truth, scale_error
 from slam_init.initializer import Initializer
 from slam_init.mapping.growing import GrowingMap
@@ -31,11 +24,11 @@ from slam_init.types.frame import Observations, Source, length_of
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose, Trajectory
 from tests.benchmarks.image_pairs import find_sequences
-from tests.benchmarks.options import data_folder, positive, show
+from tests.benchmarks.options import data_folder, program, progress, show
 from tests.benchmarks.tables import markdown_table
 
-#: Frames after the map (two seconds of video), those in which a loss counts, and those after which depths are compared.
-_FRAMES, _WATCHED, _LATER = 60, 40, 20
+#: Frames after the map (two seconds of video), and those in which a loss counts.
+_FRAMES, _WATCHED = 60, 40
 #: A start without a map after so many frames is given up, as in ``compare``.
 _LONGEST_WAIT = 60
 _SCENES = ("room", "wall", "corridor", "desk")
@@ -54,15 +47,10 @@ class Row:
     lost_after: int | None
     path_error: float
     path_error_true_start: float
-    #: Frames since the newest keyframe, and the share of the landmarks that are seen, in the frame of the hand-over.
-    age: int
-    seen: float
     #: E_scale, and E_init in seconds, of eval-vislam; the wait of E_init.
-    e_scale: float = math.nan
-    e_init: float = math.nan
-    wait_s: float = math.nan
-    depth_error: float = math.nan
-    depth_error_later: float = math.nan
+    e_scale: float
+    e_init: float
+    wait_s: float
 
     @property
     def lost(self) -> bool:
@@ -83,9 +71,6 @@ def follow(name: str, source: Source, start: int) -> Row | None:
     map_, truth = initializer.map, source.groundtruth
     if map_ is None:
         return None
-    history = initializer.tracker.history
-    newest = history[history.newest]
-    age, visible = newest.frame - map_.keyframes[-1].frame, float(np.isin(map_.track_ids, newest.track_ids).mean())
     seen = []
     for frame in islice(frames, _FRAMES):
         seen.append((initializer.tracker.track(frame), initializer.tracker.revised))
@@ -93,12 +78,10 @@ def follow(name: str, source: Source, start: int) -> Row | None:
     if not seen:
         return None
     growing = GrowingMap(map_)
-    located, depths = [], [depth_error(source, map_)]
-    for number, observed in enumerate(seen, start=1):
+    located = []
+    for observed in seen:
         if (one := growing.locate(*observed)) is not None:
             located.append(one.keyframe)
-        if number == _LATER:
-            depths.append(depth_error(source, growing.grown()))
         if growing.lost_at is not None:
             break
     lost_after = None if growing.lost_at is None else sum(one.frame < growing.lost_at for one, _ in seen) + 1
@@ -111,12 +94,8 @@ def follow(name: str, source: Source, start: int) -> Row | None:
         lost_after,
         path_error([*map_.keyframes, *located], truth),
         _with_true_start(map_, truth, seen),
-        age,
-        visible,
         *quality,
         wait_s,
-        depths[0],
-        depths[1] if len(depths) > 1 else math.nan,
     )
 
 
@@ -180,21 +159,6 @@ def path_error(views: Sequence[Keyframe], truth: Trajectory) -> float:
     return float(np.sqrt(np.mean(distances**2))) / length if length > 0 else math.nan
 
 
-def depth_error(source: Source, map_: InitialMap) -> float:
-    """Median relative error of the depths in the newest keyframe, after their scale; NaN without a depth image."""
-    if not isinstance(source, SynthSource):
-        return math.nan
-    keyframe = map_.keyframes[-1]
-    _, image = source.sequence.render(keyframe.frame)
-    mine = map_.observation_keyframes == len(map_.keyframes) - 1
-    points = map_.points[map_.observation_landmarks[mine]]
-    depths = keyframe.world_from_cam.inverse().apply(points)[:, 2]
-    x, y = np.round(map_.observation_pixels[mine]).astype(int).T
-    inside = (x >= 0) & (y >= 0) & (x < image.shape[1]) & (y < image.shape[0])
-    ratio = depths[inside] / image[y[inside], x[inside]]
-    return float(np.median(np.abs(ratio / np.median(ratio) - 1)))
-
-
 def runs(every: int) -> Iterator[Row]:
     """The rows of all sequences, then those of the built-in scenes."""
     data = data_folder()
@@ -212,50 +176,32 @@ def runs(every: int) -> Iterator[Row]:
 def table(rows: Sequence[Row]) -> str:
     """Make the table: a line for each sequence."""
     header = ["sequence", "maps", f"lost within {_WATCHED} frames", "located", "error of the path", "from true poses"]
-    header += ["depth error at the hand-over", f"after {_LATER} frames", "age of the newest keyframe", "landmarks seen"]
     header += ["T_init (s)", "E_scale", "E_init (s)"]
-    lines = []
-    for name in dict.fromkeys(row.name for row in rows):
-        lines.append(_line(name, [row for row in rows if row.name == name]))
-    return markdown_table(header, [*lines, _line("all", rows)])
+    groups = {name: [row for row in rows if row.name == name] for name in dict.fromkeys(row.name for row in rows)}
+    return markdown_table(header, [_line(name, group) for name, group in (groups | {"all": list(rows)}).items()])
 
 
 def _line(name: str, rows: Sequence[Row]) -> list[str]:
     located = f"{sum(row.located for row in rows)} of {sum(row.frames for row in rows)}"
-    errors = (
-        [row.path_error for row in rows],
-        [row.path_error_true_start for row in rows],
-        [row.depth_error for row in rows],
-        [row.depth_error_later for row in rows],
-    )
-    fresh = [f"{max(row.age for row in rows)} at most", _median([row.seen for row in rows])]
-    quality = [
-        _median([row.wait_s for row in rows], ".2f"),
-        _median([row.e_scale for row in rows]),
-        _median([row.e_init for row in rows], ".3f"),
-    ]
-    return [name, str(len(rows)), str(sum(row.lost for row in rows)), located, *map(_median, errors), *fresh, *quality]
+    fields = {
+        "path_error": ".2%", "path_error_true_start": ".2%", "wait_s": ".2f", "e_scale": ".2%", "e_init": ".3f",
+    }  # fmt: skip
+    medians = [_median([getattr(row, field) for row in rows], form) for field, form in fields.items()]
+    return [name, str(len(rows)), str(sum(row.lost for row in rows)), located, *medians]
 
 
-def _median(values: Sequence[float], form: str = ".2%") -> str:
+def _median(values: Sequence[float], form: str) -> str:
     known = [value for value in values if math.isfinite(value)]
     return format(float(np.median(known)), form) if known else "-"
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main() -> None:
     """Measure, and print the table."""
-    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.going_on", allow_abbrev=False)
-    parser.add_argument("--every", type=positive, default=10, help="a start at every N-th frame (default: 10)")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="also write the table to a file")
-    arguments = parser.parse_args(argv)
-    rows = []
-    for row in runs(arguments.every):
-        rows.append(row)
-        if sys.stderr.isatty():
-            print(row, file=sys.stderr)
-    show(table(rows) + "\n", arguments.out)
-    return 0
+    parser = program("going_on", __doc__)
+    parser.add_argument("--every", type=int, default=10, help="a start at every N-th frame (default: 10)")
+    options = parser.parse_args()
+    show(table(list(progress(runs(options.every), "map"))) + "\n", options.out)
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    main()

@@ -1,4 +1,4 @@
-"""Video made harder, under all methods: ``python -m tests.benchmarks.harder_video --out DIR``.
+"""Video made harder, under all methods: ``python -m tests.benchmarks.harder_video --folder DIR``.
 
 Each variant is a copy of real sequences below ``SLAM_INIT_DATA``, in ``DIR/frames/VARIANT``, that
 :func:`slam_init.compare.run.compare` evaluates as it evaluates the sequences themselves. The images of ``backward`` run
@@ -6,9 +6,6 @@ backward and stand on their heads, so that the rows of a rolling shutter are rea
 as real. Numbers of the project were chosen on the sequences and not on these copies.
 """
 
-from __future__ import annotations
-
-import argparse
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -30,7 +27,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import TimedSource
 from slam_init.types.initial_map import Keyframe
 from slam_init.types.pose import Pose
-from tests.benchmarks.options import choice_list, data_folder, positive, progress, show
+from tests.benchmarks.options import data_folder, program, progress, show
 from tests.benchmarks.tables import markdown_table, read_journal
 
 #: Sequences, with the step between their starts.
@@ -50,7 +47,7 @@ PHOTOGRAPHS = dict.fromkeys(
     1,
 )  # fmt: skip
 _UPSIDE_DOWN = np.diag([1.0, -1.0, 1.0])
-_BEST_QUALITY = 95
+_BEST_QUALITY, _LIMIT_FRAMES = 95, 40
 
 
 @dataclass(frozen=True)
@@ -164,19 +161,17 @@ def _told(rows: Sequence[TrialRow]) -> str:
     return f"{counts} {np.mean(waits):.2f}"
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Print the table; return the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.harder_video", allow_abbrev=False)
-    parser.description = "Methods on real video made harder."
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the copies and the trials")
-    parser.add_argument("--variants", type=choice_list(list(VARIANTS)), default=list(VARIANTS), metavar="A,B")
-    parser.add_argument("--methods", default="quest,poselib-100", metavar="A,B")
-    parser.add_argument("--limit-frames", type=positive, default=40, metavar="N", help="of a trial (40)")
-    arguments = parser.parse_args(argv)
-    methods, rows = tuple(arguments.methods.split(",")), []
+def main() -> None:
+    """Print the table."""
+    parser = program("harder_video", __doc__)
+    parser.add_argument("--folder", type=Path, required=True, metavar="DIR", help="of the copies and the trials")
+    parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=list(VARIANTS), metavar="VARIANT")
+    parser.add_argument("--methods", nargs="+", default=["quest", "poselib-100"], metavar="METHOD")
+    options = parser.parse_args()
+    rows = []
     copies = [
         (variant, name, every)
-        for variant in arguments.variants
+        for variant in options.variants
         for name, every in (SEQUENCES | (PHOTOGRAPHS if VARIANTS[variant].backward else {})).items()
     ]
     for variant, name, every in progress(copies, "copy"):
@@ -185,18 +180,16 @@ def main(argv: Sequence[str] | None = None) -> int:
             print(f"no {path}: set SLAM_INIT_DATA to a folder of sequences", file=sys.stderr)
             continue
         # The name of the folder decides how its ground truth is evaluated.
-        folder = arguments.out / "frames" / variant.replace(" ", "-") / path.name
+        copy = Path(variant.replace(" ", "-"), path.name)
+        folder, results = options.folder / "frames" / copy, options.folder / "trials" / copy
         if not (folder / "groundtruth.txt").exists():
             write(open_source(str(path)), VARIANTS[variant], folder)
-        settings = Settings(limit_frames=arguments.limit_frames)
-        plan = Plan(tuple(describe_sources([str(folder)])), methods, every, settings=settings)
-        results = arguments.out / "trials" / variant.replace(" ", "-") / path.name
+        sources, settings = tuple(describe_sources([str(folder)])), Settings(limit_frames=_LIMIT_FRAMES)
         results.parent.mkdir(parents=True, exist_ok=True)
-        compare(plan, results, jobs=1, progress=False)
+        compare(Plan(sources, tuple(options.methods), every, settings=settings), results, jobs=1, progress=False)
         rows += [(variant, path.name, row) for row in read_journal(results / "trials.jsonl")]
-    show(table(rows, methods) + "\n", arguments.out / "table.md")
-    return 0
+    show(table(rows, options.methods) + "\n", options.out)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -6,10 +6,7 @@ The corners are matched by their numbers. All other matches are SIFT matches wit
 ratio test, as the pipeline matches photographs (:mod:`slam_init.frontend.sift`).
 """
 
-from __future__ import annotations
-
 import json
-import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,11 +15,13 @@ import numpy as np
 
 from quest.geometry.epipolar import depths_from_pose, sampson_error
 from slam_init.config import TrackingConfig
-from slam_init.datasets import TimedSource
+from slam_init.datasets import TimedSource, open_source
+from slam_init.datasets.image_files import read_image
 from slam_init.errors import SourceError
 from slam_init.frontend.sift import SiftFeatures, detect_sift, match_descriptors
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
+from slam_init.types.frame import Frame
 from slam_init.types.pose import Pose
 
 #: Data sets whose ground truth does not resolve the direction of a short baseline: its error is about ten degrees. The
@@ -80,9 +79,8 @@ def true_matches(pair: ImagePair, bearings1: Floats, bearings2: Floats, threshol
     return np.asarray((np.abs(sampson_error(R, t, bearings1, bearings2)) < threshold_rad) & (u > 0) & (v > 0))
 
 
-def pair_set(folder: str | os.PathLike[str]) -> Iterator[ImagePair]:
+def pair_set(folder: Path) -> Iterator[ImagePair]:
     """Read the pairs of a folder with ``pairs.json``."""
-    folder = Path(folder)
     for entry in json.loads((folder / "pairs.json").read_text(encoding="utf-8")):
         if "T_0to1" not in entry:
             raise SourceError(f"{folder / 'pairs.json'}: an entry has no true pose: add T_0to1")
@@ -102,9 +100,6 @@ def _entry_camera(entry: Mapping[str, object], i: int) -> Camera:
 
 
 def _image_features(path: Path) -> SiftFeatures:
-    from slam_init.datasets.image_files import read_image
-    from slam_init.types.frame import Frame
-
     return detect_sift(Frame(0, 0.0, path.name, read_image(path)).gray, TrackingConfig().sift_features)
 
 
@@ -131,11 +126,8 @@ def _frame_features(source: TimedSource, index: int) -> SiftFeatures:
     return detect_sift(frame.gray, TrackingConfig().sift_features)
 
 
-def chessboard_pairs(folder: str | os.PathLike[str]) -> Iterator[ImagePair]:
+def chessboard_pairs(folder: Path) -> Iterator[ImagePair]:
     """Read pairs of images of a chessboard, one and two images apart, matched by the numbers of the corners."""
-    folder = Path(folder)
-    from slam_init.datasets import open_source
-
     source = open_source(str(folder))
     if source.camera is None or source.groundtruth is None:
         raise SourceError(f"{folder} has no calibration or no ground truth: both are needed")

@@ -6,9 +6,6 @@ synthetic scene. It prints one table of each. :mod:`slam_init.compare.criteria` 
 false.
 """
 
-from __future__ import annotations
-
-import argparse
 import sys
 import tempfile
 from collections import Counter
@@ -22,7 +19,7 @@ from slam_init.compare.run import compare
 from slam_init.compare.sources import describe_sources
 from slam_init.compare.trials import Plan, Settings
 from tests.benchmarks.image_pairs import find_sequences
-from tests.benchmarks.options import data_folder, positive, show
+from tests.benchmarks.options import data_folder, program, show
 from tests.benchmarks.tables import markdown_table, number, read_journal
 
 #: A run has no limit but the end of its sequence.
@@ -76,31 +73,25 @@ def _counts(rows: Sequence[TrialRow]) -> list[str]:
     return [*map(str, counts), message, f"{median(frames):g}" if frames else "-"]
 
 
-def main(argv: Sequence[str] | None = None) -> int:
+def main() -> int:
     """Print the tables; return the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.initialization", allow_abbrev=False)
-    parser.description = "Count correct, false and missing initializations. Real sequences: below SLAM_INIT_DATA."
+    parser = program("initialization", __doc__)
     parser.add_argument("--only", choices=("real", "synthetic"), help="one of the two tables")
-    parser.add_argument("--seeds", type=positive, default=10, metavar="N", help="of each scene (default: 10)")
-    scenes_help = "synthetic scenes (default: the nine standard ones)"
-    parser.add_argument("--scenes", default=",".join(STANDARD_SCENES), metavar="A,B", help=scenes_help)
-    parser.add_argument("--jobs", type=positive, default=1, metavar="N", help="processes (default: 1)")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="write the tables to a file as well")
-    arguments = parser.parse_args(argv)
-    scenes = arguments.scenes.split(",")
-    if unknown := [scene for scene in scenes if scene not in SCENES]:
-        parser.error(f"unknown scene {unknown[0]!r}: use {', '.join(SCENES)}")
+    parser.add_argument("--seeds", type=int, default=10, metavar="N", help="of each scene (default: 10)")
+    parser.add_argument("--scenes", nargs="+", choices=SCENES, default=list(STANDARD_SCENES), metavar="SCENE")
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes (default: 1)")
+    options = parser.parse_args()
     data, tables = data_folder().resolve(), []
-    if arguments.only != "synthetic":
+    if options.only != "synthetic":
         if found := [str(data / name) for name in find_sequences(data)]:
-            tables.append(real_table(run_all(found, arguments.jobs), data))
+            tables.append(real_table(run_all(found, options.jobs), data))
         else:
             print(f"no sequence below {data}: set SLAM_INIT_DATA to a folder of sequences", file=sys.stderr)
-    if arguments.only != "real":
-        worlds = [f"synth:{scene}?seed={seed}" for scene in scenes for seed in range(arguments.seeds)]
-        tables.append(count_table(run_all(worlds, arguments.jobs)))
+    if options.only != "real":
+        worlds = [f"synth:{scene}?seed={seed}" for scene in options.scenes for seed in range(options.seeds)]
+        tables.append(count_table(run_all(worlds, options.jobs)))
     if tables:
-        show("\n\n".join(tables) + "\n", arguments.out)
+        show("\n\n".join(tables) + "\n", options.out)
     return 0 if tables else 2
 
 

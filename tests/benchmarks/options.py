@@ -1,13 +1,13 @@
-"""What the programs share: options, one thread, output files."""
-
-from __future__ import annotations
+"""What the programs share: options, one thread, output files, logs."""
 
 import argparse
+import json
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import asdict
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 T = TypeVar("T")
 
@@ -27,39 +27,12 @@ def run_on_one_thread() -> None:
     os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
 
 
-def positive(text: str) -> int:
-    """Parse a whole number from 1, for argparse."""
-    value = int(text) if text.isdecimal() else 0
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 1")
-    return value
-
-
-def number_list(kind: Callable[[str], T], low: float, high: float) -> Callable[[str], list[T]]:
-    """A parser for argparse: numbers of a range, separated by commas."""
-
-    def parse(text: str) -> list[T]:
-        try:
-            values = [kind(item) for item in text.split(",")]
-        except ValueError:
-            values = []
-        if not values or not all(low <= float(str(value)) <= high for value in values):
-            raise argparse.ArgumentTypeError(f"{text!r}: give numbers from {low:g} to {high:g} between commas")
-        return values
-
-    return parse
-
-
-def choice_list(allowed: Sequence[str]) -> Callable[[str], list[str]]:
-    """A parser for argparse: names of a set, separated by commas."""
-
-    def parse(text: str) -> list[str]:
-        names = text.split(",")
-        if unknown := [name for name in names if name not in allowed]:
-            raise argparse.ArgumentTypeError(f"unknown {unknown[0]!r}: use {', '.join(allowed)}")
-        return names
-
-    return parse
+def program(name: str, description: str) -> argparse.ArgumentParser:
+    """The parser of the options of a program, with the option that all of them have."""
+    parser = argparse.ArgumentParser(prog=f"python -m tests.benchmarks.{name}", allow_abbrev=False)
+    parser.description = description.partition("\n")[0]
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the tables to a file as well")
+    return parser
 
 
 def progress(items: Iterable[T], unit: str, total: int | None = None) -> Iterator[T]:
@@ -74,15 +47,21 @@ def data_folder() -> Path:
     return Path(os.environ.get("SLAM_INIT_DATA", "../shared/data"))
 
 
-def show(text: str, out: str | os.PathLike[str] | None) -> None:
+def show(text: str, out: Path | None) -> None:
     """Print a text, and also write it to a file if one is given."""
     sys.stdout.write(text)
     if out is not None:
-        Path(out).write_text(text, encoding="utf-8")
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(text, encoding="utf-8")
 
 
-def save(out: Path | None, name: str, text: str) -> None:
-    """Print a text, and also write it to a folder if one is given."""
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-    show(text, None if out is None else out / name)
+def append_row(log: Path | None, row: Any) -> None:
+    """Add a dataclass as a line of JSON to a log, if one is given."""
+    if log is not None:
+        with log.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(asdict(row)) + "\n")
+
+
+def read_rows(log: Path, kind: Callable[..., T]) -> list[T]:
+    """The rows of a log, of one dataclass."""
+    return [kind(**json.loads(line)) for line in log.read_text(encoding="utf-8").splitlines()]

@@ -16,16 +16,11 @@ stated principal point, ``frames`` a list of (index, time, track ids, pixels), `
 point of each track id and ``kind`` 0 for those at rest.
 """
 
-from __future__ import annotations
-
-import argparse
 import importlib.util
-import json
 import math
 import subprocess
-import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -41,7 +36,7 @@ from slam_init.types.frame import Observations
 from slam_init.types.initial_map import UNMODELLED_RISK, InitialMap
 from slam_init.types.pose import Pose
 from slam_init.window.motion import difference_deg
-from tests.benchmarks.options import show
+from tests.benchmarks.options import append_row, program, read_rows, show
 from tests.benchmarks.tables import markdown_table
 
 #: What counts as wrong, in degrees, and the shortest baseline that is evaluated, over the longest one.
@@ -49,6 +44,8 @@ ROTATION_DEG, DIRECTION_DEG, _SHORTEST = 5.0, 15.0, 0.3
 #: Scenes and baselines of the built-in generator; the last two do not translate.
 _SCENES = ("room", "corridor", "wall", "desk", "nadir", "nadir-turn", "tilted-30", "rotation", "static")
 _BASELINES, _WITHOUT_TRANSLATION = (0.03, 0.05, 0.1), ("rotation", "static")
+#: A factor with more values has no table of its own.
+_MOST_VALUES = 16
 #: Bounds of the bins of the stated risk.
 _BINS = (0.0, 6e-4, 1e-3, 2e-3, 5e-3)
 
@@ -90,14 +87,20 @@ class Decision:
     largest_deviations: float = math.nan
 
 
-def decide(world: World, seed: int) -> Decision:
-    """Give the tracks of a world to an initializer, and evaluate its map."""
-    initializer, count = Initializer(world.camera), 0
+def initialized(world: World) -> tuple[Initializer, int]:
+    """An initializer that has the tracks of a world until it decided, and the frames after the first one until then."""
+    initializer, wait = Initializer(world.camera), -1
     for view in world.views:
-        count += 1
+        wait += 1
         if initializer.process_tracks(view):
             break
-    wait, status, factors = count - 1, initializer.status, dict(world.factors)
+    return initializer, wait
+
+
+def decide(world: World, seed: int) -> Decision:
+    """Give the tracks of a world to an initializer, and evaluate its map."""
+    initializer, wait = initialized(world)
+    status, factors = initializer.status, dict(world.factors)
     if initializer.map is None:
         return Decision(seed, factors, "none", wait, world.no_translation, str(status.reason))
     rotation, direction = errors_deg(initializer.map, world.world_from_cam)
@@ -113,20 +116,13 @@ def decide(world: World, seed: int) -> Decision:
     )  # fmt: skip
 
 
-def errors_deg(map_: InitialMap, truth: Mapping[int, Pose] | Sequence[Pose]) -> tuple[float, float]:
+def errors_deg(map_: InitialMap, truth: Mapping[int, Pose]) -> tuple[float, float]:
     """Largest errors of a rotation and of the direction of a baseline; short baselines are left out."""
-    return errors_of_poses_deg({one.frame: one.world_from_cam.inverse() for one in map_.keyframes}, truth)
-
-
-def errors_of_poses_deg(
-    cam_from_world: Mapping[int, Pose], truth: Mapping[int, Pose] | Sequence[Pose]
-) -> tuple[float, float]:
-    """The same of poses by frame, the reference first."""
-    first, *others = cam_from_world
+    first, *others = map_.keyframes
     errors = []
-    for frame in others:
-        found = cam_from_world[frame] @ cam_from_world[first].inverse()
-        true = truth[frame].inverse() @ truth[first]
+    for one in others:
+        found = one.world_from_cam.inverse() @ first.world_from_cam
+        true = truth[one.frame].inverse() @ truth[first.frame]
         rotation, direction = difference_deg(found, true)
         errors.append((float(np.linalg.norm(true.t)), rotation, direction if true.t.any() else 180.0))
     longest = max(length for length, _, _ in errors)
@@ -153,20 +149,14 @@ def built_in(seed: int) -> Iterator[World]:
         for baseline in _BASELINES[:1] if scene in _WITHOUT_TRANSLATION else _BASELINES:
             source = open_points(f"points:{scene}?baseline={baseline}&noise_px={noise_px}&outliers={outliers}", seed)
             factors = {"scene": scene, "baseline": baseline, "noise": noise_px, "outliers": outliers}
-            poses = dict(enumerate(source.groundtruth.world_from_cam))
-            views, points = list(source.observations()), points_of(source)
-            yield World(source.camera, views, poses, scene in _WITHOUT_TRANSLATION, factors, points)
+            yield world_of(source, factors, no_translation=scene in _WITHOUT_TRANSLATION)
 
 
-def points_of(source: PointSource) -> Floats:
-    """The points of the tracks (T, 3) of a world; NaN for outliers and moving points."""
-    sequence = source.sequence
-    return np.where((sequence.is_outlier | sequence.is_moving)[:, None], np.nan, sequence.points)
-
-
-def worlds_of(path: Path | None) -> Callable[[int], Iterator[World]]:
-    """The worlds of a Python file, by default those of the built-in generator."""
-    return built_in if path is None else by_another_hand(path)
+def world_of(source: PointSource, factors: Mapping[str, Any], *, no_translation: bool = False) -> World:
+    """A simulated source as a world; its outliers and moving points have no point."""
+    sequence, poses = source.sequence, dict(enumerate(source.groundtruth.world_from_cam))
+    points = np.where((sequence.is_outlier | sequence.is_moving)[:, None], np.nan, sequence.points)
+    return World(source.camera, list(source.observations()), poses, no_translation, factors, points)
 
 
 def by_another_hand(path: Path) -> Callable[[int], Iterator[World]]:
@@ -199,12 +189,13 @@ def by_another_hand(path: Path) -> Callable[[int], Iterator[World]]:
 def report(decisions: Sequence[Decision]) -> str:
     """The tables of some decisions."""
     tables = [_summary(decisions), _by_risk(decisions)]
-    for name in _strata_of(decisions):
+    for name in decisions[0].factors if decisions else ():
         groups: dict[str, list[Decision]] = {}
         for one in decisions:
-            groups.setdefault(str(one.factors[name]), []).append(one)
-        rows = [[value, *_counts(groups[value])] for value in sorted(groups)]
-        tables.append(markdown_table([name, *_HEADER], rows))
+            groups.setdefault(str(one.factors.get(name)), []).append(one)
+        if len(groups) <= _MOST_VALUES:
+            rows = [[value, *_counts(groups[value])] for value in sorted(groups)]
+            tables.append(markdown_table([name, *_HEADER], rows))
     return f"Commit {commit()}.\n\n" + "\n\n".join(tables)
 
 
@@ -239,8 +230,9 @@ def _counts(group: Sequence[Decision]) -> list[str]:
 
 def _summary(decisions: Sequence[Decision]) -> str:
     moving = [one for one in decisions if not one.no_translation]
-    rows = [["all", *_counts(decisions)], ["the camera translates", *_counts(moving)]]
-    rows.append(["it does not", *_counts([one for one in decisions if one.no_translation])])
+    still = [one for one in decisions if one.no_translation]
+    groups = {"all": decisions, "the camera translates": moving, "it does not": still}
+    rows = [[name, *_counts(group)] for name, group in groups.items()]
     return markdown_table(["", *_HEADER], rows)
 
 
@@ -261,12 +253,6 @@ def _by_risk(decisions: Sequence[Decision]) -> str:
     return markdown_table(["stated risk", "maps", "false expected", "false", "false %, 95 % interval"], rows)
 
 
-def _strata_of(decisions: Sequence[Decision]) -> list[str]:
-    """The factors with few values."""
-    names = decisions[0].factors if decisions else ()
-    return [name for name in names if len({str(one.factors.get(name)) for one in decisions}) <= 16]
-
-
 def commit() -> str:
     """The commit of the measured version, with a mark where files differ from it."""
     message = subprocess.run(
@@ -279,40 +265,22 @@ def commit() -> str:
     return message.stdout.strip() or "unknown"
 
 
-def read_log(path: Path) -> list[Decision]:
-    """The decisions of a log."""
-    return [Decision(**json.loads(line)) for line in path.read_text(encoding="utf-8").splitlines()]
-
-
-def decisions_of(worlds: Callable[[int], Iterable[World]], seeds: range, log: Path | None) -> list[Decision]:
-    """Decide the worlds of some seeds; each decision is a line of the log at once."""
-    found = []
-    for seed in seeds:
-        for world in worlds(seed):
-            found.append(decide(world, seed))
-            if log is not None:
-                with log.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(asdict(found[-1])) + "\n")
-    return found
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Print the tables; return the exit code."""
-    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks.reliability", allow_abbrev=False)
-    parser.description = "Expected against observed false maps, one decision a world."
+def main() -> None:
+    """Print the tables."""
+    parser = program("reliability", __doc__)
     parser.add_argument("--seeds", type=int, nargs=2, default=(200_000, 200_020), metavar=("FIRST", "END"))
     parser.add_argument("--worlds", type=Path, metavar="FILE", help="worlds by another hand (default: built in)")
     parser.add_argument("--log", type=Path, metavar="FILE", help="append one JSON line a world")
-    parser.add_argument("--from-log", type=Path, nargs="+", metavar="FILE", help="tables of logs; run nothing")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="write the tables to a file as well")
-    options = parser.parse_args(argv)
-    if options.from_log:
-        decisions = [one for path in options.from_log for one in read_log(path)]
-    else:
-        decisions = decisions_of(worlds_of(options.worlds), range(*options.seeds), options.log)
+    parser.add_argument("--from-log", type=Path, nargs="+", default=[], metavar="FILE", help="of logs; run nothing")
+    options = parser.parse_args()
+    decisions = [one for path in options.from_log for one in read_rows(path, Decision)]
+    worlds = built_in if options.worlds is None else by_another_hand(options.worlds)
+    for seed in () if options.from_log else range(*options.seeds):
+        for world in worlds(seed):
+            decisions.append(decide(world, seed))
+            append_row(options.log, decisions[-1])
     show(report(decisions) + "\n", options.out)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

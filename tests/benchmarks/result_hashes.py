@@ -11,8 +11,6 @@ method on three worlds and three sequences. For each run the table holds the exi
 and the figures of ``summary.json`` without what depends on the machine or the version.
 """
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import hashlib
@@ -152,13 +150,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--out", type=Path, help="table to write")
     parser.add_argument("--compare", type=Path, nargs=2, metavar=("BEFORE", "AFTER"), help="tables to compare")
-    parser.add_argument("--only", default="", metavar="TEXT", help="runs whose name contains this text")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="processes")
     options = parser.parse_args()
     if options.compare:
         before, after = (json.loads(path.read_text()) for path in options.compare)
-        if options.only:
-            before, after = ({k: v for k, v in table.items() if options.only in k} for table in (before, after))
         lines = differences(before, after)
         files = sum(len(entry["sha256"]) for entry in after.values())
         compared = sum(len(figures(entry["summary"])) for entry in before.values())
@@ -172,14 +167,10 @@ def main() -> int:
     for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
         os.environ[variable] = "1"
     data = Path(os.environ.get("SLAM_INIT_DATA", "../shared/data"))
-    chosen = [(name, arguments) for name, arguments in cases(data) if options.only in name]
+    chosen = dict(cases(data))
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
-        results = []
-        for (name, _), result in zip(chosen, pool.map(run_case, [arguments for _, arguments in chosen]), strict=True):
-            results.append((name, result))
-            if sys.stderr.isatty():
-                print(f"\r{len(results)} of {len(chosen)}", end="", file=sys.stderr)
-    options.out.write_text(json.dumps(dict(results), indent=1) + "\n")
+        results = dict(zip(chosen, pool.map(run_case, chosen.values()), strict=True))
+    options.out.write_text(json.dumps(results, indent=1) + "\n")
     print(f"{len(results)} runs written to {options.out}")
     return 0
 

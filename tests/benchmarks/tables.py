@@ -1,7 +1,5 @@
 """Tables in markdown, and the rows of a comparison that they are made of."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

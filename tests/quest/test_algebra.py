@@ -1,7 +1,5 @@
 """The compiled linear algebra equals the readable one."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Which motions are returned and which comes first: planes, with noise beyond the threshold too, and rotations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from make_two_views import NOISE_RAD, R_TRUE, box, errors_deg, is_true, plane, views

@@ -1,7 +1,5 @@
 """Random matches have no pose, and one patch of matches is no rotation."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from make_two_views import NO_TRANSLATION, NOISE_RAD, box, random_rays, unit, views

@@ -1,7 +1,5 @@
 """The robust estimate of a relative pose: its contract, the kinds of scenes, and the laws that it obeys."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -74,11 +72,10 @@ def test_wrong_shapes_are_refused(shape1, shape2):
 
 
 @pytest.mark.parametrize("view", [0, 1])
-@pytest.mark.parametrize(("value", "message"), [(np.nan, "finite"), (0.0, "zero")])
-def test_a_bearing_that_is_zero_or_not_finite_is_refused(view, value, message):
+def test_a_bearing_that_is_zero_is_refused(view):
     both = views(box(0))
-    both[view][7] = value
-    with pytest.raises(ValueError, match=message):
+    both[view][7] = 0.0
+    with pytest.raises(ValueError, match="zero"):
         estimate_relative_pose(*both)
 
 

@@ -1,10 +1,8 @@
 """The robust estimate on degenerate and unusual scenes, by name of the scene."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
-from make_two_views import NO_TRANSLATION, NOISE_RAD, R_TRUE, all_around, box, is_true, line, views
+from make_two_views import NO_TRANSLATION, NOISE_RAD, R_TRUE, T_TRUE, all_around, box, is_true, line, views
 from make_views import unit
 
 from quest import NoPose, estimate_relative_pose
@@ -16,20 +14,22 @@ pytestmark = pytest.mark.filterwarnings("error::RuntimeWarning")
 HALF_TURNS = {"x": [np.pi, 0, 0], "y": [0, np.pi, 0], "z": [0, 0, np.pi], "slanted": list(np.pi * unit([1, -2, 2]))}
 
 
-@pytest.mark.parametrize("axis", HALF_TURNS.values(), ids=HALF_TURNS.keys())
-def test_half_turns_are_estimated(axis):
-    R = rotation_from_vector(axis)
-    pose = estimate_relative_pose(*views(all_around(0), R, noise_rad=NOISE_RAD, outliers=0.2))
-    assert pose.kind == "general"
-    assert is_true(pose, R, rotation_deg=0.5, direction_deg=2)
+FORWARD = np.array([0, 0, 0.8])
 
 
-@pytest.mark.parametrize("noise_rad", [0.0, NOISE_RAD], ids=["exact", "noisy"])
-def test_forward_motion_without_rotation_is_estimated(noise_rad):
-    forward = np.array([0, 0, 0.8])
-    pose = estimate_relative_pose(*views(box(0), np.eye(3), forward, noise_rad=noise_rad))
+@pytest.mark.parametrize(
+    ("X", "R", "t", "options"),
+    [
+        *((all_around(0), rotation_from_vector(a), T_TRUE, {"outliers": 0.2}) for a in HALF_TURNS.values()),
+        (box(0), np.eye(3), FORWARD, {}),
+        (box(0), np.eye(3), FORWARD, {"noise_rad": 0.0}),
+    ],
+    ids=[*(f"half turn {axis}" for axis in HALF_TURNS), "forward", "forward, exact"],
+)
+def test_half_turns_and_forward_motion_without_rotation_are_estimated(X, R, t, options):
+    pose = estimate_relative_pose(*views(X, R, t, **{"noise_rad": NOISE_RAD} | options))
     assert pose.kind == "general"
-    assert is_true(pose, np.eye(3), forward, rotation_deg=0.3, direction_deg=1.5)
+    assert is_true(pose, R, t, rotation_deg=0.5, direction_deg=2)
 
 
 def test_an_exact_rotation_with_outliers_shows_no_translation():

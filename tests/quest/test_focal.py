@@ -1,7 +1,5 @@
 """Two views of a camera whose focal length is not known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from make_two_views import NO_TRANSLATION, R_TRUE, T_TRUE, box, is_true, random_rays, views

@@ -1,7 +1,5 @@
 """Views with known gravity, many pairs on threads, and pixels with distortion."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from make_two_views import NO_TRANSLATION, NOISE_RAD, R_TRUE, T_TRUE, box, is_true, plane, random_rays, views

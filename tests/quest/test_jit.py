@@ -1,7 +1,5 @@
 """Compilation: the same results without it, no folder to write, and machine code that follows the source."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

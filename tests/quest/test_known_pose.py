@@ -1,7 +1,5 @@
 """A known pose: refinement without samples, an estimate that begins with it, and the matrices of a pose."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from make_two_views import NO_TRANSLATION, NOISE_RAD, R_TRUE, T_TRUE, box, is_true, plane, views

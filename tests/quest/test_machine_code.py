@@ -1,7 +1,5 @@
 """Machine code on disk: found where an installation has it, never half a file, one file for many processes at once."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

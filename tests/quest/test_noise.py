@@ -1,18 +1,10 @@
 """The noise of a motion, the choice between the modes of a search, and what chance explains."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from make_pose_matches import (
-    NOISE_RAD,
-    THRESHOLD_RAD,
-    as_model,
-    disturbed,
-    pose_and_matches,
-)
+from make_pose_matches import NOISE_RAD, THRESHOLD_RAD, as_model, disturbed, pose_and_matches
 
 from quest.geometry.epipolar import tangent_basis
 from quest.geometry.quaternion import matrix_from_quaternion, vector_from_rotation

@@ -1,7 +1,5 @@
 """The package quest as seen from outside: its public names and its version."""
 
-from __future__ import annotations
-
 import importlib.metadata
 
 import quest

@@ -1,7 +1,5 @@
 """The estimate from pixels: agreement with the estimate from bearings, and the refusal of wrong cameras and points."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from make_two_views import NO_TRANSLATION, NOISE_RAD, box, is_true, plane, views

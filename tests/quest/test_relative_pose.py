@@ -1,7 +1,5 @@
 """The evidence of a pose as typed fields and as a dictionary."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from make_two_views import NO_TRANSLATION, NOISE_RAD, box, line, plane, views

@@ -1,7 +1,5 @@
 """A rotation is a rotation: ``R R^T = 1`` and ``det R = 1`` to 1e-9 on degenerate rays, or a refusal with a reason."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

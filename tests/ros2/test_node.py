@@ -1,7 +1,5 @@
 """The lifecycle node of docs/ros2, with a fake of rclpy."""
 
-from __future__ import annotations
-
 import cv2
 import numpy as np
 import pytest

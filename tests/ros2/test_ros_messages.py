@@ -1,7 +1,5 @@
 """Maps and the status as ROS 2 messages, made as plain records."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np

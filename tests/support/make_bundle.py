@@ -1,7 +1,5 @@
 """Bundle problems whose truth is known: motions, disturbed starts, and errors of an adjusted map."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import gtsam
@@ -45,6 +43,21 @@ def disturbed(
     return replace(
         exact, world_from_cam=tuple(poses), points=exact.points * rng.normal(1, 0.02, (len(exact.points), 1))
     )
+
+
+def with_outliers(noisy: BundleProblem, count: int, rng: np.random.Generator) -> tuple[BundleProblem, np.ndarray]:
+    """The problem with some observations far off, and the pixels of these."""
+    outliers = rng.choice(len(noisy.pixels), count, replace=False)
+    pixels = noisy.pixels.copy()
+    pixels[outliers] += rng.choice([-1, 1], (count, 2)) * rng.uniform(8, 40, (count, 2))
+    return replace(noisy, pixels=pixels), pixels[outliers]
+
+
+def kept_of(solution: BundleSolution, outliers: np.ndarray) -> int:
+    """The number of observations that a solution keeps; none of them is an outlier."""
+    kept = {tuple(pixel) for pixel in solution.problem.pixels}
+    assert not any(tuple(pixel) in kept for pixel in outliers)
+    return len(kept)
 
 
 def with_kernel(graph: gtsam.NonlinearFactorGraph, observations: int) -> gtsam.NonlinearFactorGraph:

@@ -1,15 +1,16 @@
 """Track worlds for which a small risk was stated although the map was false; simulated by plain numpy."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np
+from make_window import fed
 
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.initializer import Initializer
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
+from slam_init.types.pose import Pose
+from slam_init.window.motion import difference_deg
 
 #: An ordinary camera with an exact calibration.
 HARD_CAMERA = Camera("pinhole", 640, 480, 457.0, 457.0, 319.5, 239.5)
@@ -34,31 +35,29 @@ def direction_error_deg(
     * ``overlay``: The tracks that stay at their first pixels.
     * ``shift_px``: Standard deviation of the shift of each frame as a whole.
     """
-    initializer, positions = Initializer(HARD_CAMERA), []
-    first = None
-    for k in range(_FRAMES):
-        turn, position = path(k)
-        positions.append(position)
-        seen = (points - position) @ rotation_from_vector(turn)
-        pixels = seen[:, :2] / seen[:, 2:] * _FOCAL_PX + _CENTRE
+    seen, first = [], None
+    poses = {
+        k: Pose(rotation_from_vector(turn), position) for k, (turn, position) in enumerate(map(path, range(_FRAMES)))
+    }
+    for k, pose in poses.items():
+        rays = pose.inverse().apply(points)
+        pixels = rays[:, :2] / rays[:, 2:] * _FOCAL_PX + _CENTRE
         first = pixels if first is None else first
         if overlay is not None:
             pixels = np.where(overlay[:, None], first, pixels)
         pixels = pixels + rng.normal(size=pixels.shape) * noise_px + rng.normal(size=2) * shift_px
-        inside = ((pixels >= 0) & (pixels <= [639, 479])).all(axis=1) & (seen[:, 2] > 0.02)
+        inside = ((pixels >= 0) & (pixels <= [639, 479])).all(axis=1) & (rays[:, 2] > 0.02)
         ids = np.flatnonzero(inside)
-        if initializer.process_tracks(Observations(k, k / 30, "", ids, pixels[ids], HARD_CAMERA.bearings(pixels[ids]))):
-            break
-    if initializer.map is None:
+        seen.append(Observations(k, k / 30, "", ids, pixels[ids], HARD_CAMERA.bearings(pixels[ids])))
+    map_ = fed(Initializer(HARD_CAMERA), seen).map
+    if map_ is None:
         return None
-    reference, *others = initializer.map.keyframes
+    reference, *others = map_.keyframes
     errors = []
     for keyframe in others:
-        moved = (reference.world_from_cam.inverse() @ keyframe.world_from_cam).t
-        turn, start = path(reference.frame)
-        truth = rotation_from_vector(turn).T @ (positions[keyframe.frame] - start)
-        cosine = moved @ truth / (np.linalg.norm(moved) * np.linalg.norm(truth))
-        errors.append((np.linalg.norm(truth), np.degrees(np.arccos(np.clip(cosine, -1, 1)))))
+        truth = poses[keyframe.frame].inverse() @ poses[reference.frame]
+        found = keyframe.world_from_cam.inverse() @ reference.world_from_cam
+        errors.append((np.linalg.norm(truth.t), difference_deg(found, truth)[1]))
     longest = max(length for length, _ in errors)
     return float(max(error for length, error in errors if length >= 0.3 * longest))
 

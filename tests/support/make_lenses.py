@@ -1,7 +1,5 @@
 """A camera of every lens model, and tracks of points all around a camera that moves sideways."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A small exact map with everything that belongs to a run: cameras on an arc, points ahead, pixels, attempts."""
 
-from __future__ import annotations
-
 import gtsam
 import numpy as np
 

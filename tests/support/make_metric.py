@@ -1,7 +1,5 @@
 """Adjusted maps of scenes whose size in metres is known, and sightings of targets in them."""
 
-from __future__ import annotations
-
 import numpy as np
 from make_bundle import MAP, ROTATING
 from make_scene import CAMERA, observe, problem

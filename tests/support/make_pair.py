@@ -1,7 +1,5 @@
 """Pairs of frames: the first and the last of some observations."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from make_scene import CAMERA, CONFIG, history_of

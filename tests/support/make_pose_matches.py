@@ -1,16 +1,14 @@
 """Poses and matched bearings for tests of robust estimation: noise, outliers, points behind a camera."""
 
-from __future__ import annotations
-
 import numpy as np
+from make_two_views import NOISE_RAD, box, plane, views
 from make_views import unit
 
 from quest.geometry.quaternion import quaternion_from_matrix, rotation_angle, rotation_from_vector
 from quest.robust.kernels.scoring import rays_by_row, score_or_refute
 
-#: Sampson error above which a match is an outlier, and the noise of a bearing: 0.3 px at a focal length of 600 px.
+#: Sampson error above which a match is an outlier.
 THRESHOLD_RAD = 2e-3
-NOISE_RAD = 5e-4
 
 
 def pose_and_matches(seed: int, count: int = 60, *, noise_rad: float = NOISE_RAD, wrong: int = 0, planar: bool = False):
@@ -21,12 +19,14 @@ def pose_and_matches(seed: int, count: int = 60, *, noise_rad: float = NOISE_RAD
     rng = np.random.default_rng(seed)
     R = rotation_from_vector(rng.uniform(-0.3, 0.3, 3))
     t = unit(rng.normal(size=3))
-    X = rng.uniform([-2, -2, 4], [2, 2, 8], (count, 3))
-    if planar:
-        X[:, 2] = 6 + 0.3 * X[:, 0] - 0.4 * X[:, 1]
-    m, n = (unit(unit(rays) + noise_rad * rng.normal(size=X.shape)) for rays in (X, X @ R.T + t))
-    n[:wrong] = unit(rng.uniform([-0.5, -0.5, 1], [0.5, 0.5, 1], (wrong, 3)))
-    return R, t, m, n
+    X = (plane if planar else box)(seed, count)
+    return R, t, *views(X, R, t, noise_rad=noise_rad, outliers=wrong / count, seed=seed)
+
+
+def rotated(seed: int, count: int, wrong: int):
+    """R, and bearings m, n = R m of a camera that only rotates, with noise; the first ones are outliers."""
+    R, _, m, _ = pose_and_matches(seed, count)
+    return R, m, views(m, R, np.zeros(3), noise_rad=NOISE_RAD, outliers=wrong / count, seed=seed)[1]
 
 
 def matches_of_all_kinds(seed: int):

@@ -1,7 +1,5 @@
 """Exact geometry seen by a camera: observations and bundle problems, with a chosen noise."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2
@@ -17,6 +15,9 @@ from slam_init.types.pose import Pose
 
 CAMERA = Camera("pinhole", 640, 480, 500.0, 510.0, 321.5, 238.25)
 CONFIG = Config()
+#: A small camera, for views of a texture.
+SMALL_SIZE = (320, 240)
+SMALL_CAMERA = Camera("pinhole", *SMALL_SIZE, 260.0, 260.0, 159.5, 119.5)
 
 
 def cloud(rng: np.random.Generator, count: int = 120) -> np.ndarray:

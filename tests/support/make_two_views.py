@@ -1,7 +1,5 @@
 """Two noisy views of a scene with outliers, and the errors of an estimated pose."""
 
-from __future__ import annotations
-
 import numpy as np
 from make_views import unit
 
@@ -24,6 +22,11 @@ def plane(seed: int, count: int = 200) -> np.ndarray:
     X = box(seed, count)
     X[:, 2] = 4.5 + 0.3 * X[:, 0] - 0.6 * X[:, 1]
     return X
+
+
+def wall(seed: int, count: int = 200) -> np.ndarray:
+    """Points on a plane at right angles to the optical axis of camera 1."""
+    return box(seed, count) * [2, 2, 0] + [0, 0, 4.5]
 
 
 def line(seed: int, count: int = 200) -> np.ndarray:

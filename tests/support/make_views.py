@@ -1,7 +1,5 @@
 """Two views of a few points, by name of the motion, and how far candidates are from the truth."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from quest.geometry.quaternion import matrix_from_quaternion

@@ -1,7 +1,5 @@
 """Windows of simulated worlds: tracks with their truth, exact or noisy, and the hypotheses of their pair."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -18,13 +16,13 @@ from slam_init.types.frame import Observations
 from slam_init.types.history import common_tracks
 from slam_init.types.lens import SAME_LENS, Lens
 from slam_init.types.pose import Pose
-from slam_init.window.arguments import FIELD_TERMS, ZOOM_TERMS, Fitted, Layout, LensNumbers, Sums
 from slam_init.window.arguments import Equations as Arrays
+from slam_init.window.arguments import Fitted, Layout, LensNumbers, Sums
 from slam_init.window.equations import observed_by, unknowns_of
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
 from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
 from slam_init.window.kernels import accumulate
-from slam_init.window.motion import OtherMotion
+from slam_init.window.motion import Motion, OtherMotion
 from slam_init.window.projection import camera_vector
 from slam_init.window.risk import WindowRisk
 from slam_init.window.state import Priors, WindowState, start_at
@@ -146,20 +144,20 @@ def pose_of_pair(
     return estimate_relative_pose(rays1, rays2, threshold_rad=2.0 / camera.focal_px), rays1, rays2
 
 
+def motions_of(camera: Camera, views: Sequence[Observations], **changed) -> list[Motion]:
+    """The motions that the pair of a window proposes, after changes of its pose."""
+    pose, rays1, rays2 = pose_of_pair(camera, *views[:2])
+    assert isinstance(pose, RelativePose)
+    return motions_of_pair(replace(pose, **changed), (views[0].frame, views[1].frame), rays1, rays2)
+
+
 def hypotheses_of(
-    camera: Camera,
-    views: Sequence[Observations],
-    priors: Priors,
-    noise_px: float = 0.7,
-    pose: RelativePose | None = None,
+    camera: Camera, views: Sequence[Observations], priors: Priors, noise_px: float = 0.7, **changed
 ) -> WindowHypotheses | None:
     """The fitted hypotheses of a window, reference and current first; None where the pair proposes no translation."""
-    proposed, rays1, rays2 = pose_of_pair(camera, *views[:2])
-    pose = pose or proposed
-    if not isinstance(pose, RelativePose):
+    if not pose_of_pair(camera, *views[:2])[0]:
         return None
-    motions = motions_of_pair(pose, (views[0].frame, views[1].frame), rays1, rays2)
-    return fit_hypotheses(gather_tracks(camera, views, noise_px), motions, priors)
+    return fit_hypotheses(gather_tracks(camera, views, noise_px), motions_of(camera, views, **changed), priors)
 
 
 def true_motion(source: PointSource, reference: int, current: int) -> Pose:
@@ -213,20 +211,10 @@ class Equations:
     back: np.ndarray
 
 
-def equations(
-    tracks: WindowTracks,
-    state: WindowState,
-    gate: float,
-    *,
-    with_field: bool = False,
-    with_zoom: bool = False,
-    with_readout: bool = False,
-    with_principal: bool = False,
-) -> Equations:
-    """The equations at a state, by the compiled loop, without any prior."""
+def equations(tracks: WindowTracks, state: WindowState, gate: float, **unknowns: int) -> Equations:
+    """The equations at a state, by the compiled loop, without any prior; ``unknowns`` are those of a layout."""
     views, count = tracks.seen.shape
-    terms = FIELD_TERMS * with_field + ZOOM_TERMS * with_zoom
-    layout = Layout.of(views, field=terms, readout=with_readout, principal=with_principal)
+    layout = Layout.of(views, **{"field": 0, "readout": False, "principal": False} | unknowns)
     arrays = Arrays.empty(count, layout.plane + (0 if state.plane is None else 3))
     fitted = Fitted.empty(views, count)
     sums = Sums.empty(views, len(arrays.gradient))
@@ -240,28 +228,21 @@ def equations(
     return Equations(cost, fitted.costs, squares, *arrays[:4])
 
 
-def cost_at(tracks: WindowTracks, state: WindowState, gate: float, **unknowns: bool) -> float:
-    """The cost at a state, with the unknowns of :func:`equations`."""
-    return equations(tracks, state, gate, **unknowns).cost
-
-
 def moved(
     state: WindowState,
     step: np.ndarray,
     back: np.ndarray,
     *,
-    with_field: bool,
-    with_zoom: bool = False,
-    with_readout: bool = False,
-    with_principal: bool = False,
+    field: int = 0,
+    readout: bool = False,
+    principal: bool = False,
 ) -> WindowState:
     """The state after a step of the shared unknowns, with the tracks following to first order.
 
     The unknowns have the order of :mod:`slam_init.window.kernels`. A track moves by ``-A^-1 W step``. The gradient
     of the track is left out, so that the tracks do not move without a step.
     """
-    field_size = FIELD_TERMS * with_field + ZOOM_TERMS * with_zoom
-    R, t, field = state.R.copy(), state.t.copy(), state.field.copy()
+    R, t, coefficients = state.R.copy(), state.t.copy(), state.field.copy()
     rest = list(step)
 
     def next_unknowns(count: int) -> np.ndarray:
@@ -273,10 +254,10 @@ def moved(
         if k:
             R[k] = rotation_from_vector(next_unknowns(3)) @ R[k]
             t[k] = t[k] + next_unknowns(3)
-        field[k, :field_size] += next_unknowns(field_size)
+        coefficients[k, :field] += next_unknowns(field)
     log_scale, k1 = state.lens.log_scale + float(next_unknowns(1)[0]), state.lens.k1 + float(next_unknowns(1)[0])
-    readout_s = state.lens.readout_s + (float(next_unknowns(1)[0]) if with_readout else 0.0)
-    x, y = state.lens.principal_px + (next_unknowns(2) if with_principal else np.zeros(2))
+    readout_s = state.lens.readout_s + (float(next_unknowns(1)[0]) if readout else 0.0)
+    x, y = state.lens.principal_px + (next_unknowns(2) if principal else np.zeros(2))
     lens = Lens(log_scale, k1, readout_s, (float(x), float(y)))
     plane = None if state.plane is None else state.plane + next_unknowns(3)
     local = -np.einsum("tpq,tqg,g->tp", back[:, :, 1:4], back[:, :, 4:], step)
@@ -284,7 +265,7 @@ def moved(
     rays = state.rays + np.einsum("tq,tqj->tj", local[:, :2], tangents)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     inverse = state.inverse_distances + local[:, 2]
-    return WindowState(R, t, rays, inverse, lens, field, plane, state.on_plane)
+    return WindowState(R, t, rays, inverse, lens, coefficients, plane, state.on_plane)
 
 
 def fit_near_truth(window, priors=PRIORS, kind="general", seed=0, tolerance=1e-10):
@@ -332,22 +313,31 @@ def hypotheses_of_changing_lens(
     return hypotheses_of(camera, views, Priors(0.02, principal_sigma_px=2.0))
 
 
-def hypotheses_of_scene(scene, seed, views, last=None, priors=None, **options):
-    """The hypotheses of the first and the last frame of a simulated scene, and of evenly spaced frames between."""
+def window_of(scene, seed, views, last=None, **options):
+    """A simulated source, and its first and last frame with evenly spaced frames between."""
     source = point_source(scene, seed, **options)
     observations = list(source.observations())
     picks = np.linspace(0, len(observations) - 1 if last is None else last, views).round().astype(int)
-    part = pair_and_further([observations[k] for k in picks], views)
+    return source, pair_and_further([observations[k] for k in picks], views)
+
+
+def hypotheses_of_scene(scene, seed, views, last=None, priors=None, **options):
+    """The hypotheses of such a window."""
+    source, part = window_of(scene, seed, views, last, **options)
     return hypotheses_of(source.camera, part, priors or Priors(focal_sigma=0.03))
 
 
-def finished(source, config=WINDOW_CONFIG, initializer=None):
-    """The result after the tracks of a source, up to the map."""
-    initializer = initializer or Initializer(source.camera, config)
-    for observed in source.observations():
+def fed(initializer, observations):
+    """The initializer after the tracks of some frames, up to its map."""
+    for observed in observations:
         if initializer.process_tracks(observed):
             break
-    return initializer.finish()
+    return initializer
+
+
+def finished(source, config=WINDOW_CONFIG):
+    """The result after the tracks of a source, up to the map."""
+    return fed(Initializer(source.camera, config), source.observations()).finish()
 
 
 def errors_deg(source, map_):
@@ -355,6 +345,23 @@ def errors_deg(source, map_):
     first, second = map_.keyframes[:2]
     found = second.world_from_cam.inverse() @ first.world_from_cam
     return pose_errors_deg(found, true_motion(source, first.frame, second.frame))
+
+
+def is_right(source, map_):
+    """Whether the motion of the first two keyframes of a map is that of the source."""
+    rotation, direction = errors_deg(source, map_)
+    return rotation < 5 and direction < 15
+
+
+def motion_errors_deg(source, motion):
+    """Errors of a fitted motion of a pair."""
+    return pose_errors_deg(motion.cam2_from_cam1, true_motion(source, *motion.frames[:2]))
+
+
+def is_motion_of(source, motion, rotation_deg, direction_deg):
+    """Whether both errors of a fitted motion of a pair are below these bounds."""
+    rotation, direction = motion_errors_deg(source, motion)
+    return rotation < rotation_deg and direction < direction_deg
 
 
 def looks_small(risk: WindowRisk) -> WindowRisk:

@@ -1,7 +1,5 @@
 """What a rotation is, and the functions of quest that the laws of rotations are tested with."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable
 

@@ -6,8 +6,6 @@ perpendicular to the optical axis of the first camera. ``rotation``: as ``genera
 of the random draws must not change: the figures of the original code hold for these scenes.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

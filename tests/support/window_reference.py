@@ -1,7 +1,5 @@
 """The equations of a window in plain numpy: all derivatives of each observation in one row, one elimination a track."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,21 +27,13 @@ def cross_matrix(v: np.ndarray) -> np.ndarray:
 
 
 def reference_equations(
-    tracks: WindowTracks,
-    state: WindowState,
-    gate: float,
-    *,
-    with_field: bool,
-    with_zoom: bool,
-    with_readout: bool,
-    with_principal: bool,
+    tracks: WindowTracks, state: WindowState, gate: float, *, field: int, readout: bool, principal: bool
 ) -> Reference:
     """The equations at a state; all tracks off the plane have a free distance."""
     views, count = tracks.seen.shape
-    fields = FIELD_TERMS * with_field + ZOOM_TERMS * with_zoom
-    block = 6 + fields
+    fields, block = field, 6 + field
     focal = block * (views - 1) + fields
-    lens = 2 + with_readout + 2 * with_principal
+    lens = 2 + readout + 2 * principal
     size = focal + lens + (0 if state.plane is None else 3)
     normal, shares, total = np.zeros((size, size)), np.zeros((count, size)), 0.0
     camera = camera_vector(tracks.camera)
@@ -72,7 +62,7 @@ def reference_equations(
             Q = state.R[k] @ R_a.T
             v = d - rho * t_a
             x = Q @ v
-            scale = np.exp(state.lens.log_scale + with_zoom * state.field[k, 0])
+            scale = np.exp(state.lens.log_scale + (field == ZOOM_TERMS) * state.field[k, 0])
             seen, *numbers = project_point(camera, scale, state.lens.k1, *(x + rho * state.t[k]))
             if not seen or (on_plane and rho <= 0):
                 total += gate**2
@@ -90,18 +80,18 @@ def reference_equations(
                 first = fields + block * (a - 1)
                 J[:, first : first + 6] -= D @ Q @ np.hstack([-cross_matrix(v), rho * np.eye(3)])
             J[:, focal], J[:, focal + 1] = pixel - camera[3:5], by_k1
-            if with_readout:
+            if readout:
                 J[:, focal + 2] = tracks.sweep_px_s[k, i]
-            if with_principal:
+            if principal:
                 J[:, focal + lens - 2 : focal + lens] = np.eye(2)
-            if with_zoom:
+            if field == ZOOM_TERMS:
                 first = fields + block * (k - 1) + 6 if k else 0
                 J[:, first : first + ZOOM_TERMS] = np.column_stack([pixel - camera[3:5], np.eye(2)])
                 pixel = pixel + state.field[k, 1:ZOOM_TERMS]
             J /= tracks.sigma_px[k, i]
             e = pixel + (state.lens.readout_s - tracks.readout_s) * tracks.sweep_px_s[k, i] - tracks.pixels[k, i]
             e = (e + state.lens.principal_px) / tracks.sigma_px[k, i]
-            if with_field:
+            if field == FIELD_TERMS:
                 first = fields + block * (k - 1) + 6 if k else 0
                 place = np.kron(np.eye(2), tracks.places[k, i])
                 J[:, first : first + FIELD_TERMS] += place

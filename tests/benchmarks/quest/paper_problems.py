@@ -1,7 +1,5 @@
 """The problems of the synthetic experiment of [F17], and its metric."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

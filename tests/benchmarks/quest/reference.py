@@ -15,8 +15,6 @@ The five unknowns are found by damped steps of re-weighted least squares, with t
 readable counterpart of the compiled refinement.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -5,8 +5,6 @@ of view. The second camera is rotated by 4 degrees about a random axis and moved
 Both images have Gaussian noise; an outlier has its true place in image 1 and a random place in image 2.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -16,11 +14,9 @@ from numpy.typing import NDArray
 from quest.geometry.quaternion import rotation_from_vector
 
 Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
-#: ``(rng, rays) -> depths (N,), on_plane (N,)``: z of the points on the rays (N, 3) with z = 1, negative where there is
-#: none, and which of them lie on the plane.
-Surface = Callable[[np.random.Generator, Floats], tuple[Floats, Bools]]
+#: ``(rng, rays) -> depths (N,)``: z of the points on the rays (N, 3) with z = 1, negative where there is none.
+Surface = Callable[[np.random.Generator, Floats], Floats]
 
 FOCAL_PX = 458.0
 _WIDTH_PX, _HEIGHT_PX = 640.0, 480.0
@@ -45,12 +41,8 @@ class Scene:
     R: Floats
     #: (3,) Translation of cam2_from_cam1: of norm 1, or zero for a rotation-only camera.
     t: Floats
-    #: (N, 3) True points in camera 1, in the unit of t (where t is zero: in that of the depths).
-    points: Floats
     #: (N,)
-    inliers: Bools
-    #: (N,) The points on the plane of the scene; none in a general scene.
-    on_plane: Bools
+    inliers: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -76,38 +68,34 @@ def draw_scene(
     R = rotation_from_vector(_TURN_RAD * axis / np.linalg.norm(axis))
     direction = kind.direction(rng)
     surface = kind.surface(rng)
-    depths, _ = surface(rng, _rays(_pixels(rng, 2000)))
+    depths = surface(rng, _rays(_pixels(rng, 2000)))
     centre = kind.baseline * np.median(depths[depths > 0]) * direction / np.linalg.norm(direction)
 
-    kept: list[tuple[Floats, Floats, Floats, Bools]] = []
+    kept: list[tuple[Floats, Floats]] = []
     count = 0
     for _ in range(_MAX_ROUNDS):
         pixels1 = _pixels(rng, 2 * matches)
         rays = _rays(pixels1)
-        depths, on_plane = surface(rng, rays)
-        points = rays * depths[:, None]
-        seen = (points - centre) @ R.T
+        depths = surface(rng, rays)
+        seen = (rays * depths[:, None] - centre) @ R.T
         with np.errstate(divide="ignore", invalid="ignore"):
             pixels2 = FOCAL_PX * seen[:, :2] / seen[:, 2:] + _CENTRE_PX
         inside = (pixels2 >= 0).all(axis=1) & (pixels2 <= (_WIDTH_PX, _HEIGHT_PX)).all(axis=1)
         use = (depths > 0) & (seen[:, 2] > 0.1) & inside
-        kept.append((pixels1[use], pixels2[use], points[use], on_plane[use]))
+        kept.append((pixels1[use], pixels2[use]))
         count += int(use.sum())
         if count >= matches:
             break
     else:
         raise ValueError(f"{count} of {matches} points are in both images: give a shorter baseline")
-    pixels1, pixels2, points = (np.concatenate([part[i] for part in kept])[:matches] for i in range(3))
-    on_plane = np.concatenate([part[3] for part in kept])[:matches]
-
+    pixels1, pixels2 = (np.concatenate(parts)[:matches] for parts in zip(*kept, strict=True))
     pixels1 = pixels1 + noise_px * rng.normal(size=pixels1.shape)
     pixels2 = pixels2 + noise_px * rng.normal(size=pixels2.shape)
     inliers = np.ones(matches, bool)
     inliers[rng.permutation(matches)[: round(outlier_share * matches)]] = False
     pixels2[~inliers] = _pixels(rng, int((~inliers).sum()))
     length = float(np.linalg.norm(centre))
-    unit = length if length > 0 else 1.0
-    return Scene(_unit(_rays(pixels1)), _unit(_rays(pixels2)), R, -R @ centre / unit, points / unit, inliers, on_plane)
+    return Scene(_unit(_rays(pixels1)), _unit(_rays(pixels2)), R, -R @ centre / (length or 1.0), inliers)
 
 
 def _pixels(rng: np.random.Generator, count: int) -> Floats:
@@ -128,7 +116,7 @@ def _unit(rays: Floats) -> Floats:
 
 def _volume(rng: np.random.Generator) -> Surface:
     """Depths of 1 to 4, independent of one another."""
-    return lambda rng, rays: (rng.uniform(1, 4, len(rays)), np.zeros(len(rays), bool))
+    return lambda rng, rays: rng.uniform(1, 4, len(rays))
 
 
 def _plane_of(normal: Floats, distance: float, rays: Floats) -> Floats:
@@ -142,7 +130,7 @@ def _plane(slope: float) -> Callable[[np.random.Generator], Surface]:
     def draw(rng: np.random.Generator) -> Surface:
         normal = np.array([*rng.uniform(-slope, slope, 2), 1.0])
         normal /= np.linalg.norm(normal)
-        return lambda rng, rays: (_plane_of(normal, _PLANE_DISTANCE, rays), np.ones(len(rays), bool))
+        return lambda rng, rays: _plane_of(normal, _PLANE_DISTANCE, rays)
 
     return draw
 
@@ -158,7 +146,7 @@ def _desk(rng: np.random.Generator) -> Surface:
     share = rng.uniform(0.1, 0.4)
     middles, heights = _rays(_pixels(rng, 4))[:, :2], rng.uniform(0.1, 0.4, 4)
 
-    def surface(rng: np.random.Generator, rays: Floats) -> tuple[Floats, Bools]:
+    def surface(rng: np.random.Generator, rays: Floats) -> Floats:
         offset = np.linalg.norm(rays[:, None, :2] - middles, axis=2)
         box = np.argmin(offset, axis=1)
         on_box = offset.min(axis=1) < 40 / FOCAL_PX
@@ -167,7 +155,7 @@ def _desk(rng: np.random.Generator) -> Surface:
         # Boxes have many features: points of the plane are dropped until the requested share is reached.
         plane_kept = on_box.mean() * (1 - share) / (share * max((~on_box).mean(), 1e-9))
         dropped = ~on_box & (rng.random(len(rays)) > plane_kept)
-        return np.where(dropped, -1.0, np.where(on_box, depths * raised, depths)), ~on_box
+        return np.where(dropped, -1.0, np.where(on_box, depths * raised, depths))
 
     return surface
 
@@ -191,21 +179,6 @@ def _forward(rng: np.random.Generator) -> Floats:
     return np.array([0.0, 0.0, 1.0]) + 0.05 * rng.normal(size=3)
 
 
-def _table(variation: float) -> Callable[[np.random.Generator], Surface]:
-    """A plane whose points stand out by up to ``variation`` of their distance."""
-
-    def draw(rng: np.random.Generator) -> Surface:
-        flat = _plane(0.7)(rng)
-
-        def surface(rng: np.random.Generator, rays: Floats) -> tuple[Floats, Bools]:
-            depths, on_plane = flat(rng, rays)
-            return depths * (1 - variation * rng.random(len(rays))), on_plane
-
-        return surface
-
-    return draw
-
-
 #: The scenes of the comparison. A baseline of .15 is that of a keyframe, .03 that of video after a few frames; at .01
 #: the median match moves by 5 px, at a noise of about 1.
 SCENES: dict[str, SceneKind] = {
@@ -220,6 +193,3 @@ SCENES: dict[str, SceneKind] = {
     "low parallax .01": SceneKind(_volume, _anywhere, 0.01),
     "rotation": SceneKind(_volume, _anywhere, 0.0),
 }
-
-#: Tables with depth variation: tags that bend, things that lie flat.
-TABLES = {f"depth {share:.0%}": SceneKind(_table(share), _anywhere, 0.1) for share in (0.01, 0.02, 0.03, 0.05)}

@@ -5,8 +5,6 @@ as unit quaternions wxyz: (K, 4), or (B, K, 4) padded with NaN. :func:`quest.pap
 the rotations and adds the translations.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -36,25 +34,22 @@ class Solver:
     #: Largest number of candidates of a sample.
     most_candidates: int
     #: Whether points on a plane are solved exactly.
-    handles_planes: bool
+    handles_planes: bool = True
     #: Whether points that lie on no plane are solved exactly.
-    handles_depth: bool
-    #: Source of the method.
-    citation: str
+    handles_depth: bool = True
 
 
-_F17 = "Fathian et al., arXiv:1704.02672, 2017"
-
-#: The solvers by the name of their function.
+#: The solvers by the name of their function. Those of the paper are cited in :mod:`quest.paper`, the others in
+#: :mod:`tests.benchmarks.quest.baselines`.
 SOLVERS: dict[str, Solver] = {
-    "quest5": Solver("QuEst 5", quest5, 5, False, 20, True, True, "Fathian et al., IEEE RA-L, 2018"),
-    "quest6": Solver("QuEst 6", quest6, 6, True, 60, True, True, _F17),
-    "quest6_fast": Solver("QuEst 6 fast", quest6_fast, 6, False, 12, True, True, f"{_F17}; deflated"),
-    "quest7": Solver("QuEst 7", quest7, 7, True, 12, False, True, _F17),
-    "questn": Solver("QuEst N", questn, 7, True, 16, True, True, f"{_F17}; deflated, any number of matches"),
-    "five_point": Solver("5-point", five_point, 5, False, 20, True, True, "Stewenius, Engels, Nister, ISPRS J., 2006"),
-    "six_point": Solver("6-point", six_point, 6, True, 2, False, True, "Philip, TRITA-MAT-1998-MA-13, 1998"),
-    "seven_point": Solver("7-point", seven_point, 7, True, 6, False, True, "Hartley, Zisserman, 2004, section 11.1.2"),
-    "eight_point": Solver("8-point", eight_point, 8, True, 2, False, True, "Longuet-Higgins, Nature 293, 1981"),
-    "homography": Solver("homography", homography, 4, True, 2, True, False, "Ma et al., 2004, section 5.3.3"),
+    "quest5": Solver("QuEst 5", quest5, 5, False, 20),
+    "quest6": Solver("QuEst 6", quest6, 6, True, 60),
+    "quest6_fast": Solver("QuEst 6 fast", quest6_fast, 6, False, 12),
+    "quest7": Solver("QuEst 7", quest7, 7, True, 12, handles_planes=False),
+    "questn": Solver("QuEst N", questn, 7, True, 16),
+    "five_point": Solver("5-point", five_point, 5, False, 20),
+    "six_point": Solver("6-point", six_point, 6, True, 2, handles_planes=False),
+    "seven_point": Solver("7-point", seven_point, 7, True, 6, handles_planes=False),
+    "eight_point": Solver("8-point", eight_point, 8, True, 2, handles_planes=False),
+    "homography": Solver("homography", homography, 4, True, 2, handles_depth=False),
 }

@@ -1,7 +1,5 @@
 """Laws of rotations as quaternions; rotations near the identity and half turns are among the random cases."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -3,15 +3,13 @@
 What all solvers obey is stated in ``tests/quest/paper/test_solvers.py``.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import strategies as st
 from make_views import SCENES, distance, scene_points, two_views, unit
 
 from quest.geometry.quaternion import matrix_from_quaternion
-from quest.paper.monomials import coefficient_rows, quartic_index, quartics, triples
+from quest.paper.monomials import coefficient_rows, quartics, triples
 from quest.paper.printed import quest6_printed, quest7_printed
 from quest.paper.quest6 import quest6
 from quest.paper.selection import select_candidates
@@ -21,15 +19,6 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 # --- the quartics ---
-
-
-def test_the_monomials_of_the_eigenproblems_come_first():
-    q = np.array([2.0, 3.0, 5.0, 7.0])
-    x = quartics(q)
-    assert x[:4] == pytest.approx(2**3 * q)
-    assert (x[:20] % 2 == 0).all()
-    assert (x[20:] % 2 == 1).all()
-    assert x[quartic_index(3, 1, 0, 3)] == 7 * 3 * 2 * 7
 
 
 def test_each_row_is_the_determinant_of_the_epipolar_normals():
@@ -64,15 +53,7 @@ def test_each_row_is_the_determinant_of_the_matrix_M_of_the_paper():
 
 @pytest.mark.parametrize(
     ("count", "coplanar", "rank"),
-    [
-        (5, False, 10),
-        (6, False, 20),
-        (7, False, 31),
-        (8, False, 32),
-        (6, True, 20),
-        (7, True, 20),
-        (9, True, 20),
-    ],
+    [(5, False, 10), (6, False, 20), (7, False, 31), (8, False, 32), (6, True, 20), (7, True, 20), (9, True, 20)],
 )
 def test_the_ranks_of_A_are_the_corrected_ones_of_the_paper(count: int, coplanar: bool, rank: int):
     m, n = two_views(scene_points(0, count, coplanar=coplanar), unit([0.9, 0.1, -0.2, 0.3]), [0.7, -0.2, 0.4])

@@ -1,7 +1,5 @@
 """Translation, depths and epipolar quantities obey ``u R m + t = v n``."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The search for the motion of least cost: progressive samples."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,10 +11,7 @@ from make_two_views import NOISE_RAD, R_TRUE, T_TRUE, box, errors_deg, plane, vi
 from make_views import unit
 
 from quest import InputError, estimate_relative_pose
-from quest.geometry.quaternion import (
-    matrix_from_quaternion,
-    quaternion_from_matrix,
-)
+from quest.geometry.quaternion import matrix_from_quaternion, quaternion_from_matrix
 from quest.robust.lo_ransac import lo_ransac
 from quest.robust.pose_problem import PoseProblem
 from quest.robust.prosac import progressive_samples
@@ -52,8 +47,7 @@ def test_the_first_sample_holds_the_best_matches_and_the_subset_grows_by_one_mat
 
 def search(m, n, seed: int = 0, *, scores=None, max_samples: int = 50_000):
     rng = np.random.default_rng(seed)
-    options = {"confidence": 0.999, "max_samples": max_samples, "scores": scores}
-    return lo_ransac(m, n, THRESHOLD_RAD, rng, **options)
+    return lo_ransac(m, n, THRESHOLD_RAD, rng, confidence=0.999, max_samples=max_samples, scores=scores)
 
 
 @settings(max_examples=8)

@@ -1,7 +1,5 @@
 """The likelihood of a residual: its weights, its limits, and that of a motion as the sum over its matches."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Planes and lines among the inliers of a motion, and whether the translation of an estimate is observable."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

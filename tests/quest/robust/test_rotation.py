@@ -1,12 +1,10 @@
 """The rotation that explains most matches: proposed by pairs of matches, compiled."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from make_pose_matches import NOISE_RAD, THRESHOLD_RAD, angle_between, assert_orthonormal, pose_and_matches
+from make_pose_matches import NOISE_RAD, THRESHOLD_RAD, angle_between, assert_orthonormal, rotated
 from make_views import unit
 
 from quest.robust import kernels
@@ -14,15 +12,6 @@ from quest.robust.rotation import fit_rotation, propose_rotation
 
 SEEDS = st.integers(0, 2**32 - 1)
 laws = settings(max_examples=40)
-
-
-def rotated(seed: int, count: int, wrong: int, noise_rad: float = NOISE_RAD):
-    """R, and bearings m, n = R m with noise; the first ones are outliers."""
-    R, _, m, _ = pose_and_matches(seed, count)
-    rng = np.random.default_rng(seed)
-    n = unit(m @ R.T + noise_rad * rng.normal(size=m.shape))
-    n[:wrong] = unit(rng.uniform([-0.5, -0.5, 1], [0.5, 0.5, 1], (wrong, 3)))
-    return R, m, n
 
 
 @laws

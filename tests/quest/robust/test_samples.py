@@ -1,7 +1,5 @@
 """The number of samples that a search needs, and how they are chosen."""
 
-from __future__ import annotations
-
 import math
 from itertools import combinations
 

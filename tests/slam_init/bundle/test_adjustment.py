@@ -5,11 +5,11 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
-from make_bundle import FOCAL, MAP, disturbed, scale_of
+from make_bundle import FOCAL, MAP, disturbed, kept_of, scale_of, with_outliers
 from make_map import CAMERAS, make_poses
 from make_scene import CAMERA, between, cloud, problem
 
-from quest.geometry.quaternion import rotation_angle
+from quest.geometry.quaternion import rotation_angle, vector_from_rotation
 from slam_init.bundle.adjustment import adjust, restated
 from slam_init.bundle.problem import BundleFailure, BundleSolution, PosePrior
 from slam_init.types.pose import Pose
@@ -41,13 +41,9 @@ def test_the_estimated_noise_does_not_depend_on_the_configured_one(noise_px):
 def test_outliers_are_removed_and_inliers_are_kept():
     rng = np.random.default_rng(3)
     noisy = problem(CAMERA, cloud(rng, 200), noise_px=0.3, rng=rng)
-    outliers = rng.choice(len(noisy.pixels), 40, replace=False)
-    pixels = noisy.pixels.copy()
-    pixels[outliers] += rng.choice([-1, 1], (40, 2)) * rng.uniform(8, 40, (40, 2))
-    solution = adjust(CAMERA, replace(noisy, pixels=pixels), MAP)
-    kept = {tuple(pixel) for pixel in solution.problem.pixels}
-    assert not any(tuple(pixel) in kept for pixel in pixels[outliers])
-    assert len(kept) > 0.9 * (len(pixels) - 40)
+    wrong, outliers = with_outliers(noisy, 40, rng)
+    solution = adjust(CAMERA, wrong, MAP)
+    assert kept_of(solution, outliers) > 0.9 * (len(noisy.pixels) - 40)
     assert solution.noise_px == pytest.approx(0.3, rel=0.2)
     scale = scale_of(solution, noisy)
     for pose, true in zip(solution.problem.world_from_cam, noisy.world_from_cam, strict=True):
@@ -133,10 +129,7 @@ def test_covariances_agree_with_the_scatter_of_many_runs():
         # The gauge fixes the scale by the longest baseline; the truth is brought to this scale.
         truth = exact.scaled(scale_of(solution, exact))
         error = between(truth.world_from_cam[1], solution.problem.world_from_cam[1])
-        angle = (
-            np.array([error.R[2, 1] - error.R[1, 2], error.R[0, 2] - error.R[2, 0], error.R[1, 0] - error.R[0, 1]]) / 2
-        )
-        tangent = np.concatenate([angle, error.t])
+        tangent = np.concatenate([vector_from_rotation(error.R), error.t])
         whitened.append(tangent @ np.linalg.solve(solution.pose_covariances[1], tangent))
         widest = solution.overdispersion**2
     # Chi-squared with 6 degrees of freedom: mean 6, standard deviation of the mean of 60 is 0.45. The covariances also
@@ -144,39 +137,37 @@ def test_covariances_agree_with_the_scatter_of_many_runs():
     assert 4.5 / widest < np.mean(whitened) < 7.5
 
 
+def exact(count=120):
+    return problem(CAMERA, cloud(np.random.default_rng(10), count))
+
+
 def few_points():
-    return problem(CAMERA, cloud(np.random.default_rng(10), 5))
+    return exact(5)
 
 
 def nan_start():
-    exact = problem(CAMERA, cloud(np.random.default_rng(10)))
-    points = exact.points.copy()
-    points[3] = np.nan
-    return replace(exact, points=points)
+    return replace(exact(), points=with_nan(exact().points))
 
 
 def nan_pixel():
-    exact = problem(CAMERA, cloud(np.random.default_rng(10)))
-    pixels = exact.pixels.copy()
-    pixels[3] = np.nan
-    return replace(exact, pixels=pixels)
+    return replace(exact(), pixels=with_nan(exact().pixels))
+
+
+def with_nan(values):
+    return np.where(np.arange(len(values))[:, None] == 3, np.nan, values)
 
 
 def view_without_points():
-    exact = problem(CAMERA, cloud(np.random.default_rng(10)))
-    chosen = exact.views != 2
-    return replace(exact, views=exact.views[chosen], landmarks=exact.landmarks[chosen], pixels=exact.pixels[chosen])
+    return exact().keep(exact().views != 2)
 
 
 def unrelated_pixels():
-    rng = np.random.default_rng(10)
-    exact = problem(CAMERA, cloud(rng))
-    return replace(exact, pixels=rng.uniform((0, 0), (640, 480), exact.pixels.shape))
+    pixels = np.random.default_rng(10).uniform((0, 0), (640, 480), exact().pixels.shape)
+    return replace(exact(), pixels=pixels)
 
 
 def all_behind():
-    exact = problem(CAMERA, cloud(np.random.default_rng(10)))
-    return replace(exact, points=-exact.points)
+    return replace(exact(), points=-exact().points)
 
 
 def no_baseline():

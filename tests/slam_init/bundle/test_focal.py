@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from make_bundle import FOCAL, MAP, ROTATING, SIDEWAYS, disturbed, map_errors
+from make_bundle import FOCAL, MAP, ROTATING, SIDEWAYS, disturbed, kept_of, map_errors, with_outliers
 from make_map import CAMERAS
 from make_scene import CAMERA, cloud, plane, problem
 
@@ -83,16 +83,11 @@ def test_a_wrong_focal_length_is_corrected_beside_outliers():
     """Noise 0.2 px, focal length wrong by 20 %: inliers are lost, and outliers are not kept."""
     rng = np.random.default_rng(8)
     noisy = problem(CAMERA, cloud(rng, 150), ROTATING, 0.2, rng)
-    outliers = rng.choice(len(noisy.pixels), 60, replace=False)
-    pixels = noisy.pixels.copy()
-    pixels[outliers] += rng.choice([-1, 1], (60, 2)) * rng.uniform(8, 40, (60, 2))
-    stated = camera_with_focal_factor(CAMERA, 1.2)
-    adjusted = adjust(stated, replace(noisy, pixels=pixels), FOCAL)
+    wrong, outliers = with_outliers(noisy, 60, rng)
+    adjusted = adjust(camera_with_focal_factor(CAMERA, 1.2), wrong, FOCAL)
     assert adjusted.focal_factor * 1.2 == pytest.approx(1, abs=0.02)
     assert adjusted.noise_px == pytest.approx(0.2, rel=0.15)
-    kept = {tuple(pixel) for pixel in adjusted.problem.pixels}
-    assert not any(tuple(pixel) in kept for pixel in pixels[outliers])
-    assert len(kept) > 0.95 * (len(pixels) - 60)
+    assert kept_of(adjusted, outliers) > 0.95 * (len(noisy.pixels) - 60)
 
 
 def failing_from(call, count):

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from make_bundle import FOCAL, MAP, ROTATING, disturbed, map_errors
 from make_lenses import LENSES, directions
-from make_scene import observe
+from make_scene import problem
 
 from slam_init.bundle.adjustment import adjust
 from slam_init.bundle.graph import build_graph
-from slam_init.bundle.problem import BundleProblem
 
 
 def problem_around(camera, noise_px, rng, poses=ROTATING, count=150):
@@ -19,28 +18,16 @@ def problem_around(camera, noise_px, rng, poses=ROTATING, count=150):
     points = directions(3 * count) * rng.uniform(1.5, 3.0, (3 * count, 1))
     exact = [camera.project(pose.inverse().apply(points)) for pose in poses]
     inside = np.all([np.isfinite(p).all(axis=1) & (np.abs(p - 320) < 400).all(axis=1) for p in exact], axis=0)
-    points = points[inside][:count]
-    pixels = np.concatenate([o.pixels for o in observe(camera, poses, points, noise_px, rng)])
-    n = len(points)
-    problem = BundleProblem(
-        frames=tuple(range(len(poses))),
-        world_from_cam=tuple(poses),
-        points=points,
-        track_ids=3 * np.arange(n),
-        views=np.repeat(np.arange(len(poses)), n),
-        landmarks=np.tile(np.arange(n), len(poses)),
-        pixels=pixels,
-    )
-    kept = np.isfinite(camera.bearings(pixels)).all(axis=1)
-    return problem.keep(kept)
+    made = problem(camera, points[inside][:count], poses, noise_px, rng)
+    return made.keep(np.isfinite(camera.bearings(made.pixels)).all(axis=1))
 
 
 @pytest.mark.parametrize("model", LENSES)
 def test_the_errors_of_gtsam_are_the_residuals_of_the_raw_pixels(model):
     camera, rng = LENSES[model], np.random.default_rng(4)
-    problem = problem_around(camera, 0.1, rng, ROTATING[:2], 40)
-    residuals = problem.residuals(camera)
-    graph, values = build_graph(camera, problem, 1.0)
+    around = problem_around(camera, 0.1, rng, ROTATING[:2], 40)
+    residuals = around.residuals(camera)
+    graph, values = build_graph(camera, around, 1.0)
     theirs = np.array([graph.at(i).error(values) for i in range(len(residuals))])
     ours = 0.5 * np.sum(residuals**2, axis=1)
     if model == "thin-prism":  # its factors measure undistorted pixels

@@ -27,33 +27,21 @@ def refusal(k, verdict=Verdict.LOW_PARALLAX, reference=0, progress=0.0, **fields
     )
 
 
-def test_the_last_attempts_are_kept_without_their_matches_and_all_are_counted():
+def test_of_many_attempts_the_last_are_kept_without_their_matches_and_all_are_counted_and_vote_on_the_reason():
+    """Of the second half, 25 were static and 25 had low parallax; the first in the list of reasons is reported."""
     log = AttemptLog(limit=10)
+    assert log.prevailing_reason() == Verdict.TOO_FEW_FRAMES
     for k in range(100):
         log.add(refusal(k, Verdict.STATIC_CAMERA if k < 75 else Verdict.LOW_PARALLAX))
     assert len(log) == 100
     assert [attempt.frames[1] for attempt in log.kept] == list(range(90, 100))
     assert all(len(attempt.pixels1) == len(attempt.inliers) == 0 for attempt in log.kept)
     assert log.notes() == ("100 attempts were made; the last 10 are listed",)
-
-
-def test_the_reason_of_a_run_is_the_most_frequent_verdict_of_the_second_half_of_all_attempts():
-    """Of 50 attempts, 25 were static and 25 had low parallax; the first in the list of reasons is reported."""
-    log = AttemptLog(limit=10)
-    assert log.prevailing_reason() == Verdict.TOO_FEW_FRAMES
-    for k in range(100):
-        log.add(refusal(k, Verdict.STATIC_CAMERA if k < 75 else Verdict.LOW_PARALLAX))
+    assert log.advice(Verdict.LOW_PARALLAX) == "advice 99"
+    assert log.advice(Verdict.STATIC_CAMERA) == Verdict.STATIC_CAMERA.advice  # no kept attempt was static
     assert log.prevailing_reason() == Verdict.STATIC_CAMERA
     log.add(refusal(100))
     assert log.prevailing_reason() == Verdict.LOW_PARALLAX
-
-
-def test_the_advice_is_that_of_the_last_kept_attempt_or_of_the_reason():
-    log = AttemptLog(limit=10)
-    for k in range(100):
-        log.add(refusal(k, Verdict.STATIC_CAMERA if k < 75 else Verdict.LOW_PARALLAX))
-    assert log.advice(Verdict.LOW_PARALLAX) == "advice 99"
-    assert log.advice(Verdict.STATIC_CAMERA) == Verdict.STATIC_CAMERA.advice  # no kept attempt was static
 
 
 # -- notes on the focal length --------------------------------------------------------------------

@@ -3,15 +3,14 @@
 import cv2
 import numpy as np
 import pytest
+from make_scene import SMALL_CAMERA as CAMERA
+from make_scene import SMALL_SIZE as SIZE
 from make_scene import texture, window
 
 from slam_init.config import TrackingConfig
 from slam_init.frontend.flow import Drift, flow
 from slam_init.frontend.tracks import Tracker
-from slam_init.types.camera import Camera
 
-SIZE = (320, 240)
-CAMERA = Camera("pinhole", *SIZE, 260.0, 260.0, 159.5, 119.5)
 CONFIG = TrackingConfig()
 TEXTURE = texture(1, 600, 1200)
 

@@ -48,16 +48,17 @@ def test_a_pair_without_common_tracks_has_score_0():
     (unrelated,) = preview_pairs(CAMERA, [a], replace(b, track_ids=b.track_ids + 1), NOISE_PX)
     assert unrelated.matches == 0
     assert unrelated.direction_score == 0
-    empty = replace(b, track_ids=b.track_ids[:0], pixels=b.pixels[:0], bearings=b.bearings[:0])
+    empty = b.at(np.arange(0))
     assert preview_pairs(CAMERA, [empty], empty, NOISE_PX)[0].direction_score == 0
 
 
-def drive(poses, manager=None):
-    """Feed all frames to a manager; gives its candidates after each frame."""
-    manager = manager or KeyframeManager(CONFIG)
+def drive(poses, steps_px=None):
+    """The candidates of a manager after each frame, whose tracks have these standard deviations."""
+    manager, windows = KeyframeManager(CONFIG), []
     seen = observe(CAMERA, poses, cloud(np.random.default_rng(1)))
+    if steps_px is not None:
+        seen = [replace(one, step_px=step_px) for one, step_px in zip(seen, steps_px, strict=True)]
     history = history_of(seen)
-    windows = []
     for current in seen:
         manager.update(current, manager.preview(history, current))
         windows.append(list(manager.candidates))
@@ -104,14 +105,8 @@ def test_a_new_candidate_takes_over_the_retry_condition_of_the_newest_one():
 
 
 def candidates_with_steps(steps_px):
-    """The candidates of a static camera whose frames have tracks of these standard deviations."""
-    manager = KeyframeManager(CONFIG)
-    seen = observe(CAMERA, [Pose.identity()] * len(steps_px), cloud(np.random.default_rng(1)))
-    seen = [replace(one, step_px=step_px) for one, step_px in zip(seen, steps_px, strict=True)]
-    history = history_of(seen)
-    for current in seen:
-        manager.update(current, manager.preview(history, current))
-    return manager.candidates
+    """The candidates of a static camera after these frames."""
+    return drive([Pose.identity()] * len(steps_px), steps_px)[-1]
 
 
 def test_a_blurred_frame_is_no_candidate_while_the_next_frames_will_do():

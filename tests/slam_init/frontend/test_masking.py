@@ -5,16 +5,15 @@ from functools import cache
 
 import numpy as np
 import pytest
+from make_scene import SMALL_CAMERA as CAMERA
+from make_scene import SMALL_SIZE as SIZE
 from make_scene import texture, window
 from scipy.ndimage import distance_transform_cdt
 
 from slam_init.config import TrackingConfig
 from slam_init.frontend.tracks import Tracker
-from slam_init.types.camera import Camera
 from slam_init.types.history import common_tracks
 
-SIZE = (320, 240)
-CAMERA = Camera("pinhole", *SIZE, 260.0, 260.0, 159.5, 119.5)
 CONFIG = TrackingConfig()
 RADIUS = CONFIG.window_px // 2
 TEXTURE = texture(1, 500, 900)

@@ -148,18 +148,12 @@ def test_the_command_takes_a_matcher_of_the_user_and_reports_what_is_wrong_with_
         "number = 3\n"
     )
     (tmp_path / "broken.py").write_text("this is no Python\n")
-    command = [
-        "run",
-        "synth:room?width=96&height=72&frames=3",
-        "--max-frames",
-        "3",
-        "--out",
-        str(tmp_path / "out"),
-        "--quiet",
-    ]
+    options = ["--max-frames", "3", "--quiet", "--no-overview"]
+    command = ["run", "synth:room?width=96&height=72&frames=3", *options, "--out"]
 
     def run(name):
-        code = main([*command, "--no-overview", "--matcher", name if ":" not in name else str(tmp_path / name)])
+        matcher = name if ":" not in name else str(tmp_path / name)
+        code = main([*command, str(tmp_path / "out"), "--matcher", matcher])
         return code, capsys.readouterr().err
 
     assert run("mine.py:none") == (3, "")

@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from make_map import CAMERAS
+from make_window import fed, point_source, true_motion
 
 from quest.geometry.quaternion import rotation_from_vector
-from sequences_synth.points import PointOptions, make_points
-from slam_init.datasets.synth import PointSource
 from slam_init.frontend.rolling_shutter import RollingShutter, readout_places, turning_flow
 from slam_init.initializer import Initializer
 from slam_init.types.camera import Camera
@@ -112,8 +111,7 @@ def test_nothing_is_corrected_where_the_turning_is_not_known(case):
     if case == "repeated time stamps":
         frames = [replace(one, timestamp_s=0.0) for one in frames]
     if case == "few tracks":
-        names = ("track_ids", "pixels", "bearings")
-        frames = [replace(one, **{name: getattr(one, name)[:7] for name in names}) for one in frames]
+        frames = [one.at(np.arange(7)) for one in frames]
     if case == "a cut":
         frames = [replace(one, track_ids=one.track_ids + 1000 * one.frame) for one in frames]
     history, _ = corrected_frames(camera, frames)
@@ -123,12 +121,8 @@ def test_nothing_is_corrected_where_the_turning_is_not_known(case):
 
 def run(seed, **options):
     options = {"views": 45, "fps": 30.0, "turning_deg_s": 60.0, "noise_px": 0.5, "outliers": 0.1} | options
-    source = PointSource.of(make_points("handheld", seed, PointOptions(**options)))
-    initializer = Initializer(source.camera)
-    for one in source.observations():
-        if initializer.process_tracks(one):
-            break
-    return source, initializer
+    source = point_source("handheld", seed, **options)
+    return source, fed(Initializer(source.camera), source.observations())
 
 
 @pytest.mark.slow
@@ -145,8 +139,7 @@ def test_a_hand_held_rolling_shutter_is_found_together_with_the_map():
     bound_s = 3 * evidence.readout_sigma_ms / 1000
     assert abs(map_.camera.readout_s - 0.03) <= bound_s <= 1 / 60
     first, last = map_.keyframes[0], map_.keyframes[-1]
-    poses = source.groundtruth.world_from_cam
-    true = poses[last.frame].inverse() @ poses[first.frame]
+    true = true_motion(source, first.frame, last.frame)
     found = last.world_from_cam.inverse() @ first.world_from_cam
     turned_deg = np.degrees(np.arccos((np.trace(true.R.T @ found.R) - 1) / 2))
     assert turned_deg < 1

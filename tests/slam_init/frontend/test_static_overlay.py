@@ -5,16 +5,15 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from make_scene import SMALL_CAMERA as CAMERA
+from make_scene import SMALL_SIZE as SIZE
 from make_scene import texture, window
 
 from slam_init.config import TrackingConfig
 from slam_init.frontend.static_overlay import StaticOverlay
 from slam_init.frontend.tracks import Tracker
-from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 
-SIZE = (320, 240)
-CAMERA = Camera("pinhole", *SIZE, 260.0, 260.0, 159.5, 119.5)
 TEXTURE = texture(1, 320, 520)
 
 

@@ -5,6 +5,8 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from make_scene import SMALL_CAMERA as CAMERA
+from make_scene import SMALL_SIZE as SIZE
 from make_scene import texture, window
 
 from slam_init.config import TrackingConfig
@@ -14,8 +16,6 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.history import History, common_tracks
 
-SIZE = (320, 240)
-CAMERA = Camera("pinhole", *SIZE, 260.0, 260.0, 159.5, 119.5)
 CONFIG = TrackingConfig()
 TEXTURE = texture(1, 500, 900)
 

@@ -1,7 +1,5 @@
 """Laws of the table of tracks and of the choice of the views that vote."""
 
-from dataclasses import replace
-
 import numpy as np
 from make_map import make_poses
 from make_scene import CAMERA, CONFIG, cloud, history_of, observe
@@ -14,9 +12,7 @@ MOST = 8
 
 def test_the_table_holds_the_common_tracks_with_gaps_where_a_view_sees_none():
     seen = observe(CAMERA, POSES[:3], cloud(np.random.default_rng(5)))
-    half = replace(
-        seen[1], track_ids=seen[1].track_ids[::2], pixels=seen[1].pixels[::2], bearings=seen[1].bearings[::2]
-    )
+    half = seen[1].at(np.arange(0, len(seen[1]), 2))
     joined = table_of(seen[0], seen[2], [half])
     assert joined.frames == (0, 2, 1)
     assert np.array_equal(joined.track_ids, seen[0].track_ids)

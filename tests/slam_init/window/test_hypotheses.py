@@ -4,37 +4,26 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from make_window import hypotheses_of, pair_and_further, point_source, pose_errors_deg, pose_of_pair, true_motion
+from make_window import (
+    hypotheses_of,
+    is_motion_of,
+    motion_errors_deg,
+    motions_of,
+    pose_of_pair,
+    true_motion,
+    window_of,
+)
 
 from quest import Hypothesis
 from quest.geometry.quaternion import quaternion_from_matrix, rotation_from_vector
-from slam_init.types.frame import Observations
 from slam_init.types.pose import Pose
-from slam_init.window.hypotheses import fit_hypotheses, motions_of_pair
+from slam_init.window.hypotheses import fit_hypotheses
+from slam_init.window.joint_fit import MAX_STEPS
 from slam_init.window.motion import Motion
 from slam_init.window.state import Priors
 from slam_init.window.tracks import gather_tracks
 
 PRIORS = Priors(focal_sigma=0.03)
-
-
-def window_of(scene, seed, views=4, **options):
-    """A source, and its first and last frame with frames between."""
-    source = point_source(scene, seed, **options)
-    observations = list(source.observations())
-    picks = np.linspace(0, len(observations) - 1, views).round().astype(int)
-    return source, pair_and_further([observations[k] for k in picks], views)
-
-
-def only(view: Observations, keep) -> Observations:
-    """The view with some of its tracks."""
-    return Observations(
-        view.frame, view.timestamp_s, view.name, view.track_ids[keep], view.pixels[keep], view.bearings[keep]
-    )
-
-
-def errors_deg(source, views, motion):
-    return pose_errors_deg(motion.cam2_from_cam1, true_motion(source, views[0].frame, views[1].frame))
 
 
 def test_a_plane_in_two_views_has_two_motions_and_one_of_them_is_true():
@@ -43,7 +32,7 @@ def test_a_plane_in_two_views_has_two_motions_and_one_of_them_is_true():
     for seed in range(12):
         source, views = window_of("wall", seed, 2, baseline=0.15)
         found = hypotheses_of(source.camera, views, PRIORS)
-        assert min(errors_deg(source, views, motion)[1] for motion in found.motions) < 15
+        assert min(motion_errors_deg(source, motion)[1] for motion in found.motions) < 15
         if not found.planar or len(found.motions) != 2:
             continue
         a, b = found.motions
@@ -60,9 +49,7 @@ def test_a_plane_in_two_views_has_two_motions_and_one_of_them_is_true():
 def test_further_views_put_the_true_motion_of_a_plane_first(seed):
     source, views = window_of("wall", seed, 10, baseline=0.3)
     found = hypotheses_of(source.camera, views, PRIORS)
-    rotation, direction = errors_deg(source, views, found.motions[0])
-    assert rotation < 1
-    assert direction < 5
+    assert is_motion_of(source, found.motions[0], 1, 5)
     costs = [motion.fit.cost for motion in found.motions]
     assert costs == sorted(costs)
 
@@ -76,18 +63,16 @@ def test_a_room_has_one_motion_and_it_is_true(seed):
     assert motion.rows == (0, 1, 2, 3, 4, 5)
     assert motion.fit.state.plane is None
     assert np.linalg.norm(motion.cam2_from_cam1.t) == pytest.approx(1)
-    rotation, direction = errors_deg(source, views, motion)
-    assert rotation < 0.5
-    assert direction < 2
+    assert is_motion_of(source, motion, 0.5, 2)
 
 
 @pytest.mark.parametrize("off_rad", [0.0, 0.002])
 def test_proposals_that_end_in_the_same_optimum_are_listed_once(off_rad):
-    source, views = window_of("room", 1)
+    source, views = window_of("room", 1, 4)
     pose, *_ = pose_of_pair(source.camera, *views[:2])
     near = rotation_from_vector(np.array([0, off_rad, 0])) @ pose.R
     again = Hypothesis(quaternion_from_matrix(near), near, pose.t, pose.inliers)
-    found = hypotheses_of(source.camera, views, PRIORS, pose=replace(pose, alternatives=(again, again)))
+    found = hypotheses_of(source.camera, views, PRIORS, alternatives=(again, again))
     assert len(found.motions) == 1
 
 
@@ -97,7 +82,7 @@ def test_a_view_that_cannot_be_located_is_left_out(way):
     lost = views[3]
     if way == "few tracks":
         keep = np.isin(lost.track_ids, np.intersect1d(views[0].track_ids, views[1].track_ids))
-        views[3] = only(lost, np.flatnonzero(keep)[:11])
+        views[3] = lost.at(np.flatnonzero(keep)[:11])
     else:
         pixels = np.random.default_rng(2).uniform((0, 0), (640, 480), lost.pixels.shape)
         views[3] = replace(lost, pixels=pixels, bearings=source.camera.bearings(pixels))
@@ -105,7 +90,7 @@ def test_a_view_that_cannot_be_located_is_left_out(way):
     assert found.motions[0].rows == (0, 1, 2, 4)
     assert len(found.motions[0].fit.state.R) == 4
     assert len(found.rotation_only.state.R) == 5  # the rotation-only camera sees all views
-    assert errors_deg(source, views, found.motions[0])[1] < 2
+    assert motion_errors_deg(source, found.motions[0])[1] < 2
 
 
 # -- motions --------------------------------------------------------------------------------------
@@ -125,9 +110,8 @@ def in_another_world(motion: Motion, scale=1.0) -> Motion:
 @pytest.mark.parametrize("scene", ["room", "wall"])
 def test_the_world_and_the_scale_of_a_motion_do_not_matter(scene):
     source, views = window_of(scene, 0, 5, baseline=0.3)
-    pose, rays1, rays2 = pose_of_pair(source.camera, *views[:2])
     tracks = gather_tracks(source.camera, views, 0.7)
-    motions = motions_of_pair(pose, (views[0].frame, views[1].frame), rays1, rays2)
+    motions = motions_of(source.camera, views)
     a, b = (fit_hypotheses(tracks, ones, PRIORS) for ones in (motions, [in_another_world(one, 2.0) for one in motions]))
     assert a.planar == b.planar == (scene == "wall")
     assert len(a.motions) == len(b.motions)
@@ -136,7 +120,7 @@ def test_the_world_and_the_scale_of_a_motion_do_not_matter(scene):
 
 
 def test_no_motion_has_no_hypotheses():
-    source, views = window_of("room", 0)
+    source, views = window_of("room", 0, 4)
     tracks = gather_tracks(source.camera, views, 0.7)
     assert fit_hypotheses(tracks, [], PRIORS) is None
     unknown = Motion({100: Pose.identity(), 101: Pose(np.eye(3), np.array([1.0, 0, 0]))})
@@ -155,10 +139,8 @@ def test_the_noise_is_measured_whatever_was_stated(stated_px, scene):
 
 def test_the_noise_has_a_lower_limit():
     source, views = window_of("room", 0, 6, noise_px=0.01)
-    pose, rays1, rays2 = pose_of_pair(source.camera, *views[:2])
-    motions = motions_of_pair(pose, (views[0].frame, views[1].frame), rays1, rays2)
     tracks = gather_tracks(source.camera, views, 0.3, 0.25)
-    assert fit_hypotheses(tracks, motions, PRIORS).tracks.noise_px == pytest.approx(0.25)
+    assert fit_hypotheses(tracks, motions_of(source.camera, views), PRIORS).tracks.noise_px == pytest.approx(0.25)
 
 
 # -- depth variation ---------------------------------------------------------------------------------------
@@ -166,13 +148,12 @@ def test_the_noise_has_a_lower_limit():
 
 def test_a_room_that_is_proposed_with_a_plane_is_fitted_without_one():
     source, views = window_of("room", 0, 5)
-    pose, rays1, rays2 = pose_of_pair(source.camera, *views[:2])
-    motions = motions_of_pair(replace(pose, kind="planar"), (views[0].frame, views[1].frame), rays1, rays2)
+    motions = motions_of(source.camera, views, kind="planar")
     assert motions[0].plane is not None
     found = fit_hypotheses(gather_tracks(source.camera, views, 0.7), motions, PRIORS)
     assert not found.planar
     assert found.motions[0].fit.state.plane is None
-    assert errors_deg(source, views, found.motions[0])[1] < 2
+    assert motion_errors_deg(source, found.motions[0])[1] < 2
 
 
 # -- gain over the rotation-only camera -----------------------------------------------------------
@@ -182,11 +163,9 @@ def test_a_room_that_is_proposed_with_a_plane_is_fitted_without_one():
 def test_where_a_depth_variation_would_not_show_nothing_is_held_on_a_plane(scene):
     """With little parallax the points of any scene lie near a plane, within the noise."""
     source, views = window_of(scene, 2, 3, baseline=0.01, noise_px=0.7)
-    pose, rays1, rays2 = pose_of_pair(source.camera, *views[:2])
-    frames = (views[0].frame, views[1].frame)
     motions = [
         replace(motion, plane=motion.plane if motion.plane is not None else np.array([0.0, 0.0, 0.1]))
-        for motion in motions_of_pair(replace(pose, kind="planar"), frames, rays1, rays2)
+        for motion in motions_of(source.camera, views, kind="planar")
     ]
     found = fit_hypotheses(gather_tracks(source.camera, views, 0.7), motions, PRIORS)
     assert not found.planar
@@ -212,12 +191,25 @@ def test_twice_the_gain_over_a_rotation_has_its_stated_freedom_where_the_camera_
 def test_a_camera_that_turns_about_several_axes_may_have_another_principal_point():
     options = {"turning_deg_s": 60.0, "noise_px": 0.5, "outliers": 0.1, "principal_error": 0.05}
     source, views = window_of("handheld", 0, 8, **options)
-    pose, rays1, rays2 = pose_of_pair(source.camera, *views[:2])
-    motions = motions_of_pair(pose, (views[0].frame, views[1].frame), rays1, rays2)
-    found = fit_hypotheses(gather_tracks(source.camera, views, 0.5), motions, PRIORS)
+    found = hypotheses_of(source.camera, views, PRIORS, 0.5)
     true, stated = source.sequence.shot.camera, source.camera
     error_px = np.array([true.cx - stated.cx, true.cy - stated.cy])
     assert np.linalg.norm(found.rotation_only.state.lens.principal_px - error_px) < 0.3 * np.linalg.norm(error_px)
     # Without translation, the best motion gains no more than by chance.
     gain, freedom = found.gain_over_rotation
     assert 2 * gain < 1.5 * freedom
+
+
+# -- the points that a fit hands to the next one --------------------------------------------------
+
+
+@pytest.mark.parametrize("scene", ["room", "wall"])
+def test_a_fit_that_goes_on_takes_few_steps_and_costs_no_more(scene):
+    source, views = window_of(scene, 0, 6, baseline=0.3)
+    first = hypotheses_of(source.camera, views, PRIORS)
+    again = fit_hypotheses(first.tracks, [one.motion for one in first.motions], PRIORS, first.rotations)
+    best = again.motions[0]
+    assert best.fit.iterations <= MAX_STEPS
+    assert best.fit.cost <= first.motions[0].fit.cost + 0.2
+    assert best.same_as(first.motions[0])
+    assert again.rotation_only.cost <= first.rotation_only.cost + 0.2

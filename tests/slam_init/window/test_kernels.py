@@ -5,17 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from make_map import CAMERAS
-from make_window import cost_at, equations, make_window, moved
+from make_window import equations, make_window, moved
 from window_reference import reference_equations
 
 from slam_init.types.lens import Lens
+from slam_init.window.arguments import FIELD_TERMS, ZOOM_TERMS
 from slam_init.window.tracks import Readout
 
 #: Far from all residuals of noise, near enough that the robust weights differ from 1.
 GATE = 5.0
 
 
-def world(kind, seed=1, views=3, camera=None, drift_px=0.0, *, with_zoom=False):
+def world(kind, seed=1, views=3, camera=None, drift_px=0.0, *, field=0):
     """Noisy tracks and a state off the truth by a few standard deviations of the noise."""
     scene = "wall" if kind == "plane" else "room"
     window = make_window(scene, seed, views, 25, noise_px=1.0, baseline=0.3, turning=0.1, camera=camera)
@@ -39,9 +40,15 @@ def world(kind, seed=1, views=3, camera=None, drift_px=0.0, *, with_zoom=False):
     t[1:] += 1e-3 * rng.normal(size=t[1:].shape)
     # Of the tracks of a plane, a fifth leaves it.
     on_plane = state.on_plane & (np.arange(len(state.on_plane)) % 5 > 0)
-    field = 0.2 * rng.normal(size=state.field.shape)
-    field[:, 0] *= 0.02 if with_zoom else 1.0
-    return tracks, replace(state, t=t, lens=Lens(2e-3, 0.02, 0.003), field=field, on_plane=on_plane)
+    fields = 0.2 * rng.normal(size=state.field.shape)
+    fields[:, 0] *= 0.02 if field == ZOOM_TERMS else 1.0
+    return tracks, replace(state, t=t, lens=Lens(2e-3, 0.02, 0.003), field=fields, on_plane=on_plane)
+
+
+def options_of(unknowns):
+    """The common unknowns beside poses, focal length and k1, by their names."""
+    field = FIELD_TERMS * ("field" in unknowns) + ZOOM_TERMS * ("zoom" in unknowns)
+    return {"field": field, "readout": "readout" in unknowns, "principal": "principal" in unknowns}
 
 
 def test_points_behind_a_plane_cost_the_gate_in_each_view():
@@ -71,8 +78,8 @@ def test_an_observation_beyond_the_root_of_three_gates_costs_the_gate_and_has_no
 @pytest.mark.parametrize("unknowns", ["", "field readout", "principal", "zoom"])
 @pytest.mark.parametrize("kind", ["free", "plane"])
 def test_the_equations_are_those_of_the_readable_reference(kind, unknowns):
-    tracks, state = world(kind, views=4, camera=CAMERAS["radtan"], drift_px=2.0, with_zoom="zoom" in unknowns)
-    options = {f"with_{name}": name in unknowns for name in ("field", "zoom", "readout", "principal")}
+    options = options_of(unknowns)
+    tracks, state = world(kind, views=4, camera=CAMERAS["radtan"], drift_px=2.0, field=options["field"])
     found, expected = equations(tracks, state, GATE, **options), reference_equations(tracks, state, GATE, **options)
     assert found.cost == pytest.approx(expected.cost)
     scale = np.sqrt(np.diag(expected.normal)) + 1.0
@@ -88,8 +95,8 @@ def test_the_equations_are_those_of_the_readable_reference(kind, unknowns):
 )
 @pytest.mark.parametrize("kind", ["free", "plane"])
 def test_the_gradient_is_the_slope_of_the_cost_along_a_step_that_the_tracks_follow(kind, unknowns, camera):
-    tracks, state = world(kind, camera=CAMERAS[camera], drift_px=2.0, with_zoom="zoom" in unknowns)
-    options = {f"with_{name}": name in unknowns for name in ("field", "zoom", "readout", "principal")}
+    options = options_of(unknowns)
+    tracks, state = world(kind, camera=CAMERAS[camera], drift_px=2.0, field=options["field"])
     found = equations(tracks, state, GATE, **options)
     scale = np.sqrt(np.diag(found.normal))
     size, step = len(found.gradient), 1e-4
@@ -97,7 +104,7 @@ def test_the_gradient_is_the_slope_of_the_cost_along_a_step_that_the_tracks_foll
         along = np.zeros(size)
         along[unknown] = step / max(scale[unknown], 1.0)
         ahead, behind = (
-            cost_at(tracks, moved(state, s * along, found.back, **options), GATE, **options) for s in (1, -1)
+            equations(tracks, moved(state, s * along, found.back, **options), GATE, **options).cost for s in (1, -1)
         )
         slope = (ahead - behind) / (2 * along[unknown])
         # The equations are those of half of the cost.

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, norm
 
+from slam_init.window.equations import explained_at_most
 from slam_init.window.tails import at_any_time, chi_square_as_gaussian, three_directions, two_directions
 
 
@@ -38,3 +39,18 @@ def test_chi_square_as_gaussian_has_the_tails_of_chi_square(freedom):
     levels = np.array([0.5, 0.05, 1e-3, 1e-5])
     found = chi_square_as_gaussian(chi2.isf(levels, freedom) / freedom, freedom)
     assert found == pytest.approx(norm.isf(levels), abs=0.2)
+
+
+# -- the largest cost of a track that a map explains ----------------------------------------------
+
+
+@pytest.mark.parametrize("freedom", [1, 5, 9, 21])
+def test_hardly_any_correct_track_exceeds_the_largest_explained_cost(freedom):
+    costs = np.random.default_rng(0).chisquare(freedom, 100_000)
+    limit = explained_at_most(np.array(freedom))
+    assert np.mean(costs > limit) < 0.005
+    assert freedom < limit < explained_at_most(np.array(freedom + 1))
+
+
+def test_a_track_without_freedom_has_no_cost():
+    assert explained_at_most(np.array([0])) == 0

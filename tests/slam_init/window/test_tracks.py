@@ -6,20 +6,12 @@ import numpy as np
 import pytest
 from make_window import pair_and_further, point_source
 
-from slam_init.types.frame import Observations
 from slam_init.window.tracks import MAX_TRACKS, gather_tracks
 
 
 def views_of(points, views=5, seed=1):
     source = point_source("room", seed, points=points, views=views)
     return source.camera, pair_and_further(list(source.observations()), views)
-
-
-def only(view: Observations, keep: np.ndarray) -> Observations:
-    """The view with some of its tracks."""
-    return Observations(
-        view.frame, view.timestamp_s, view.name, view.track_ids[keep], view.pixels[keep], view.bearings[keep]
-    )
 
 
 def test_few_tracks_are_all_taken_with_their_pixels():
@@ -49,7 +41,7 @@ def test_the_chosen_tracks_are_spread_over_the_image():
     # All tracks of the right half are dropped, except a few.
     right = views[0].track_ids[views[0].pixels[:, 0] > camera.width / 2]
     few, dropped = right[:30], right[30:]
-    views = [only(view, ~np.isin(view.track_ids, dropped)) for view in views]
+    views = [view.at(np.flatnonzero(~np.isin(view.track_ids, dropped))) for view in views]
     chosen = gather_tracks(camera, views, 0.7)
     assert np.isin(few, chosen.track_ids).mean() > 0.8
     x, y = chosen.pixels[chosen.anchor, np.arange(MAX_TRACKS)].T

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from make_window import PRIORS, Window, make_window
 
-from quest.geometry.quaternion import rotation_angle
+from quest.geometry.quaternion import rotation_angle, vector_from_rotation
 from slam_init.types.camera import Camera
 from slam_init.types.lens import SAME_LENS
 from slam_init.window.joint_fit import fit_window
@@ -93,9 +93,7 @@ def squares_of(window: Window, plane: bool):
     fit = fitted(window, plane, KNOWN_FOCAL)
     found = expanded(fit)
     state = fit.state
-    # Small errors: the antisymmetric part is the rotation vector.
-    turn = window.R[1] @ state.R[1].T
-    vector = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    vector = vector_from_rotation(window.R[1] @ state.R[1].T)
     direction = direction_uncertainty(found)
     error = direction.basis @ window.R[1].T @ window.t[1] / np.linalg.norm(window.t[1])
     distances = inverse_distances(found)

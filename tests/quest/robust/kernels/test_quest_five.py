@@ -1,7 +1,5 @@
 """The poses of five matches: all of them, at all rotations and on planes, and those of QuEst 5 in quaternions."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

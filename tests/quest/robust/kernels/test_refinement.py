@@ -1,21 +1,18 @@
 """Compiled refinement: of poses as the readable one, of rotations to the least robust cost."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from make_pose_matches import (
-    NOISE_RAD,
     THRESHOLD_RAD,
     angle_between,
     assert_orthonormal,
     disturbed,
     pose_and_matches,
     random_pose,
+    rotated,
 )
-from make_views import unit
 
 from quest.geometry.quaternion import rotation_from_vector
 from quest.robust import kernels
@@ -35,8 +32,8 @@ def test_refinement_equals_the_readable_refinement(seed, angle_rad, wrong, itera
     expected_R, expected_t = refine_pose(R0, t0, m[use], n[use], THRESHOLD_RAD, iterations)
     kernels.refine(m, n, use, R0, t0, THRESHOLD_RAD, iterations)
     # The compiled one ends at a larger gain: within some hundredths of the standard deviation of the pose.
-    assert expected_R == pytest.approx(R0, abs=1e-5)
-    assert expected_t == pytest.approx(t0, abs=1e-4)
+    assert expected_R == pytest.approx(R0, abs=3e-5)
+    assert expected_t == pytest.approx(t0, abs=3e-4)
 
 
 @laws
@@ -59,10 +56,7 @@ def test_refinement_never_raises_the_robust_cost_and_returns_a_pose(seed):
 @laws
 @given(seed=SEEDS, angle_rad=st.floats(0, 0.02), wrong=st.integers(0, 20))
 def test_the_refined_rotation_has_the_least_robust_cost(seed, angle_rad, wrong):
-    R, _, m, _ = pose_and_matches(seed)
-    rng = np.random.default_rng(seed)
-    n = unit(m @ R.T + NOISE_RAD * rng.normal(size=m.shape))
-    n[:wrong] = unit(rng.uniform([-0.5, -0.5, 1], [0.5, 0.5, 1], (wrong, 3)))
+    R, m, n = rotated(seed, 60, wrong)
     found, _ = disturbed(R, np.ones(3), seed, angle_rad)
     kernels.refine_rotation(m, n, found, 0.02, 100)
     assert_orthonormal(found)

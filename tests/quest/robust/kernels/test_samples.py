@@ -1,7 +1,5 @@
 """The compiled search over samples: the pool of modes, its order, and its independence of the order of the data."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings

@@ -1,7 +1,5 @@
 """Residuals and scores are those of the epipolar geometry; the early stop changes no decision."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
