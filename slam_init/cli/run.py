@@ -42,7 +42,7 @@ _DECISION = {
     "--gravity FILE": "direction of gravity in the frames: a table of TIME x y z or NAME x y z; or imu: by the "
     "accelerations of the source or of --imu=FILE, where they rest",
     "--max-depth-sigma S": "wait until three quarters of the landmarks have depths known to this share of themselves, "
-    "0.002 to 0.2 (default: 0.2)",
+    "0.002 to 0.2 (default: 0.2), by the noise of single tracks; the depths that are printed hold all errors",
     "--min-parallax DEG": "wait until the landmarks have this median parallax (default: no bound)",
 }
 _AFTER = {

@@ -28,6 +28,8 @@ _SUMMARY = "summary.json"
 _LIMIT_BYTES = 64_000_000
 #: More keyframes are cut in the text, never in the facts.
 _SHOWN_KEYFRAMES = 20
+#: Depths of a larger median deviation are worth a hint: splats and depth maps need a tenth.
+_UNCERTAIN_DEPTHS = 0.1
 
 
 def report_text(result: Result, summary: Summary, out: str | os.PathLike[str], replaced: str | None = None) -> str:
@@ -39,8 +41,15 @@ def report_text(result: Result, summary: Summary, out: str | os.PathLike[str], r
     folder = plain_line(str(Path(out)))
     if replaced is not None:
         facts = [*facts, ("replaced", plain_line(replaced))]
-    results = f"{folder}/ (look at overview.png, or: slam-init view {folder})"
-    return aligned(title, [*facts, ("results", results)]) + "\n"
+    facts = [*facts, ("results", f"{folder}/ (look at overview.png, or: slam-init view {folder})")]
+    # The map of a run without --refine ends with the frame that it was accepted at.
+    if (
+        result.map is not None
+        and result.map.depth_sigma > _UNCERTAIN_DEPTHS
+        and result.frames_read == result.frames_to_init
+    ):
+        facts.append(("next", "--refine 30 lets the map grow, for better depths"))
+    return aligned(title, facts) + "\n"
 
 
 def _run_facts(summary: Summary) -> list[tuple[str, str]]:
