@@ -36,7 +36,7 @@ _STATIC = (
 )  # fmt: skip
 _WAITS = (("trials", "trials", 0, 1), ("sequences", "sequences", 0, 1), ("wait (frames)", "difference_frames", 2, 1))
 _RELIABILITY = (
-    ("maps", "maps", 0, 1), ("mean stated risk (%)", "mean_risk", 3, 100), ("expected false", "expected_false", 3, 1),
+    ("maps", "maps", 0, 1), ("mean risk by the model (%)", "mean_risk", 3, 100), ("expected false", "expected_false", 3, 1),
     ("false", "false", 0, 1), ("false (%)", "false_rate", 1, 100), ("direction covered (%)", "direction", 1, 100),
     ("rotation covered (%)", "rotation", 1, 100),
 )  # fmt: skip
@@ -87,7 +87,7 @@ def main_table(summary: Figures) -> str:
             label = f"{method_label(method)}, risk"
             rows |= {f"{label} {name}": dict(one) for name, one in named_bins(reliability)}
             rows[f"{label} all"] |= {name: reliability[name]["rate"] for name in ("direction", "rotation")}
-        tables.append(_table(f"stated risk, {LEVELS[level]}", rows, _RELIABILITY))
+        tables.append(_table(f"risk by the model, {LEVELS[level]}", rows, _RELIABILITY))
     return "\n\n".join(tables)
 
 
