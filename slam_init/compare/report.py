@@ -36,7 +36,7 @@ _STATIC = (
 )  # fmt: skip
 _WAITS = (("trials", "trials", 0, 1), ("sequences", "sequences", 0, 1), ("wait (frames)", "difference_frames", 2, 1))
 _RELIABILITY = (
-    ("maps", "maps", 0, 1), ("mean risk by the model (%)", "mean_risk", 3, 100), ("expected false", "expected_false", 3, 1),
+    ("maps", "maps", 0, 1), ("mean model risk (%)", "mean_risk", 3, 100), ("expected false", "expected_false", 3, 1),
     ("false", "false", 0, 1), ("false (%)", "false_rate", 1, 100), ("direction covered (%)", "direction", 1, 100),
     ("rotation covered (%)", "rotation", 1, 100),
 )  # fmt: skip
