@@ -62,7 +62,7 @@ def test_both_poses_explain_the_homography_of_any_scale_and_sign_and_one_is_the_
         assert np.linalg.det(R_i) == pytest.approx(1)
         H_i = R_i + np.outer(t_i, k_i)
         assert np.abs(H_i / np.linalg.norm(H_i)) == pytest.approx(np.abs(H / np.linalg.norm(H)), abs=1e-9)
-        assert np.median(m @ k_i) > 0
+        assert 2 * np.count_nonzero(m @ k_i > 0) >= len(m)
 
 
 @given(w=st.tuples(*[st.floats(-1.7, 1.7)] * 3), scale=st.sampled_from([1.0, -2.0, 1e-3]))
