@@ -43,11 +43,8 @@ def report_text(result: Result, summary: Summary, out: str | os.PathLike[str], r
         facts = [*facts, ("replaced", plain_line(replaced))]
     facts = [*facts, ("results", f"{folder}/ (look at overview.png, or: slam-init view {folder})")]
     # The map of a run without --refine ends with the frame that it was accepted at.
-    if (
-        result.map is not None
-        and result.map.depth_sigma > _UNCERTAIN_DEPTHS
-        and result.frames_read == result.frames_to_init
-    ):
+    ended = result.frames_read == result.frames_to_init
+    if ended and result.map is not None and result.map.depth_sigma > _UNCERTAIN_DEPTHS:
         facts.append(("next", "--refine 30 lets the map grow, for better depths"))
     return aligned(title, facts) + "\n"
 
@@ -96,8 +93,7 @@ def is_result_folder(path: str | os.PathLike[str]) -> bool:
     try:
         if not folder.is_dir():
             return False
-        marker = read_marker(folder)
-        if marker is not None:
+        if (marker := read_marker(folder)) is not None:
             return marker.command == "run"
         others = ("config.toml", RECORDING)
         return (folder / _SUMMARY).is_file() and any((folder / name).is_file() for name in others)
@@ -133,10 +129,7 @@ def read_result(path: str | os.PathLike[str]) -> dict[str, Any]:
             "advice": summary.get("advice", ""),
             "risk": risk if risk is None or math.isfinite(risk) else None,
             "source": summary.get("source", {}).get("name", ""),
-            "method": summary["method"],
-            "seed": summary["seed"],
-            "frames_read": summary["frames_read"],
-            "frames_to_init": summary["frames_to_init"],
+            **{key: summary[key] for key in ("method", "seed", "frames_read", "frames_to_init")},
             "keyframes": [int(keyframe["frame"]) for keyframe in summary["keyframes"]],
             "landmarks": summary["landmarks"],
             "hypotheses": len(summary["hypotheses"]),
