@@ -252,7 +252,7 @@ class Finished:
     descriptors: tuple[Descriptors, ...]
     #: That of the last evaluated window, see :attr:`slam_init.initializer.Initializer.motion`.
     motion: FittedPoses | None
-    #: ``overview.png``, where it was drawn.
+    #: ``overview.png``, if it was asked for.
     picture: bytes | None = None
 
 
@@ -260,7 +260,7 @@ class Finished:
 class Job:
     """The arguments of :func:`run`, checked.
 
-    * ``described``, ``pictured``: Whether the map is described by descriptors, and the run is drawn.
+    * ``described``, ``pictured``: Whether the map is described by descriptors, and the run has a picture.
     """
 
     source: Source

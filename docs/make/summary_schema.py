@@ -13,11 +13,11 @@ from pydantic.json_schema import GenerateJsonSchema
 from typing_extensions import TypedDict
 
 from quest.relative_pose import PoseEvidence
-from slam_init.output import provenance, records, summary
+from slam_init.output import summary
 from slam_init.types import evidence, refusal, result, scale, stopwatch
 
 #: Where the types of the schema are defined.
-_MODULES = (provenance, records, summary, evidence, refusal, result, scale, stopwatch)
+_MODULES = (summary, evidence, refusal, result, scale, stopwatch)
 #: Types whose floats may be null: a figure that is not finite is written as null.
 _FIGURES = (
     "AttemptRecord",
@@ -35,7 +35,7 @@ def summary_json_schema() -> dict[str, Any]:
     """The JSON Schema (draft 2020-12) of :class:`Summary`, with descriptions from docstrings and comments."""
     # pydantic reads TypedDict of typing_extensions only (before Python 3.12), and has a type of its own for JSON.
     stage_times = TypedDict("StageTimes", get_type_hints(stopwatch.StageTimes))
-    with patch.object(summary, "StageTimes", stage_times), patch.object(provenance, "Json", JsonValue):
+    with patch.object(summary, "StageTimes", stage_times), patch.object(summary, "Json", JsonValue):
         schema = TypeAdapter(summary.Summary).json_schema(mode="serialization")
     for name, one in [("Summary", schema), *schema["$defs"].items()]:
         _describe(one, name)

@@ -124,13 +124,13 @@ def _fitted(
     )
     near = approached(tracks, _with_field(state, zooms, shifts), by_person)
     focuses = _cost_of_zooms(_zooms_and_shifts(near)[0]) < ZOOMED_COST
-    zooming = replace(by_person, focal_sigma=priors.focal_sigma, zoom_sigma=LARGEST_ZOOM) if focuses else by_person
-    state = fit_window(tracks, near, zooming, rotation_only=True).state
+    priors = replace(by_person, focal_sigma=priors.focal_sigma, zoom_sigma=LARGEST_ZOOM) if focuses else by_person
+    state = fit_window(tracks, near, priors, rotation_only=True).state
     zooms, shifts = _zooms_and_shifts(state)
     price = min(_cost_of_zooms(zooms), ZOOMED_COST) + float(np.sum((shifts / shift_px) ** 2))
     # The image zooms about the principal point, as far as that is known.
     part = zoomed(tracks, zooms, shifts - zooms[:, None] * np.array(state.lens.principal_px))
-    undone, priors = replace(state, field=np.zeros_like(state.field)), replace(zooming, zoom_sigma=0.0)
+    undone, priors = replace(state, field=np.zeros_like(state.field)), replace(priors, zoom_sigma=0.0)
     fit = fit_window(part, undone, priors, rotation_only=True, max_steps=0)
     fit = replace(fit, cost=fit.cost + price)
     again = replace(hypotheses, tracks=part, rotation_only=fit, rotation_priors=priors)
