@@ -19,7 +19,7 @@ from sequences_synth import make_sequence
 from sequences_synth.render import render
 from slam_init.datasets import open_source
 from slam_init.initializer import Initializer
-from slam_init.pictures.overview import (
+from slam_init.pictures.drawing import (
     ABOVE,
     ESTIMATE,
     FAINT,

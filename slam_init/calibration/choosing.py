@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from slam_init.calibration.files import camera_with_focal, load_camera, prior_camera
-from slam_init.calibration.formats import check_centre
 from slam_init.calibration.metadata import focal_from_metadata, photograph_facts
+from slam_init.calibration.models import check_centre
 from slam_init.errors import CalibrationError
 from slam_init.system.regular_file import check_inside
 from slam_init.types.arrays import as_array

@@ -11,7 +11,7 @@ from enum import StrEnum
 # the camera. A gate or a rule of ``slam_init.decision`` then names the reason: ``screening`` before two views,
 # ``two_views`` for a pair (a reason of :mod:`quest` has the name of its member), ``_reason`` of ``evaluated_window``
 # for a window, ``depths`` and ``_map_gates`` of ``window_rule`` for a map. The check of the stated focal length names
-# the reason of a whole run (``AttemptLog``). ``VERDICT_COLORS`` of ``slam_init.pictures.overview``
+# the reason of a whole run (``AttemptLog``). ``VERDICT_COLORS`` of ``slam_init.pictures.drawing``
 # gives it a colour. The page of the reasons is made from this list.
 class Verdict(StrEnum):
     """The verdict on a frame: accepted, or the reason of the refusal.
