@@ -1,4 +1,4 @@
-"""What a picture of a run is drawn from: the ground, frames and pairs, the decision, and maps."""
+"""The parts of a picture of a run: the ground, frames and pairs, the decision, and maps."""
 
 from __future__ import annotations
 
