@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from difflib import get_close_matches
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
 from slam_init.errors import SlamInitError, SourceError
@@ -65,7 +67,10 @@ class Parser(argparse.ArgumentParser):
         emit(self.format_help())
 
     def error(self, message: str) -> NoReturn:
-        """Raise what is wrong with the arguments."""
+        """Raise what is wrong with the arguments. A source in the place of a command is the slip of a first run."""
+        typed = re.search(r"COMMAND: invalid choice: '([^']+)'", message)
+        if typed and (Path(typed[1]).exists() or ":" in typed[1]):
+            message += f": did you mean {self.prog} run {typed[1]}?"
         if len(message) > _LONGEST:  # a number of 5,000 digits
             message = f"{message[: _LONGEST // 2]}...{message[-_LONGEST // 4 :]}"
         raise UsageError(f"{message} (see {self.prog} --help)")

@@ -31,6 +31,7 @@ def error_of(words, capsys):
         (["run", "x", "--gravity", "g.txt", "--method", "orb-slam3"], "which orb-slam3 has not: leave it out"),
         (["run", "synth:static?frames=2&width=96&height=64", "--gravity", "imu"], "has no accelerations"),
         (["run", "synth:static?frames=2&imu=1&cut=1"], "leave cut out"),
+        (["synth:room"], "did you mean slam-init run synth:room? (see slam-init --help)"),
         (["run", "synth:rom"], "unknown scene 'rom': did you mean room? use one of room, wall"),
         (["run", "x", "--method", "orbslam3"], "did you mean orb-slam3?"),
     ],
