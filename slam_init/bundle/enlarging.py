@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import gtsam
 import numpy as np
 
 from slam_init.bundle.reprojection import calibration_key, gtsam_calibration, measured_projection
 from slam_init.types.camera import Camera
-
-if TYPE_CHECKING:
-    import gtsam
 
 #: Parameters of a calibration of gtsam that are pixels: fx, fy, skew, cx, cy. The others are distortion.
 _IN_PIXELS = 5
@@ -29,8 +27,6 @@ def enlarged_graph(
     * ``stated``: That of the larger images as stated, which a prior of the calibration expects.
     * Returns ``graph``: Each residual over its standard deviation is that of the given graph.
     """
-    import gtsam
-
     adjusted = values.exists(calibration_key())
     larger = gtsam.NonlinearFactorGraph()
     for number in range(graph.size()):
@@ -54,8 +50,6 @@ def enlarged_graph(
 
 
 def _enlarged_prior(prior: Any, stated: Camera, factor: int) -> gtsam.NonlinearFactor:
-    import gtsam
-
     whiten = np.array(prior.noiseModel().R())
     whiten[:, :_IN_PIXELS] /= factor
     noise = gtsam.noiseModel.Gaussian.SqrtInformation(whiten)

@@ -10,8 +10,9 @@ farthest from it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import gtsam
 import numpy as np
 
 from slam_init.bundle.problem import BundleProblem, PosePrior
@@ -26,9 +27,6 @@ from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.lens import LensPrior
 from slam_init.types.pose import Pose
-
-if TYPE_CHECKING:
-    import gtsam
 
 #: Standard deviation that practically fixes a variable; much faster than constrained noise in gtsam.
 _GAUGE_SIGMA = 1e-6
@@ -58,15 +56,11 @@ GAUGE = "first pose fixed (prior, 1e-6); distance from the first camera to the f
 
 def pose_key(frame: int) -> int:
     """Make the gtsam key ``X(frame)`` of the pose of a keyframe."""
-    import gtsam
-
     return int(gtsam.symbol("x", frame))
 
 
 def landmark_key(track_id: int) -> int:
     """Make the gtsam key ``L(track_id)`` of a landmark."""
-    import gtsam
-
     return int(gtsam.symbol("l", track_id))
 
 
@@ -83,8 +77,6 @@ def build_graph(
     * ``prior``: If given, the calibration is a variable with this prior; its value is that of ``camera``.
     * ``stated``: The camera that the prior expects; by default ``camera``.
     """
-    import gtsam
-
     noise = gtsam.noiseModel.Isotropic.Sigma(2, noise_px)
     factor = projection(camera, problem.pixels, noise, adjusted=prior is not None)
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
@@ -107,8 +99,6 @@ def build_graph(
 
 def _pose_factors(problem: BundleProblem) -> gtsam.NonlinearFactorGraph:
     """The factors of poses alone: gauge, baseline range, and the priors that there are."""
-    import gtsam
-
     graph = gtsam.NonlinearFactorGraph()
     keys = [pose_key(frame) for frame in problem.frames]
     first = problem.world_from_cam[0]
@@ -162,8 +152,6 @@ class PoseTerms:
         return information, gradient
 
     def _values(self, R: Floats, t: Floats) -> gtsam.Values:
-        import gtsam
-
         values = gtsam.Values()
         for key, rotation, centre in zip(self._keys, R, t, strict=True):
             values.insert(key, gtsam.Pose3(gtsam.Rot3(rotation), centre))
@@ -171,8 +159,6 @@ class PoseTerms:
 
 
 def _pose_prior(prior: PosePrior, key: int, mean: Pose, baseline: float) -> gtsam.NonlinearFactor:
-    import gtsam
-
     sigmas = np.repeat([prior.rotation_sigma_rad, prior.direction_sigma_rad * baseline], 3)
     noise = gtsam.noiseModel.Diagonal.Sigmas(np.maximum(sigmas, _GAUGE_SIGMA))
     factor: gtsam.NonlinearFactor = gtsam.PriorFactorPose3(key, gtsam.Pose3(gtsam.Rot3(mean.R), mean.t), noise)
@@ -181,8 +167,6 @@ def _pose_prior(prior: PosePrior, key: int, mean: Pose, baseline: float) -> gtsa
 
 def _calibration_prior(camera: Camera, prior: LensPrior) -> gtsam.NonlinearFactor:
     """A prior factor on ``K(0)``: tight for the ratio of the focal lengths, and for all that a lens prior has not."""
-    import gtsam
-
     mean = gtsam_calibration(camera, adjusted=True)
     focal = np.array([camera.fx, camera.fy])
     length = float(np.linalg.norm(focal))
@@ -238,8 +222,6 @@ def map_of_graph(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> Map
 
 
 def _map_of_graph(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> MapOfGraph:
-    import gtsam
-
     poses, rows = dict[int, Pose](), list[tuple[int, int, float, float]]()
     calibrations, keys = set[tuple[str, tuple[float, ...]]](), dict[int, int]()
     for number in range(graph.size()):

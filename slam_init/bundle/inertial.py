@@ -23,17 +23,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
+import gtsam
 import numpy as np
 
 from quest.geometry.quaternion import vector_from_rotation
 from slam_init.types.arrays import Floats
 from slam_init.types.inertial import ACCELEROMETER_BIAS_M_S2, STANDARD_GRAVITY, Gravity, InertialRecord
 from slam_init.types.pose import Pose
-
-if TYPE_CHECKING:
-    import gtsam
 
 #: Offset of a gyroscope before it is calibrated. Data sheets state 0.01 to 0.35 rad/s; the one of EuRoC has 0.08 rad/s.
 #: Class: assumption.
@@ -133,8 +131,6 @@ def _preintegrated(
 
     * ``scaled``: Factors on the accelerations along the axes of the sensor.
     """
-    import gtsam
-
     intervals = []
     for t0_s, t1_s in pairwise(motion.times_s.tolist()):
         steps = record.steps(t0_s, t1_s)
@@ -244,8 +240,6 @@ def _refined(
     velocities: Floats,
 ) -> Alignment | None:
     """The optimum of all factors, from a start."""
-    import gtsam
-
     count, arm = len(motion.times_s), record.cam_from_imu
     upright_from_first = _upright(gravity)
     B, S, D = (gtsam.symbol(name, 0) for name in "bsd")
@@ -307,8 +301,6 @@ def _refined(
 
 
 def _inertial_factors(intervals: Sequence[_Interval], B: int) -> list[gtsam.ImuFactor]:
-    import gtsam
-
     factors = []
     for k, interval in enumerate(intervals):
         x0, v0, x1, v1 = (gtsam.symbol(name, k + step) for step in (0, 1) for name in "xv")
@@ -330,8 +322,6 @@ def _by_scales(
 
     * ``rows``: Number of residuals R; those of the intervals are the first ones.
     """
-    import gtsam
-
     B, derivatives = gtsam.symbol("b", 0), np.zeros((rows, 3))
 
     def residuals(ones: Sequence[_Interval]) -> Floats:
@@ -347,8 +337,6 @@ def _by_scales(
 
 def _held(key: int, pose: gtsam.Pose3) -> gtsam.NonlinearFactor:
     """A prior of a pose that holds its heading and its place."""
-    import gtsam
-
     up = pose.rotation().matrix().T[:, 2]
     covariance = np.diag(np.repeat([_FREE_RAD**2, _HELD_M**2], 3))
     covariance[:3, :3] += (_HELD_RAD**2 - _FREE_RAD**2) * np.outer(up, up)
@@ -361,8 +349,6 @@ def _map_factor(motion: VisualMotion, record: InertialRecord, B: int, S: int, D:
 
     A camera whose clock is late shows the pose at which the sensor was before: it moves on by its velocity.
     """
-    import gtsam
-
     count, imu_from_cam = len(motion.times_s), record.cam_from_imu.inverse()
     arm = gtsam.Pose3(gtsam.Rot3(imu_from_cam.R), imu_from_cam.t)
     by_imu = _adjoint(imu_from_cam.inverse())

@@ -8,15 +8,11 @@ whoever goes on with the graph keeps what is known of it.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
+import gtsam
 import numpy as np
 
 from slam_init.bundle.graph import pose_key
 from slam_init.types.arrays import Floats
-
-if TYPE_CHECKING:
-    import gtsam
 
 #: The prior of a further pose states a direction, and the range states the length. The deviation of such a prior along
 #: the baseline is so many times that of the scale, so that ten of them change the latter by a twentieth.
@@ -34,8 +30,6 @@ def metric_graph(
 
     * ``sigma``: Relative standard deviation of the factor; that of the range of the result.
     """
-    import gtsam
-
     scaled = gtsam.Values(values)
     for key in values.keys():  # noqa: SIM118  # no dictionary
         kind = chr(gtsam.Symbol(key).chr())
@@ -63,8 +57,6 @@ def _scaled_prior(
     old: gtsam.PriorFactorPose3, first: gtsam.Pose3, factor: float, sigma: float
 ) -> gtsam.PriorFactorPose3:
     """A prior of a pose in the new unit; that of a further pose leaves the length of its baseline to the range."""
-    import gtsam
-
     mean = gtsam.Pose3(old.prior().rotation(), factor * old.prior().translation())
     sigmas = np.array(old.noiseModel().sigmas())
     baseline = mean.rotation().unrotate(mean.translation() - factor * first.translation())
@@ -83,8 +75,6 @@ def joint_pose_covariance(graph: gtsam.NonlinearFactorGraph, values: gtsam.Value
 
     * Returns: In gtsam's tangent order (rotation, translation) in the camera frames, keyframe by keyframe.
     """
-    import gtsam
-
     try:
         marginals = gtsam.Marginals(graph, values)
     except RuntimeError:  # a landmark near infinity is not determined in double precision
@@ -95,8 +85,6 @@ def joint_pose_covariance(graph: gtsam.NonlinearFactorGraph, values: gtsam.Value
 
 def _with_loose_landmarks(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> gtsam.NonlinearFactorGraph:
     """The same graph with a prior on each landmark that is weaker than two views."""
-    import gtsam
-
     held = gtsam.NonlinearFactorGraph(graph)
     for key in values.keys():  # noqa: SIM118  # no dictionary
         if chr(gtsam.Symbol(key).chr()) == "l":

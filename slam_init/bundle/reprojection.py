@@ -8,26 +8,22 @@ observation (:mod:`slam_init.bundle.virtual_cameras`).
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
+import gtsam
 import numpy as np
 
 from slam_init.bundle.virtual_cameras import needs_virtual_cameras, virtual_cameras
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 
-if TYPE_CHECKING:
-    import gtsam
-
-    _Calibration: TypeAlias = gtsam.Cal3_S2 | gtsam.Cal3DS2 | gtsam.Cal3Fisheye | gtsam.Cal3Unified
-    #: Makes a reprojection factor: number of the pixel, key of the pose, key of the landmark.
-    _FactorMaker: TypeAlias = Callable[[int, int, int], gtsam.NonlinearFactor | None]
+_Calibration: TypeAlias = gtsam.Cal3_S2 | gtsam.Cal3DS2 | gtsam.Cal3Fisheye | gtsam.Cal3Unified
+#: Makes a reprojection factor: number of the pixel, key of the pose, key of the landmark.
+_FactorMaker: TypeAlias = Callable[[int, int, int], gtsam.NonlinearFactor | None]
 
 
 def calibration_key() -> int:
     """Make the gtsam key ``K(0)`` of the calibration."""
-    import gtsam
-
     return int(gtsam.symbol("k", 0))
 
 
@@ -38,8 +34,6 @@ def gtsam_calibration(camera: Camera, *, adjusted: bool = False) -> _Calibration
 
     * ``adjusted``: Whether the calibration is a variable. Then it has a k1: a Cal3DS2 instead of a Cal3_S2.
     """
-    import gtsam
-
     fx, fy, cx, cy = camera.fx, camera.fy, camera.cx, camera.cy
     if camera.model == "omni":
         xi, k1, k2, p1, p2 = (*camera.distortion, 0.0, 0.0, 0.0, 0.0)[:5]
@@ -95,8 +89,6 @@ def measured_projection(
     * ``adjusted``: Whether the calibration is the variable ``K(0)``; otherwise it is held.
     * Returns: Position of the pixel, key of the pose, key of the landmark -> factor.
     """
-    import gtsam
-
     calibration = gtsam_calibration(camera, adjusted=adjusted)
     name = type(calibration).__name__
     if adjusted:
@@ -108,8 +100,6 @@ def measured_projection(
 
 def _virtual_projection(camera: Camera, pixels: Floats, noise: gtsam.noiseModel.Base) -> _FactorMaker:
     """The factors of pixels by pinhole cameras that look along their rays."""
-    import gtsam
-
     virtual = virtual_cameras(camera, pixels)
 
     def factor(i: int, pose: int, landmark: int) -> gtsam.NonlinearFactor | None:
