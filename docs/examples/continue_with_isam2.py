@@ -51,7 +51,7 @@ def continue_with_isam2(map_: InitialMap, tracker: Tracker, frames: Iterable[Fra
 
     camera, calibration = map_.camera, calibration_key()
     adjusted = map_.values.exists(calibration)
-    noise = _robust_noise(map_.noise_px)
+    noise = _robust_noise(map_)
     isam = gtsam.ISAM2(_parameters())
     isam.update(map_.graph, map_.values)
     located: list[Frame] = []
@@ -138,13 +138,17 @@ def position_errors(keyframes: Sequence[Keyframe], truth: Trajectory) -> Floats:
     return np.asarray(distances / np.linalg.norm(np.ptp(true, axis=0)))
 
 
-def _robust_noise(noise_px: float) -> Any:
-    """Return the noise model of a pixel with a Huber kernel, which limits the influence of tracks that drifted."""
+def _robust_noise(map_: InitialMap) -> Any:
+    """Return the noise of the graph's own pixels with a Huber kernel, which limits the influence of tracks that drifted.
+
+    The graph begins with its reprojection factors. Their noise is larger than that of the residuals, ``map_.noise_px``:
+    it covers errors that are not independent, and new factors have them too.
+    """
     import gtsam
 
     # With 1.345 the estimate keeps 95 % of its efficiency for Gaussian noise.
     huber = gtsam.noiseModel.mEstimator.Huber.Create(1.345)
-    return gtsam.noiseModel.Robust.Create(huber, gtsam.noiseModel.Isotropic.Sigma(2, noise_px))
+    return gtsam.noiseModel.Robust.Create(huber, map_.graph.at(0).noiseModel())
 
 
 def _parameters() -> Any:

@@ -32,7 +32,7 @@ from slam_init.window.motion import FittedMotion, difference_deg
 from slam_init.window.risk import WindowRisk, risk_of, with_zooming_rotation
 from slam_init.window.tails import three_directions
 from slam_init.window.tracker_errors import with_lasting_errors
-from slam_init.window.uncertainty import direction_uncertainty, expand
+from slam_init.window.uncertainty import direction_uncertainty
 
 #: Probability that the camera of a map only rotates, before any track is seen. Of .5, .2 and .1 the last one stated
 #: best how many maps were false: 66 of 287 maps with competing motions, where 63 were (docs/measurements/accuracy.md).
@@ -80,14 +80,13 @@ def posterior_of(hypotheses: WindowHypotheses, risk: WindowRisk, world_from_cam:
     * ``risk``: Of the best hypothesis.
     * ``world_from_cam``: The poses of the map by frame; the pair is among them.
     """
-    best, *competing = hypotheses.motions
     tail = _tail_of_rotation(hypotheses, risk)
     factor = -math.e * tail * math.log(tail) if 0 < tail < 1 / math.e else float(tail > 0)
     rotation = _ROTATES * factor / (_ROTATES * factor + 1 - _ROTATES)
-    odds = np.array([1.0, *competing_odds(hypotheses, expand(best))])
+    odds = np.array([1.0, *competing_odds(hypotheses)])
     shares = (1 - rotation) * odds / odds.sum()
     at_fit, at_map = _wrong(hypotheses, risk, world_from_cam)
-    others = [_wrong_if_competing(hypotheses, k, world_from_cam) for k in range(1, 1 + len(competing))]
+    others = [_wrong_if_competing(hypotheses, k, world_from_cam) for k in range(1, len(hypotheses.motions))]
     return MapPosterior(
         direction=float(shares[0] * at_fit),
         competing=float(shares[1:] @ np.array(others)),
@@ -129,7 +128,7 @@ def _wrong_if_competing(hypotheses: WindowHypotheses, k: int, world_from_cam: Ma
 def _wrong(hypotheses: WindowHypotheses, risk: WindowRisk, world_from_cam: Mapping[int, Pose]) -> tuple[float, float]:
     """Probability that a map is wrong if the best motion is right: of a map at its fit, and of the map."""
     best, rotation_sigma_deg = hypotheses.motions[0], risk.directions.rotation_sigma_deg
-    expanded, lengths = expand(best), np.linalg.norm(best.fit.state.t, axis=1)
+    lengths = np.linalg.norm(best.fit.state.t, axis=1)
     # The stated tail of the direction knows lenses that change from view to view.
     rotated = three_directions(WRONG_ROTATION_DEG, rotation_sigma_deg)
     tail = min(max(risk.direction - rotated, math.exp(-0.5 * _PLACES[-1] ** 2)), 1.0)
@@ -139,7 +138,7 @@ def _wrong(hypotheses: WindowHypotheses, risk: WindowRisk, world_from_cam: Mappi
         view = best.frames.index(frame)
         if view > 1 and lengths[view] < SHORTEST_BASELINE * lengths.max():
             continue
-        uncertainty = direction_uncertainty(expanded, view)
+        uncertainty = direction_uncertainty(hypotheses.expanded, view)
         variances, axes = np.linalg.eigh(uncertainty.covariance)
         shape, sigma_deg = np.sqrt(np.maximum(variances / variances[-1], 0.0)), risk.directions.sigmas_deg[view - 1]
         pose = world_from_cam[frame].inverse() @ world_from_cam[best.frames[0]]

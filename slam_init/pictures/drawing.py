@@ -107,8 +107,8 @@ WIDE = 1.8
 #: The parts of the matches, their names in the legend and their colours, from the lowest to the highest.
 _PARTS = (
     ("tracks", "tracks, no motion estimated", TRACK),
-    ("outliers", "outliers", OUTLIER),
-    ("inliers", "inliers", INLIER),
+    ("outliers", "outliers of the window", OUTLIER),
+    ("inliers", "inliers of the window", INLIER),
     ("moving", "moving objects", MOVING),
 )
 #: Longest track that is plotted from one shown frame to the next, as a share of the width of the image.

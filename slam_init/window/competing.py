@@ -41,11 +41,7 @@ _FAR_BEHIND_NATS = 0.5 * FAR_BEHIND
 
 
 def competing_term(
-    hypotheses: WindowHypotheses,
-    expanded: ExpandedFit,
-    spread_deg: float,
-    *,
-    with_fits: bool = True,
+    hypotheses: WindowHypotheses, spread_deg: float, *, with_fits: bool = True
 ) -> tuple[float, Margin | None]:
     """The probability that a competing motion is right, and the vote against the nearest one.
 
@@ -56,7 +52,7 @@ def competing_term(
 
     probability = sum(
         max(
-            _competing_probability(hypotheses, expanded, other, margin, with_fits=with_fits),
+            _competing_probability(hypotheses, other, margin, with_fits=with_fits),
             _competing_by_objects(hypotheses, best, other),
         )
         * _wrong_if_right(best, other, spread_deg)
@@ -65,7 +61,7 @@ def competing_term(
     return min(1.0, probability), min(margins, key=Margin.decision_ratio, default=None)
 
 
-def competing_odds(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> list[float]:
+def competing_odds(hypotheses: WindowHypotheses) -> list[float]:
     """The probability of each competing motion over that of the best motion, without a bound from above.
 
     The risk always leaves out the region with the largest vote. Here a moving object fills it with a prior probability.
@@ -73,7 +69,7 @@ def competing_odds(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> list[
     best, odds = hypotheses.motions[0], []
     for other in hypotheses.motions[1:]:
         without, of_all = (
-            _competing_probability(hypotheses, expanded, other, _margin(hypotheses, best, other, of_all=of_all))
+            _competing_probability(hypotheses, other, _margin(hypotheses, best, other, of_all=of_all))
             for of_all in (False, True)
         )
         probability = OBJECTS_MOVE * without + (1 - OBJECTS_MOVE) * of_all
@@ -107,7 +103,7 @@ def _competing_by_objects(hypotheses: WindowHypotheses, best: FittedMotion, othe
 
 
 def _competing_probability(
-    hypotheses: WindowHypotheses, of_best: ExpandedFit, other: FittedMotion, margin: Margin, *, with_fits: bool = True
+    hypotheses: WindowHypotheses, other: FittedMotion, margin: Margin, *, with_fits: bool = True
 ) -> float:
     """Probability that the competing motion is right: the odds of the votes, less what correlated errors explain."""
     behind = margin.log_likelihood
@@ -117,7 +113,7 @@ def _competing_probability(
     missing = int(seen[list(best.rows)].sum()) - int(seen[list(other.rows)].sum())
     outliers = hypotheses.priors.gate_sigmas**2 * missing
     ahead = max(0.5 * (other.fit.cost + outliers - best.fit.cost), 1e-9)
-    of_other = expand_for_evidence(other)
+    of_best, of_other = hypotheses.expanded, expand_for_evidence(other)
     # The fields explain a share of the difference of the costs, and the same share of the votes. A wrong motion absorbs
     # a part of the fields, so that it seems to need smaller ones. The fields belong to the tracker and not to the
     # motion: the motions are compared at each scale that is likely with both.

@@ -28,7 +28,6 @@ from slam_init.window.motion import FittedMotion
 from slam_init.window.residual_correlation import residual_agreement, variance_by_correlation
 from slam_init.window.tails import three_directions, two_directions
 from slam_init.window.uncertainty import (
-    ExpandedFit,
     MovedByLens,
     direction_by_principal_point_deg,
     direction_sigmas_deg,
@@ -112,9 +111,9 @@ class DirectionTerm:
         )
 
 
-def direction_term(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> DirectionTerm:
-    """The term of the direction of the best motion, whose expansion is given."""
-    best = hypotheses.motions[0]
+def direction_term(hypotheses: WindowHypotheses) -> DirectionTerm:
+    """The term of the direction of the best motion."""
+    best, expanded = hypotheses.motions[0], hypotheses.expanded
     # The map of a calibrated camera keeps the stated lens.
     calibrated = hypotheses.priors.focal_sigma <= CALIBRATED_SIGMA
     optimism, weights = _optimism(hypotheses, best), expanded.scale_weights
@@ -149,9 +148,9 @@ def direction_term(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> Direc
     )
 
 
-def lens_of_best(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> LensPrior:
+def lens_of_best(hypotheses: WindowHypotheses) -> LensPrior:
     """The lens by the best motion, whose expansion is given."""
-    return lens_estimate(expanded, _optimism(hypotheses, hypotheses.motions[0]).factor(lens_held=False))
+    return lens_estimate(hypotheses.expanded, _optimism(hypotheses, hypotheses.motions[0]).factor(lens_held=False))
 
 
 def _wrong_by_sigmas(rotation_deg: float, direction_deg: float) -> float:

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +36,7 @@ from slam_init.window.planarity import is_plane, plane_of_motion
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracker_errors import gain_of_lasting_errors, gain_of_shared_errors, gain_of_turning_errors
 from slam_init.window.tracks import WindowTracks
+from slam_init.window.uncertainty import ExpandedFit, expand
 
 #: The window is fitted again where the noise was off by more than this factor (as a logarithm): the standard deviations
 #: are off by as much. With another noise other observations are outliers, hence the rounds.
@@ -90,6 +92,11 @@ class WindowHypotheses:
     def beside(self, again: WindowHypotheses) -> WindowHypotheses:
         """Other fits to the same tracks, with what is known of the window beside its tracks."""
         return replace(again, other_before=self.other_before, overlay=self.overlay)
+
+    @cached_property
+    def expanded(self) -> ExpandedFit:
+        """The expansion of the cost about the best motion."""
+        return expand(self.motions[0])
 
     @property
     def largest_costs(self) -> Floats:

@@ -44,7 +44,7 @@ from slam_init.window.rotation_term import (
     with_errors_in_noise,
     zooming_probability,
 )
-from slam_init.window.uncertainty import ExpandedFit, FocalOfTracks, expand, focal_of_tracks, inverse_distances
+from slam_init.window.uncertainty import FocalOfTracks, focal_of_tracks, inverse_distances
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,10 +103,9 @@ def risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
 
 
 def _risk_of(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
-    expanded = expand(hypotheses.motions[0])
-    directions = direction_term(hypotheses, expanded)
+    directions = direction_term(hypotheses)
     direction = directions.of_pair
-    by_rotation = _rotation_risk(hypotheses, expanded, direction)
+    by_rotation = _rotation_risk(hypotheses, direction)
     rotation = by_rotation.probability
     other, is_undecided = OtherMotion(), _is_undecided(rotation, direction)
     if not is_undecided:
@@ -114,16 +113,16 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
         seeks = direction + rotation + FLOOR <= max_risk
         other = other_motion(hypotheses, directions.rotation_sigma_deg, directions.sigma_deg, seeks=seeks)
     # Fits with fields take half of a frame that waits: before a camera that turns, .36 s without this condition.
-    competing, nearest = competing_term(hypotheses, expanded, directions.sigma_deg, with_fits=not is_undecided)
+    competing, nearest = competing_term(hypotheses, directions.sigma_deg, with_fits=not is_undecided)
     return WindowRisk(
         direction=direction,
         competing=competing,
         rotation=rotation,
         directions=directions,
-        depth_sigma=_depth_sigma(hypotheses, expanded),
-        correlated_px=expanded.marginal.expected_scale_px(expanded.scale_weights),
+        depth_sigma=_depth_sigma(hypotheses),
+        correlated_px=hypotheses.expanded.marginal.expected_scale_px(hypotheses.expanded.scale_weights),
         lens=directions.lens if by_rotation.lens is None else by_rotation.lens,
-        focal=focal_of_tracks(expanded),
+        focal=focal_of_tracks(hypotheses.expanded),
         margin=nearest,
         rotation_log_likelihood=by_rotation.gain,
         lasting_in_noise=by_rotation.lasting_in_noise,
@@ -134,9 +133,8 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
 def likely_lens(hypotheses: WindowHypotheses) -> LensPrior:
     """The lens by the best motion, or by the camera that only rotates where that is likely."""
     with single_threaded():
-        expanded = expand(hypotheses.motions[0])
-        _, rotation, lens = rotation_probability(hypotheses, expanded)
-        return lens_of_best(hypotheses, expanded) if lens is None or rotation <= EVEN_ODDS else lens
+        _, rotation, lens = rotation_probability(hypotheses, hypotheses.expanded)
+        return lens_of_best(hypotheses) if lens is None or rotation <= EVEN_ODDS else lens
 
 
 def with_zooming_rotation(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk:
@@ -162,15 +160,15 @@ class _RotationRisk(NamedTuple):
     lasting_in_noise: bool
 
 
-def _rotation_risk(hypotheses: WindowHypotheses, expanded: ExpandedFit, direction: float) -> _RotationRisk:
+def _rotation_risk(hypotheses: WindowHypotheses, direction: float) -> _RotationRisk:
     """The term of the rotation-only camera: with a wrong focal length, lasting errors, or moving objects."""
-    gain, rotation, lens = rotation_probability(hypotheses, expanded)
+    gain, rotation, lens = rotation_probability(hypotheses, hypotheses.expanded)
     likely = rotation > EVEN_ODDS
     # Another test takes two fits, which a direction that is unknown is not worth.
     lasting_in_noise = rotation > FLOOR and direction <= UNDECIDED and keeps_errors(hypotheses)
     if lasting_in_noise:
         wide = with_errors_in_noise(hypotheses)
-        of_wide = rotation_probability(wide, expand(wide.motions[0]), lasting_in_noise=True)[1]
+        of_wide = rotation_probability(wide, wide.expanded, lasting_in_noise=True)[1]
         of_wide = max(of_wide, _beside_objects(wide))
         lasting_in_noise, rotation = of_wide < rotation, min(of_wide, rotation)
     rotation = max(rotation, _beside_objects(hypotheses))
@@ -185,8 +183,8 @@ def _beside_objects(hypotheses: WindowHypotheses) -> float:
     return 0.0 if hypotheses.planar else moving_objects_probability(hypotheses, ON_OBJECTS)
 
 
-def _depth_sigma(hypotheses: WindowHypotheses, expanded: ExpandedFit) -> float:
+def _depth_sigma(hypotheses: WindowHypotheses) -> float:
     """Median relative deviation of the distances of the tracks that the best motion explains; infinite without one."""
-    distances = inverse_distances(expanded)
+    distances = inverse_distances(hypotheses.expanded)
     sigmas = replace(distances, known=distances.known & explained_tracks(hypotheses)).relative_sigmas
     return float(np.median(sigmas)) if len(sigmas) else math.inf

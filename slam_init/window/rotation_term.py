@@ -27,7 +27,7 @@ from slam_init.window.tracker_errors import (
     gain_of_turning_errors,
     with_lasting_errors,
 )
-from slam_init.window.uncertainty import ExpandedFit, expand, lens_estimate
+from slam_init.window.uncertainty import ExpandedFit, lens_estimate
 from slam_init.window.zooming_rotation import ZoomingRotation, with_zooms
 
 #: Errors whose variance adds as much to that of the noise, as a factor on it. Smaller ones scale what chance gains by
@@ -142,9 +142,9 @@ def _probability_beside_zooms(
         # A wrong match, which both explain in part, costs a camera more that starts farther away. Before a plane, where
         # a zoom and a motion explain the same, these would decide.
         beyond = zoom.hypotheses.gain_beyond_votes if one.planar else 0.0
-        best = expand(one.motions[0])
-        left = unexplained + beyond
-        _, by_gain, _ = rotation_probability(zoom.hypotheses, best, left, lasting_in_noise=lasting_in_noise)
+        _, by_gain, _ = rotation_probability(
+            zoom.hypotheses, one.expanded, unexplained + beyond, lasting_in_noise=lasting_in_noise
+        )
         by_objects = moving_objects_probability(zoom.hypotheses, SHARE_OF_OBJECTS, price=zoom.price) if objects else 0.0
         probability = max(probability, by_gain, by_objects)
     return hypotheses.priors.lens_changes * LENS_ZOOMS * probability
