@@ -139,7 +139,7 @@ def position_errors(keyframes: Sequence[Keyframe], truth: Trajectory) -> Floats:
 
 
 def _robust_noise(map_: InitialMap) -> Any:
-    """Return the noise of the graph's own pixels with a Huber kernel, which limits the influence of tracks that drifted.
+    """Return the noise of the pixels of the graph with a Huber kernel, which limits the influence of drifting tracks.
 
     The graph begins with its reprojection factors. Their noise is larger than that of the residuals, ``map_.noise_px``:
     it covers errors that are not independent, and new factors have them too.
