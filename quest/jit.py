@@ -101,7 +101,7 @@ def _without_collector(compile_: Callable[..., object]) -> Callable[..., object]
 @cache
 def _announce_once() -> None:
     """Tell a person who waits that loops are compiled; on stderr, unless the program handles the logger ``quest``."""
-    logging.getLogger("quest").warning("compiling for this machine, once: up to two minutes")
+    logging.getLogger("quest").warning("compiling what no run on this machine has needed yet: up to two minutes")
 
 
 class _Cache:

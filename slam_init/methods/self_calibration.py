@@ -43,6 +43,9 @@ _SIGNIFICANT_K1_SIGMAS = 2.0
 _MODEL_SIGMA = 0.015
 #: What matches the frames of a stretch, its largest number of tracks, and the least numbers of its views and points.
 _MATCHER, _MOST_TRACKS, _LEAST_VIEWS, _LEAST_POINTS = "sift", 3000, 6, 100
+#: Number of views of a stretch, evenly spaced, beside those whose poses are known. Twice as many take three times as
+#: long, and know the focal length no better: what limits it is what the model of the lens lacks.
+_MOST_VIEWS = 30
 #: Outlier threshold of a view before the lens is known, in pixels: an unknown lens leaves several.
 _RESECTION_PX = 8.0
 #: Least share of the observations within three deviations of a fit: a wrong motion or a scene that moves leaves fewer.
@@ -142,9 +145,7 @@ def _mean(values: Sequence[float], sigmas: Sequence[float]) -> tuple[float, floa
     weights = 1 / np.square(sigmas)
     mean = float(np.average(values, weights=weights))
     sigma = 1 / math.sqrt(float(weights.sum()))
-    if len(values) < 2:
-        return mean, sigma
-    scatter = float(weights @ np.square(np.subtract(values, mean))) / (len(values) - 1)
+    scatter = float(weights @ np.square(np.subtract(values, mean))) / max(len(values) - 1, 1)
     return mean, sigma * math.sqrt(max(scatter, 1.0))
 
 
@@ -156,7 +157,6 @@ def _stretch(
     It is that of the most certain window. Where no window determines the focal length, it is that of all frames.
     """
     initializer = Initializer(camera, config)
-    last = first
     for last in chain((first,), frames):
         if isinstance(source, TrackProvider):
             status = initializer.process_tracks(source.observed(last, camera))
@@ -197,7 +197,10 @@ def by_all_frames(
         return None
     poses, begun = motion
     tracker = make_tracker(begun, replace(config.tracking, matcher=_MATCHER))
+    step = math.ceil(count / _MOST_VIEWS)
     for frame in tqdm(source.frames(start, count), "all frames", count, leave=False, unit="frame", disable=not bar):
+        if (frame.index - start) % step and frame.index not in poses:
+            continue
         if isinstance(source, TrackProvider):
             tracker.history.put(source.observed(frame, begun))
         else:
@@ -215,12 +218,11 @@ def _located_matches(views: Sequence[Observations], poses: dict[int, Pose], came
 
     * ``poses``: Cam_from_world of some frames; others join.
     """
-    by_frame = {view.frame: view for view in views}
-    poses = {frame: pose for frame, pose in poses.items() if frame in by_frame}
+    frames = [view.frame for view in views]
+    poses = {frame: pose for frame, pose in poses.items() if frame in frames}
     track_ids, counts = np.unique(np.concatenate([view.track_ids for view in views]), return_counts=True)
     track_ids = track_ids[np.sort(np.argsort(-counts, kind="stable")[:_MOST_TRACKS])]
     pixels, bearings = seen_by([view.through(camera) for view in views], track_ids)
-    frames = list(by_frame)
     waiting = [frame for frame in frames if frame not in poses]
     while waiting and len(poses) >= 2:
         near = min(waiting, key=lambda frame: min(abs(frame - known) for known in poses))

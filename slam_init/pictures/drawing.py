@@ -155,11 +155,9 @@ def draw_pair(axes: Axes, pair: ShownPair, width: int) -> None:
         if chosen.any():
             lines = LineCollection(list(ends[chosen & sparse]), colors=color, linewidths=0.6, alpha=0.8)
             axes.add_collection(lines, autolim=False)
-            x, y = ends[chosen].reshape(-1, 2).T
             label = f"{label}: {np.count_nonzero(chosen)}"
-            axes.plot(x, y, ".", color=color, markersize=2.2, markeredgewidth=0, label=label)
-    title = f"the pair: frames {attempt.frames[0]} and {attempt.frames[1]}"
-    axes.set_title(title, loc="left", color=INK, weight="bold")
+            axes.plot(*ends[chosen].reshape(-1, 2).T, ".", color=color, markersize=2.2, markeredgewidth=0, label=label)
+    axes.set_title("the pair: frames {} and {}".format(*attempt.frames[:2]), loc="left", color=INK, weight="bold")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.01), ncol=3, fontsize=9, markerscale=5, borderpad=0.2)
 
 

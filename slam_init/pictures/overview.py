@@ -43,7 +43,7 @@ from slam_init.recording.text import headline
 from slam_init.types.arrays import evenly_spaced
 from slam_init.types.initial_map import InitialMap, risk_in_words
 from slam_init.types.pose import Trajectory
-from slam_init.types.refusal import Direction, Gate, GateName, Verdict
+from slam_init.types.refusal import Gate, GateName, Verdict
 from slam_init.types.result import Attempt, Result, Segment
 
 if TYPE_CHECKING:
@@ -149,8 +149,9 @@ def _facts(result: Result) -> list[str]:
     depth_sigma = evidence.depth_sigma if map_ is None else map_.depth_sigma
     risk = evidence.risk if map_ is None else map_.model_risk or evidence.risk
     # Where the tracks contradict a stated focal length, a line of its own says so.
-    fitted = f"not stated, fitted {evidence.focal_factor * stated.focal_px:.0f} px +- {evidence.focal_sigma:.1%}"
-    focal = fitted if stated.source == "prior" else f"{stated.focal_px:.0f} px ({stated.source})"
+    fitted = f", fitted {evidence.focal_factor * stated.focal_px:.0f} px +- {evidence.focal_sigma:.1%}"
+    focal = "not stated" if stated.source == "prior" else f"{stated.focal_px:.0f} px ({stated.source})"
+    focal += fitted if stated.focal_sigma else ""
     direction = f"+- {evidence.direction_sigma_deg:.2g} deg" if evidence.direction_sigma_deg < 90 else "unknown"
     depths = f"+- {depth_sigma:.1%}" if depth_sigma < 1 else "unknown"
     return [
@@ -258,7 +259,8 @@ def _draw_refusal(figure: Figure, place: _Place, result: Result) -> None:
 
 def _gate_words(gate: Gate) -> tuple[str, str, str]:
     """Write the name of a gate, what it got and what it needs."""
+    if gate.name is GateName.FOCAL_SIGMA:
+        return "deviation of the focal length", f"{gate.value:.0%}", f"at most {gate.threshold:.0%}"
     unit = f" {gate.unit}" if gate.unit else ""
     name = str(gate.name).removesuffix(f"_{gate.unit}").replace("_", " ")
-    side = "at least" if gate.direction is Direction.AT_LEAST else "at most"
-    return name, f"{gate.value:.3g}{unit}", f"{side} {gate.threshold:.3g}{unit}"
+    return name, f"{gate.value:.3g}{unit}", f"{gate.direction.replace('_', ' ')} {gate.threshold:.3g}{unit}"
