@@ -61,7 +61,7 @@ def _run_facts(summary: Summary) -> list[tuple[str, str]]:
         named = (
             ("rotation", truth.rotation_error_deg, " deg"),
             ("direction", truth.direction_error_deg, " deg"),
-            ("ATE", truth.ate_rmse, ""),
+            ("ATE", truth.ate_rmse and 100 * truth.ate_rmse / truth.path_length, "% of the path"),
         )
         errors = [f"{name} {value:.3g}{unit}" for name, value, unit in named if value is not None]
         if truth.scale_error is not None:

@@ -39,7 +39,7 @@ def test_a_map_is_reported_with_its_quality():
     assert lines["keyframes"] == "4 (frames 10, 17, 24, 31)"
     assert lines["landmarks"] == "60, general scene"
     assert lines["parallax"] == "12.50 deg (median)"
-    assert lines["ground truth"] == "rotation 0.25 deg, ATE 0.01"
+    assert lines["ground truth"] == "rotation 0.25 deg, ATE 0.667% of the path"
     assert lines["continued"] == "9 of 10 further frames located, 80% of the landmarks seen (median)"
     assert lines["attempts"] == "3 (2 low parallax, 1 accepted)"
     assert lines["results"] == "out/ (look at overview.png, or: slam-init view out)"
