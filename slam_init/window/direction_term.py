@@ -17,13 +17,7 @@ import numpy as np
 from slam_init.types.arrays import Floats
 from slam_init.types.lens import CALIBRATED_SIGMA, PULL_FREEDOM, LensPrior
 from slam_init.window.hypotheses import WindowHypotheses
-from slam_init.window.levels import (
-    FEW_VIEWS,
-    OBJECTS_MOVE,
-    SHARE_OF_OBJECTS,
-    WRONG_DIRECTION_DEG,
-    WRONG_ROTATION_DEG,
-)
+from slam_init.window.levels import FEW_VIEWS, WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
 from slam_init.window.motion import FittedMotion
 from slam_init.window.residual_correlation import residual_agreement, variance_by_correlation
 from slam_init.window.tails import three_directions, two_directions
@@ -46,8 +40,7 @@ class DirectionTerm:
 
     #: (V - 1,) Probability that the direction of a view, or its rotation, is wrong: of all views of the best motion but
     #: the first, the pair's own first. A view near the reference has an uncertain direction although its position is
-    #: certain, and one that few tracks link to the pair an uncertain rotation. Few tracks may lie on a moving object,
-    #: or on a texture that repeats.
+    #: certain, and one that few tracks link to the pair an uncertain rotation.
     of_views: tuple[float, ...]
     #: (V - 1,) Deviations of these directions where they are largest, in degrees.
     sigmas_deg: tuple[float, ...]
@@ -128,13 +121,12 @@ def direction_term(hypotheses: WindowHypotheses) -> DirectionTerm:
     rotations_of_fit_deg = factor * rotation_sigmas_deg(expanded)
     rotations_deg = np.hypot(rotations_of_fit_deg, moved.rotations_deg)
     rotated = [three_directions(WRONG_ROTATION_DEG, float(deg)) for deg in rotations_deg]
-    held = _held_by_objects(best)
     known_lens = (1.0 if calibrated else sigma_with_known_lens(expanded)) * by_tracks_deg[0]
     rigid_deg = np.hypot(optimism.if_rigid(lens_held=calibrated) * by_tracks_deg[0], moved.directions_deg[0])
     lens_right = float(weights @ _with_varying_lens(of_fit_deg[0], varying, 0))
     return DirectionTerm(
         of_views=tuple(
-            min(1.0, float(weights @ _with_varying_lens(sigmas_deg, varying, view)) + rotated[view] + held[view])
+            min(1.0, float(weights @ _with_varying_lens(sigmas_deg, varying, view)) + rotated[view])
             for view, sigmas_deg in enumerate(of_map_deg)
         ),
         sigmas_deg=tuple(float(np.sqrt(weights @ sigmas_deg**2)) for sigmas_deg in of_map_deg),
@@ -192,18 +184,6 @@ def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> _Optimism:
     # What a fit explains in part leaves residuals that neighbours share.
     shared = variance_by_correlation(best.fit, places)
     return _Optimism(few_views, pull2 / PULL_FREEDOM, objects + shared - 1)
-
-
-def _held_by_objects(best: FittedMotion) -> Floats:
-    """Probability (V - 1,) that a moving object, or a texture that repeats, locates a view: not 0 where few tracks do.
-
-    Few are fewer than a moving object holds. Before a corridor whose panels repeat, 18 of the 122 tracks of a pair
-    agreed on a pose of a further view that was off by 4 degrees. The tracks of the pair itself locate its second view.
-    """
-    locating = np.count_nonzero(best.tracks.seen & best.fit.explains, axis=1)[1:]
-    few = locating < SHARE_OF_OBJECTS * best.fit.explained
-    few[0] = False
-    return np.where(few, OBJECTS_MOVE, 0.0)
 
 
 def _widened(sigmas_deg: Floats, factor: float, fixed_deg: Floats) -> Floats:

@@ -58,8 +58,7 @@ CHANCE_GAIN = 0.9
 #: Tracks off the plane that are fewer than this share lie on one thing or two, which move with this probability. Both
 #: are assumptions: one scene in twenty has such an object, and a quarter of the tracks is more than a moving object or
 #: two hold. A moving object votes for the motion that its own resembles: of 30 simulated walls with 30 % of the tracks
-#: on moving objects, two had a false map, by the votes of 22 and of 53 such tracks against those of 250 on the plane. A
-#: further view that fewer tracks locate than this share of those of the pair may be located by a moving object.
+#: on moving objects, two had a false map, by the votes of 22 and of 53 such tracks against those of 250 on the plane.
 #: Class: assumption.
 SHARE_OF_OBJECTS, OBJECTS_MOVE = 0.25, 0.05
 

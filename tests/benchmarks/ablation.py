@@ -92,9 +92,6 @@ RULES: dict[str, Rule] = {
         "window.direction_term", "_with_varying_lens",
         lambda sigmas_deg, *_: two_directions(WRONG_DIRECTION_DEG, sigmas_deg),
     ),
-    "direction: views that a moving object holds": Rule(
-        "window.direction_term", "_held_by_objects", lambda best: np.zeros(len(best.rows) - 1)
-    ),
     "direction: residuals that neighbours share": Rule(
         "window.direction_term", "variance_by_correlation", lambda *_: 1.0
     ),

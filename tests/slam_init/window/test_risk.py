@@ -11,8 +11,7 @@ from quest.robust.spatial_blocks import regions_of
 from sequences_synth.points import PointOptions, make_points
 from slam_init.config import AcceptanceConfig
 from slam_init.datasets.synth import PointSource
-from slam_init.window.levels import FLOOR, OBJECTS_MOVE, PRINCIPAL_SIGMA
-from slam_init.window.motion import fit_motion
+from slam_init.window.levels import FLOOR, PRINCIPAL_SIGMA
 from slam_init.window.risk import risk_of
 from slam_init.window.state import Priors
 
@@ -158,22 +157,6 @@ def test_the_direction_of_the_pair_is_the_first_of_the_views_and_that_of_a_near_
     assert risk.directions.of_views[0] == risk.direction
     nearest = found.motions[0].frames.index(1) - 1
     assert risk.directions.of_views[nearest] > 10 * risk.direction
-
-
-@pytest.mark.parametrize(("share", "doubtful"), [(0.15, True), (0.4, False)])
-def test_a_view_that_fewer_tracks_locate_than_a_moving_object_holds_is_as_doubtful_as_such_objects_are(share, doubtful):
-    """Of all other views it knows nothing, and the risk of the pair stays nearly the same."""
-    found = hypotheses("room", 0, 6)
-    row = 4
-    seen = found.tracks.seen.copy()
-    seen[row, int(share * seen.shape[1]) :] = False
-    best = found.motions[0]
-    few = fit_motion(replace(found.tracks, seen=seen), best.motion, found.priors)
-    risk, before = (risk_of(replace(found, tracks=one.tracks, motions=(one,))) for one in (few, best))
-    assert (risk.directions.of_views[row - 1] > 0.9 * OBJECTS_MOVE) == doubtful
-    others = [view for view in range(5) if view != row - 1]
-    assert max(risk.directions.of_views[view] for view in others) < 0.1 * OBJECTS_MOVE
-    assert risk.total < 2 * before.total
 
 
 def test_the_relative_errors_of_the_depths_have_the_stated_size():
