@@ -148,10 +148,10 @@ def _facts(result: Result) -> list[str]:
     evidence, stated = window.window, result.camera
     depth_sigma = evidence.depth_sigma if map_ is None else map_.depth_sigma
     risk = evidence.risk if map_ is None else map_.model_risk or evidence.risk
+    sigma = evidence.focal_sigma if map_ is None else map_.camera.focal_sigma or 0.0
     # Where the tracks contradict a stated focal length, a line of its own says so.
-    fitted = f", fitted {evidence.focal_factor * stated.focal_px:.0f} px +- {evidence.focal_sigma:.1%}"
     focal = "not stated" if stated.source == "prior" else f"{stated.focal_px:.0f} px ({stated.source})"
-    focal += fitted if stated.focal_sigma else ""
+    focal += f", fitted {evidence.focal_factor * stated.focal_px:.0f} px +- {sigma:.1%}" if stated.focal_sigma else ""
     direction = f"+- {evidence.direction_sigma_deg:.2g} deg" if evidence.direction_sigma_deg < 90 else "unknown"
     depths = f"+- {depth_sigma:.1%}" if depth_sigma < 1 else "unknown"
     return [
