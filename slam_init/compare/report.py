@@ -118,8 +118,7 @@ def report_html(table: DataFrame, summary: Figures, command: str, notes: Sequenc
     from jinja2 import Environment
 
     environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.filters |= {"figure": figure_text, "value": known_value, "shown": shown}
-    environment.filters |= {"label": method_label, "bins": named_bins}
+    environment.filters.update(figure=figure_text, value=known_value, shown=shown, label=method_label, bins=named_bins)
     text = files("slam_init.compare").joinpath("report.html").read_text(encoding="utf-8")
     return environment.from_string(text).render(
         summary=summary,

@@ -22,6 +22,7 @@ from slam_init.compare.workers import DASK, run_on_cluster, run_trials, track_so
 from slam_init.datasets.synth import POINTS
 from slam_init.datasets.views import SourceView
 from slam_init.errors import ConfigError
+from slam_init.initializer import load_all
 from slam_init.methods.external_command import is_external, method_label
 from slam_init.output.folder import OutputFolder
 from slam_init.output.names import TRIALS
@@ -81,6 +82,7 @@ def compare(
                 # The checksum of a suite is that of all its tracks.
                 tracked = plan.sources if frozen else [source for source in images if source.label in unfinished]
                 digests = dict(track_sources(tracked, settings, jobs))
+                load_all()  # no trial waits for the compiler
                 bar.set_description("trials")
                 address = (backend or "").removeprefix(DASK)
                 ended = run_on_cluster(address, missing, settings) if backend else run_trials(missing, settings, jobs)
@@ -94,10 +96,9 @@ def compare(
         if points := sum(source.group.startswith(POINTS) for source in plan.sources):
             left_out = f"on {points} points: sources, because an external program needs images"
             notes += [f"not applicable: {method_label(one)} {left_out}" for one in plan.methods if is_external(one)]
-        failures = Counter(row.method for row in rows if row.outcome == "error")
         first = {row.method: row.reason for row in reversed(rows) if row.outcome == "error"}
-        for one, count in failures.items():
-            notes.append(f"{method_label(one)}: {count} trials ended in an error, the first: {first[one]}")
+        for one, count in Counter(row.method for row in rows if row.outcome == "error").items():
+            notes.append(f"{method_label(one)}: trials that ended in an error: {count}, the first: {first[one]}")
         return _publish(folder, rows, plan, command, notes), notes
 
 

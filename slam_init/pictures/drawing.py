@@ -253,7 +253,7 @@ def _draw_risk(axes: Axes, frames: Floats, attempts: Sequence[Attempt]) -> None:
     shown = np.clip(_risks(attempts, "risk"), _LEAST_RISK, 1.0)
     known = ~np.isnan(shown)
     if not known.any():
-        words = "no motion was estimated, so there is no risk to state"
+        words = "no risk was stated: no motion was estimated, or the method states none"
         axes.text(0.5, 0.62, words, transform=axes.transAxes, ha="center", color=FAINT)
         return
     axes.plot(frames[known], shown[known], "-", color=INK, linewidth=1.2, label="risk")  # a frame with one has a dot

@@ -33,7 +33,7 @@ def test_errors_of_a_method_are_named_and_its_edited_file_is_run_again(tmp_path,
     words += ["--methods", f"{method}:MedianParallax"]
     method.write_text(example.replace("count = check_matches", "count = 1 / 0, check_matches"), encoding="utf-8")
     assert main(words) == 0
-    assert "mine:MedianParallax: 1 trials ended in an error, the first: ZeroDivisionError" in capsys.readouterr().out
+    assert "trials that ended in an error: 1, the first: ZeroDivisionError" in capsys.readouterr().out
     method.write_text(example, encoding="utf-8")
     newer = (tmp_path / "out" / "trials.jsonl").stat().st_mtime + 1
     os.utime(method, (newer, newer))
