@@ -127,7 +127,7 @@ def report_html(table: DataFrame, summary: Figures, command: str, notes: Sequenc
         parts=PARTS,
         levels=LEVELS,
         sigmas={"direction": DIRECTION_SIGMAS, "rotation": ROTATION_SIGMAS},
-        false_maps=int((table["outcome"] == "false").sum()),
+        false_maps=table[table["outcome"] == "false"].to_dict("records"),
         charts={part: _charts(table[table["part"] == part], summary["methods"]) for part in summary["parts"]},
     )
 
