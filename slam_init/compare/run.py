@@ -82,10 +82,10 @@ def compare(
                 # The checksum of a suite is that of all its tracks.
                 tracked = plan.sources if frozen else [source for source in images if source.label in unfinished]
                 digests = dict(track_sources(tracked, settings, jobs))
-                load_all()  # no trial waits for the compiler
+                if unfinished:
+                    load_all()  # no trial waits for the compiler
                 bar.set_description("trials")
-                address = (backend or "").removeprefix(DASK)
-                ended = run_on_cluster(address, missing, settings) if backend else run_trials(missing, settings, jobs)
+                ended = run_on_cluster(backend, missing, settings) if backend else run_trials(missing, settings, jobs)
                 with closing(ended):  # an error or an interrupt ends the processes at once
                     for row in ended:
                         journal.append(row)

@@ -89,13 +89,13 @@ def track_sources(sources: Sequence[ComparedSource], settings: Settings, jobs: i
 def run_on_cluster(address: str, trials: Sequence[Trial], settings: Settings) -> Generator[TrialRow, None, None]:
     """Run trials on the workers of a Dask cluster; yield their rows as they end.
 
-    * ``address``: Of the scheduler, as Dask takes it: ``HOST:PORT``, or ``tls://HOST:PORT`` with the certificates in
-      Dask's configuration. The workers need slam-init, and the data under the same paths.
+    * ``address``: Of the scheduler, as Dask takes it, with ``dask:`` or without: ``HOST:PORT``, or ``tls://HOST:PORT``
+      with the certificates in Dask's configuration. The workers need slam-init, and the data under the same paths.
     """
     by_source = [list(of_source) for _, of_source in groupby(trials, key=lambda trial: trial.source.label)]
     try:
         distributed: Any = import_module("distributed")  # the package has no type annotations
-        with distributed.Client(address, timeout=_CONNECT) as client:
+        with distributed.Client(address.removeprefix(DASK), timeout=_CONNECT) as client:
             if not client.nthreads():
                 raise RuntimeError("it has no workers: start at least one")
             # pure=False: Dask must not reuse the answer of an earlier call with equal arguments.

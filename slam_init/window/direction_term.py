@@ -141,7 +141,7 @@ def direction_term(hypotheses: WindowHypotheses) -> DirectionTerm:
 
 
 def lens_of_best(hypotheses: WindowHypotheses) -> LensPrior:
-    """The lens by the best motion, whose expansion is given."""
+    """The lens by the best motion."""
     return lens_estimate(hypotheses.expanded, _optimism(hypotheses, hypotheses.motions[0]).factor(lens_held=False))
 
 
