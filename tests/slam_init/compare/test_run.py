@@ -1,6 +1,7 @@
 """A comparison gives the same results after it was killed and resumed, refuses foreign rows, and has a page."""
 
 import csv
+import html
 import json
 import re
 import shutil
@@ -112,6 +113,19 @@ def test_the_page_loads_nothing_and_states_the_wait_and_how_each_scene_is_evalua
     page = re.sub(r'xmlns(:\w+)?="[^"]*"|url\(#|href="#', "", page)
     for outside in ("http://", "https://", "<script", "<link", "@import", "url(", "src=", "href="):
         assert outside not in page
+
+
+@pytest.mark.parametrize("source", ["points:rotation?views=12", "synth:pan?frames=24&width=320&height=240"])
+def test_the_page_lists_each_false_map_with_a_command_to_look_at_it(source, tmp_path):
+    """``run`` takes images alone."""
+    compare(Plan(tuple(describe_sources([source])), ("homography",), every=6), tmp_path / "out")
+    page = html.unescape(" ".join((tmp_path / "out" / "report.html").read_text().split()))
+    starts = [row["start"] for row in rows_of(tmp_path / "out") if row["outcome"] == "false"]
+    listed = page.partition('<h2 id="false">')[2].partition("<h2 ")[0]
+    assert starts and listed.count('<th scope="row">') == len(starts)
+    for start in starts:
+        command = f'slam-init run "{source}" --start {start} --method homography'
+        assert (command in listed) == source.startswith("synth:")
 
 
 def test_a_comparison_without_any_map_has_a_page_as_well(tmp_path):
