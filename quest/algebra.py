@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.jit import compiled
+from quest.jit import compiled, part
 
 Floats = NDArray[np.float64]
 
@@ -99,7 +99,7 @@ def solve_in_place(A: Floats, b: Floats) -> bool:
     return True
 
 
-@compiled
+@part
 def copy_pose(R: Floats, t: Floats, to_R: Floats, to_t: Floats) -> None:
     """Copy a pose into other arrays.
 
@@ -111,7 +111,7 @@ def copy_pose(R: Floats, t: Floats, to_R: Floats, to_t: Floats) -> None:
             to_R[i, j] = R[i, j]
 
 
-@compiled
+@part
 def orthonormalize(R: Floats) -> None:
     """Make the rows of a matrix near a rotation orthonormal, in place.
 
@@ -178,7 +178,7 @@ def model_of_pose(R: Floats, t: Floats) -> Floats:
     return model
 
 
-@compiled
+@part
 def copy_row(row: Floats, to: Floats) -> None:
     """Copy a row of numbers; an assignment of numba takes long to compile."""
     for i in range(len(row)):

@@ -46,23 +46,32 @@ _ROBUST = Path(__file__).parent / "robust"
 _SHARED = (Path(__file__), Path(__file__).parent / "algebra.py")
 
 
-def compiler_of(folder: Path) -> Callable[[Function], Function]:
+@cache
+def _hash_of(folder: Path) -> str:
+    files = {*_SHARED, *_ROBUST.rglob("*.py"), *folder.glob("*.py")}
+    return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(files))).hexdigest()
+
+
+def compiler_of(folder: Path, *, reorders_sums: bool = False, part: bool = False) -> Callable[[Function], Function]:
     """The decorator for the compiled loops of a folder.
 
     A hash of all sources of the folder, and of the loops of quest, is a part of the name under which machine code is
     kept: an edit of any of these files renews the machine code of all loops. A loop may call loops of these only.
 
+    * ``reorders_sums``: Whether sums may be reordered, and fused with products, as for the vectors of a processor.
+    * ``part``: Whether only other loops call the functions. What lets Python call one takes a third of its compilation.
     * Returns: Compiles a function of numbers and arrays, in the part of Python that numba compiles, at its first call,
       and keeps the machine code on disk (:mod:`quest.machine_code`). Where no folder can be written,
       each process compiles for itself.
     """
-    files = {*_SHARED, *_ROBUST.rglob("*.py"), *folder.glob("*.py")}
-    sources = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(files))).hexdigest()
-    folders = machine_code.folders_of(folder)
+    sources, folders = _hash_of(folder), machine_code.folders_of(folder)
+    fast = {"reassoc", "contract"} if reorders_sums else False
 
     def _compiled(function: Function) -> Function:
         # No loop is called through a pointer, and none holds the lock of the interpreter.
-        dispatcher = _njit(error_model="numpy", no_cfunc_wrapper=True, nogil=True)(function)
+        dispatcher = _njit(
+            error_model="numpy", fastmath=fast, no_cfunc_wrapper=True, no_cpython_wrapper=part, nogil=True
+        )(function)
         if dispatcher is not function:  # NUMBA_DISABLE_JIT is not set
             dispatcher._cache = _Cache(f"{function.__module__}.{function.__qualname__}", sources, folders)
             dispatcher._compiler.compile = _without_collector(dispatcher._compiler.compile)
@@ -155,6 +164,8 @@ def _nothing() -> bytes:
     return cast("bytes", _llvm.parse_assembly("").as_bitcode())
 
 
-#: The folder of the loops of quest, and the decorator of these loops.
+#: The folder of the loops of quest, and the decorators of these loops.
 FOLDER = _ROBUST / "kernels"
 compiled = compiler_of(FOLDER)
+#: For what only other loops call.
+part = compiler_of(FOLDER, part=True)

@@ -21,6 +21,7 @@ from quest.jit import compiler_of
 from slam_init.types.arrays import Floats, Ints
 
 compiled = compiler_of(Path(__file__).parent)
+part = compiler_of(Path(__file__).parent, part=True)
 
 #: Error of an observation whose point is not in front of its virtual camera: no step may move a point there.
 _BEHIND = 1e12
@@ -41,7 +42,7 @@ def _project(L: Floats, R: Floats, t: Floats, X: Floats, p: Floats, e: Floats) -
     return float(depth)
 
 
-@compiled
+@part
 def _linearize(L: Floats, R: Floats, t: Floats, X: Floats, p: Floats, e: Floats, J: Floats, JX: Floats) -> bool:
     """The residual (2,) and its derivatives by the pose (2, 6) and by the point (2, 3); False behind the camera."""
     depth = _project(L, R, t, X, p, e)
@@ -59,7 +60,7 @@ def _linearize(L: Floats, R: Floats, t: Floats, X: Floats, p: Floats, e: Floats,
     return True
 
 
-@compiled
+@part
 def _solve_lower(C: Floats, x0: float, x1: float, x2: float) -> tuple[float, float, float]:
     """``C^-1 x`` of a factor: its diagonal, then the elements (1, 0), (2, 0), (2, 1)."""
     y0 = x0 / C[0]

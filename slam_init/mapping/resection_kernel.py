@@ -11,6 +11,7 @@ from quest.jit import compiler_of
 from slam_init.types.arrays import Floats
 
 compiled = compiler_of(Path(__file__).parent)
+part = compiler_of(Path(__file__).parent, part=True)
 
 #: Damping at the start, its factor after each step that fails or succeeds, and its least value.
 _DAMPING, _RAISE, _LEAST_DAMPING = 1e-4, 10.0, 1e-9
@@ -59,7 +60,7 @@ def refine_absolute_pose(R: Floats, t: Floats, points: Floats, bearings: Floats,
             damping *= _RAISE
 
 
-@compiled
+@part
 def _accumulate(R: Floats, t: Floats, points: Floats, bearings: Floats, scale2: float, A: Floats, g: Floats) -> float:
     """Robust cost, and the normal equations (A, g) of a step (w, tau) from the left: ``dX = w x X + tau``."""
     A[:], g[:] = 0.0, 0.0

@@ -7,7 +7,7 @@ import numpy as np
 from quest.algebra import median_in_place
 from quest.robust.kernels.refinement import refine_rotation
 from slam_init.types.arrays import Floats
-from slam_init.window.compiler import compiled
+from slam_init.window.compiler import compiled, part
 
 #: Scales of the robust kernel that aligns two views by a rotation. The first one reaches 25 degrees, the angle between
 #: two photos of a panorama; the last one is a few pixels. At each scale so many steps are taken.
@@ -55,7 +55,7 @@ def align_with_first(bearings: Floats, R: Floats) -> None:
             _copy(R[1], proposal)
 
 
-@compiled
+@part
 def _copy(R: Floats, to: Floats) -> None:
     for p in range(3):
         for q in range(3):

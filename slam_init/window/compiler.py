@@ -6,4 +6,7 @@ from pathlib import Path
 
 from quest.jit import compiler_of
 
-compiled = compiler_of(Path(__file__).parent)
+#: Sums may be reordered: so a processor makes several lanes of a sum at once.
+compiled = compiler_of(Path(__file__).parent, reorders_sums=True)
+#: For what only other loops call.
+part = compiler_of(Path(__file__).parent, reorders_sums=True, part=True)

@@ -10,22 +10,19 @@ from slam_init.window.arguments import (
     FIELD_TERMS,
     ZOOM_TERMS,
     Equations,
-    Fitted,
     Known,
     Layout,
     Limits,
     Observed,
-    Scene,
-    Sums,
+    Room,
     Unknowns,
-    Work,
 )
-from slam_init.window.optimizer import evaluate, hold_length, optimize
-from slam_init.window.prior_equations import add_priors
+from slam_init.window.kernel import evaluate, gather, list_blocks
+from slam_init.window.optimizer import hold_length, optimize
 from slam_init.window.projection import camera_vector
+from slam_init.window.rows import LANES, OBSERVED_ROWS
 from slam_init.window.state import Priors, WindowState
 from slam_init.window.steps import move
-from slam_init.window.track_equations import collect
 from slam_init.window.tracks import WindowTracks
 
 #: Weight of an unknown that keeps its value.
@@ -34,16 +31,18 @@ _HELD = 1e12
 _NO_PLANE: Floats = np.zeros(3)
 
 
-def observed_by(tracks: WindowTracks, gate_sigmas: float) -> Observed:
-    """Collect the observations of some tracks."""
-    count = int(tracks.seen[:, tracks.anchor >= 0].sum())
-    records, view = np.empty((count, 9)), np.empty(count, np.int64)
-    first = np.empty(len(tracks.anchor) + 1, np.int64)
-    collect(
-        tracks.pixels, tracks.sigma_px, tracks.whitening, tracks.sweep_px_s, tracks.seen, tracks.anchor,
-        records, view, first,
+def observed_by(tracks: WindowTracks, gate_sigmas: float, *, has_fields: bool) -> Observed:
+    """Gather the observations of the tracks that take part, in blocks with one anchor view each."""
+    views, most = len(tracks.seen), len(tracks.anchor) // LANES + len(tracks.seen)
+    lanes, anchors, counts = np.empty((most, LANES), np.int64), np.empty(most, np.int64), np.empty(most, np.int64)
+    blocks = list_blocks(tracks.anchor, views, lanes, anchors, counts)
+    rows = np.empty((blocks * views, OBSERVED_ROWS * LANES))
+    lanes, anchors, counts = lanes[:blocks], anchors[:blocks], counts[:blocks]
+    gather(
+        tracks.pixels, tracks.sigma_px, tracks.whitening, tracks.sweep_px_s, tracks.places, tracks.seen, lanes, counts,
+        has_fields, rows,
     )  # fmt: skip
-    return Observed(records, view, first, tracks.places, tracks.anchor, gate_sigmas**2)
+    return Observed(lanes, anchors, counts, rows, gate_sigmas**2)
 
 
 def _field_terms(priors: Priors) -> int:
@@ -57,8 +56,7 @@ def unknowns_of(state: WindowState) -> Unknowns:
     """A state for the compiled loops, which read its arrays."""
     plane = _NO_PLANE if state.plane is None else state.plane
     lens = np.array([*state.lens[:3], *state.lens.principal_px])
-    rays, distances = state.rays, state.inverse_distances
-    return Unknowns(Scene(state.R, state.t, state.field, plane, state.on_plane, rays, distances), lens)
+    return Unknowns(state.R, state.t, state.field, plane, state.rays, state.inverse_distances, lens, state.on_plane)
 
 
 def _known_of(tracks: WindowTracks, priors: Priors, weights: Floats, *, at_infinity: bool) -> Known:
@@ -73,42 +71,33 @@ class WindowEquations:
 
     * ``start``: Its plane says whether points may lie on a plane. The length of its longest baseline is held.
     * ``rotation_only``: Whether all points are at infinity.
-    * ``with_shares``: Whether the share of each track in the gradient is wanted.
-    * ``costs``: (T,) Cost of each track at the last state, with the cost of leaving the plane.
-    * ``residuals``: (V, T, 2) Of each observation in units of the noise, at the last state; infinite behind a camera.
-    * ``across``: (T,) Chance across the epipolar lines, see :attr:`slam_init.window.arguments.Fitted.across`.
     * ``normal``: (G, G) The normal matrix of the last :meth:`build`, with the scale free.
     * ``gradient``: (G,) Of the common unknowns, tracks eliminated.
-    * ``shares``: (T, G) The share of each track in it; empty where they are not wanted.
-    * ``back``: (T, 3, 4 + G) What the steps of the tracks need: gradient, inverse and coupling.
-    * ``free``: (T,) Tracks whose inverse distance is an unknown.
+    * ``costs, residuals, free, across``: Of the last state, see :class:`slam_init.window.arguments.Equations`.
+    * ``track_gradients, track_covariances``: (T, 3), (T, 3, 3) Gradient of each track by its unknowns (two of its ray,
+      and the inverse distance), and the inverse of its equations.
     * ``focal``: Place of the focal length among the common unknowns. The distortion follows it, then the readout and
       the principal point where they are unknown.
     * ``held_view``: View whose baseline is held.
     """
 
-    def __init__(
-        self,
-        tracks: WindowTracks,
-        start: WindowState,
-        priors: Priors,
-        rotation_only: bool = False,
-        *,
-        with_shares: bool = True,
-    ) -> None:
+    def __init__(self, tracks: WindowTracks, start: WindowState, priors: Priors, rotation_only: bool = False) -> None:
         self.tracks, self.priors, self.rotation_only = tracks, priors, rotation_only
-        views, count = tracks.seen.shape
         self._layout = layout = Layout.of(
-            views, field=_field_terms(priors), readout=priors.readout_sigma_s > 0,
+            len(tracks.seen), field=_field_terms(priors), readout=priors.readout_sigma_s > 0,
             principal=priors.principal_sigma_px > 0, rotation_only=rotation_only,
         )  # fmt: skip
         self.focal = layout.focal
-        self._observed = observed_by(tracks, priors.gate_sigmas)
-        self._equations = Equations.empty(count, layout.plane + 3 * (start.plane is not None), with_shares=with_shares)
-        self.normal, self.gradient, self.shares, self.back, _ = self._equations
-        self._fitted, self._sums = Fitted.empty(views, count), Sums.empty(views, len(self.gradient))
-        self.free, self.costs, self.residuals, self.across = self._fitted
+        self._observed, size = (
+            observed_by(tracks, priors.gate_sigmas, has_fields=layout.field == FIELD_TERMS),
+            layout.plane + 3 * (start.plane is not None),
+        )
+        self._equations = Equations.empty(len(self._observed.tracks), len(tracks.seen), len(tracks.anchor), size)
+        self.normal, self.gradient, self.costs, self.residuals, self.free, self.across, *_ = self._equations
+        self.track_gradients, self.track_covariances = self._equations.own, self._equations.inverses
+        self._room = Room.empty(size)
         self._known = _known_of(tracks, priors, self._weights_of_priors(), at_infinity=rotation_only)
+        self._built = start.R
         self.held_view = int(np.argmax(np.linalg.norm(start.t, axis=1)))
 
     @property
@@ -118,6 +107,22 @@ class WindowEquations:
         Shapes: returns (V, T).
         """
         return np.asarray(np.einsum("vtq,vtq->vt", self.residuals, self.residuals))
+
+    @property
+    def shares(self) -> Floats:
+        """The share of each track in the gradient of the common unknowns.
+
+        Shapes: returns (T, G).
+        """
+        return self._by_track(self._coupled[:, :, 3])
+
+    def coupling_along(self, directions: Floats) -> Floats:
+        """How the gradient of each track along a direction of its own unknowns follows the common unknowns.
+
+        Shapes: ``directions`` (T, 3), returns (T, G).
+        """
+        of_lanes = directions[self._observed.tracks]
+        return self._by_track(np.einsum("bgql,blq->bgl", self._coupled[:, :, :3], of_lanes))
 
     def cost(self, state: WindowState) -> float:
         """Cost of a state: twice the negative logarithm of its posterior density, up to a constant."""
@@ -135,12 +140,10 @@ class WindowEquations:
 
         * Returns: The last state, its cost, the number of steps, and whether the fit was given up.
         """
-        size = len(state.R), state.on_plane
-        states = self._place(state), Unknowns.empty(*size), Unknowns.empty(*size)
+        states = _copied(state), _copied(state), _copied(state)
         at, cost, steps, given_up = optimize(
-            self._observed, self._known, self._layout, self.held_view, limits, states, self._equations, self._fitted,
-            self._sums, Work.empty(len(self.gradient)),
-        )  # fmt: skip
+            self._observed, self._known, self._layout, self.held_view, limits, states, self._equations, self._room
+        )
         return _state_of(states[at], state), cost, steps, given_up
 
     def stopped(self, state: WindowState) -> Bools:
@@ -150,15 +153,16 @@ class WindowEquations:
         """
         if self.rotation_only:
             return np.zeros(len(state.rays), bool)
-        return np.asarray(~state.on_plane & (state.inverse_distances == 0) & (self.back[:, 2, 0] > 0))
+        return np.asarray(~state.on_plane & (state.inverse_distances == 0) & (self.track_gradients[:, 2] > 0))
 
     def prior_gradient(self, state: WindowState) -> Floats:
         """The part of the gradient that does not come from the tracks: of the lens, the fields and the rotations.
 
         Shapes: returns (G,).
         """
-        place = self._equations._replace(gradient=np.zeros_like(self.gradient), normal=np.zeros_like(self.normal))
-        add_priors(self._known, unknowns_of(state), self._layout, place, True)
+        none = self._observed._replace(tracks=self._observed.tracks[:0])
+        place = Equations.empty(0, len(self.tracks.seen), len(self.tracks.anchor), len(self.gradient))
+        evaluate(none, self._known, self._layout, unknowns_of(state), place, self._room, True, False, False)
         return place.gradient
 
     def columns_of_fields(self) -> Bools:
@@ -185,23 +189,39 @@ class WindowEquations:
 
         Shapes: ``step`` (G,).
         """
-        after = self._place(state)
-        move(unknowns_of(state), step, length, self._known, self._layout, self._equations, self.free, after)
+        after = _copied(state)
+        move(
+            unknowns_of(state), step, length, self._observed, self._known, self._layout, self._equations, self._room,
+            after,
+        )  # fmt: skip
         return _state_of(after, state)
 
-    def _place(self, state: WindowState) -> Unknowns:
-        """A copy of a state, whose arrays receive steps."""
-        place, given = Unknowns.empty(len(state.R), state.on_plane), unknowns_of(state)
-        for to, of in zip((*place.scene, place.lens), (*given.scene, given.lens), strict=True):
-            if to is not of:
-                to[:] = of
-        return place
+    @property
+    def _coupled(self) -> Floats:
+        return self._equations.coupled.reshape(-1, len(self.gradient), 4, LANES)
+
+    def _by_track(self, of_blocks: Floats) -> Floats:
+        """Derivatives of each track by the common unknowns, turned from the axes of the world into those of the views.
+
+        Shapes: ``of_blocks`` (B, G, LANES), returns (T, G).
+        """
+        tracks, counts, layout = self._observed.tracks, self._observed.counts, self._layout
+        turned = of_blocks.copy()
+        for k in range(1, len(self._built)):
+            first = layout.field + layout.block * (k - 1)
+            for at in range(first, first + layout.pose, 3):
+                turned[:, at : at + 3] = self._built[k] @ turned[:, at : at + 3]
+        used = np.arange(LANES) < counts[:, None]
+        of_tracks = np.zeros((len(self.tracks.anchor), of_blocks.shape[1]))
+        of_tracks[tracks[used]] = turned.swapaxes(1, 2)[used]
+        return of_tracks
 
     def _evaluate(self, state: WindowState, *, fill: bool, hold: bool) -> float:
+        if fill:
+            self._built = state.R
         return evaluate(
-            self._observed, self._known, self._layout, unknowns_of(state), self._equations, self._fitted, self._sums,
-            fill, hold,
-        )  # fmt: skip
+            self._observed, self._known, self._layout, unknowns_of(state), self._equations, self._room, fill, hold, True
+        )
 
     def _weights_of_priors(self) -> Floats:
         """One over the variance of each common unknown before the tracks are seen."""
@@ -232,18 +252,25 @@ class WindowEquations:
         return np.arange(first, first + self._layout.field)
 
 
+def _copied(state: WindowState) -> Unknowns:
+    """A copy of a state, whose arrays receive steps."""
+    read = unknowns_of(state)
+    R, t, field, plane, rays, distances, lens = (array.copy() for array in read[:7])
+    return Unknowns(R, t, field, plane, rays, distances, lens, read.on_plane)
+
+
 def _state_of(unknowns: Unknowns, before: WindowState) -> WindowState:
     """The state in some arrays, which are its own from now on; ``before`` has the same tracks on the plane."""
-    scene, lens = unknowns
+    lens = unknowns.lens
     return WindowState(
-        R=scene.R,
-        t=scene.t,
-        rays=scene.rays,
-        inverse_distances=scene.inverse_distances,
+        R=unknowns.R,
+        t=unknowns.t,
+        rays=unknowns.rays,
+        inverse_distances=unknowns.inverse_distances,
         lens=Lens(float(lens[0]), float(lens[1]), float(lens[2]), (float(lens[3]), float(lens[4]))),
-        field=scene.field,
-        plane=None if before.plane is None else scene.plane,
-        on_plane=scene.on_plane,
+        field=unknowns.field,
+        plane=None if before.plane is None else unknowns.plane,
+        on_plane=unknowns.on_plane,
     )
 
 

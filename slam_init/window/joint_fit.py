@@ -22,7 +22,7 @@ from slam_init.types.arrays import Bools, Floats
 from slam_init.types.lens import Lens
 from slam_init.window.arguments import Limits
 from slam_init.window.equations import WindowEquations, explained_at_most
-from slam_init.window.optimizer import OFF_PLANE_COST
+from slam_init.window.kernel import OFF_PLANE_COST
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
 
@@ -80,7 +80,7 @@ class JointFit:
     def information(self) -> Floats:
         """Of the unknowns of the views, the lens and the plane, tracks eliminated, baseline held.
 
-        Shapes: returns (G, G), in the order of :mod:`slam_init.window.kernels`.
+        Shapes: returns (G, G), in the order of :mod:`slam_init.window.kernel`.
         """
         return self._at_end.information(self.state)
 
@@ -117,7 +117,7 @@ class JointFit:
     @cached_property
     def _at_end(self) -> WindowEquations:
         """The equations at the fitted state: they take as long as a step, and most fits only compete by their cost."""
-        equations = WindowEquations(self.tracks, self.state, self.priors, self.rotation_only, with_shares=False)
+        equations = WindowEquations(self.tracks, self.state, self.priors, self.rotation_only)
         equations.held_view = self.held_view
         equations.build(self.state)
         return equations
@@ -147,7 +147,7 @@ def fit_window(
       hospital, since most of their motions and their camera that only rotates cannot win.
     * ``tolerance``: The fit ends where a step lowers the cost by less: a fortieth of a nat is far below what decides.
     """
-    equations = WindowEquations(tracks, start, priors, rotation_only, with_shares=False)
+    equations = WindowEquations(tracks, start, priors, rotation_only)
     if known is not None:
         start = _cheaper(equations, start, known)
     limits = Limits(max_steps, float(tolerance), float(hopeless), float(give_up))
@@ -178,7 +178,7 @@ def start_noise_factor(
     A start is off by more than the noise, and the noise of a pair can be far smaller than that of the other views. With
     too small a noise all observations count as outliers, and the fit cannot move.
     """
-    equations = WindowEquations(tracks, start, priors, rotation_only, with_shares=False)
+    equations = WindowEquations(tracks, start, priors, rotation_only)
     equations.build(start)
     equations.cost(equations.moved(start, np.zeros(len(equations.gradient))))
     used = tracks.seen & (tracks.anchor >= 0)
@@ -194,7 +194,7 @@ def costs_off_plane(fit: JointFit) -> Floats:
     * Returns: Without the cost of leaving the plane. The rays and the distances are those of one Gauss-Newton step.
     """
     state = fit.state
-    equations = WindowEquations(fit.tracks, state, fit.priors, with_shares=False)
+    equations = WindowEquations(fit.tracks, state, fit.priors)
     return _costs_off_plane(equations, state, _measured(fit.tracks, state))
 
 
@@ -210,11 +210,11 @@ def information_off_plane(fit: JointFit) -> Floats:
         return np.zeros(len(state.rays))
     inverse = state.distances_by_plane(tracks.anchor)
     on_plane = state.on_plane & (tracks.anchor >= 0) & (inverse > 0)
-    equations = WindowEquations(tracks, state, fit.priors, with_shares=False)
+    equations = WindowEquations(tracks, state, fit.priors)
     nowhere = np.zeros(len(inverse), bool)
     free = replace(state, on_plane=nowhere, inverse_distances=np.where(on_plane, inverse, 0.0))
     equations.build(free, hold=False)
-    variance = np.maximum(equations.back[:, 2, 3], 1e-300)
+    variance = np.maximum(equations.track_covariances[:, 2, 2], 1e-300)
     return np.asarray(np.where(on_plane, inverse**2 / variance, 0.0))
 
 

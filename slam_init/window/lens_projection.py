@@ -10,7 +10,7 @@ import numpy as np
 
 from slam_init.types.arrays import Floats
 from slam_init.types.lenses.lens import LensModel, Profile
-from slam_init.window.compiler import compiled
+from slam_init.window.compiler import part
 
 #: Length of the vector of a lens.
 LENS_NUMBERS = 20
@@ -27,7 +27,7 @@ def lens_vector(lens: LensModel | None) -> Floats:
     return np.array([lens.profile, *lens.shape, *lens.bending, *lens.field_limits, bent], float)
 
 
-@compiled
+@part
 def _profile(
     camera: Floats, X: float, Y: float, Z: float
 ) -> tuple[bool, float, float, float, float, float, float, float, float]:
@@ -73,7 +73,7 @@ def _profile(
     )  # fmt: skip
 
 
-@compiled
+@part
 def project_ray(
     camera: Floats, scale: float, k1: float, X: float, Y: float, Z: float
 ) -> tuple[bool, float, float, float, float, float, float, float, float, float, float]:

@@ -9,7 +9,7 @@ import numpy as np
 from slam_init.types.arrays import Bools, Floats
 from slam_init.window.equations import WindowEquations, tangent_bases
 from slam_init.window.joint_fit import JointFit
-from slam_init.window.kernels import TUKEY_GATES
+from slam_init.window.kernel import TUKEY_GATES
 
 #: A gate that weights all observations alike.
 _NO_GATE = 1e6
@@ -49,20 +49,23 @@ def linearize_with_fields(fit: JointFit) -> Linearization:
     equations = WindowEquations(fit.tracks, state, replace(priors, field_sigma_px=np.inf), fit.rotation_only)
     equations.held_view = fit.held_view
     equations.build(state, hold=False)
-    back, shares, held = equations.back, equations.shares.copy(), equations.stopped(state)
+    gradients, covariances = equations.track_gradients, equations.track_covariances
+    shares, held = equations.shares, equations.stopped(state)
     # The equations are linear in the gradients of the tracks.
-    shares[held] += np.einsum("tpg,tp->tg", back[held, :, 4:], back[held, :, 3] * back[held, 2, :1])
+    along_distance = equations.coupling_along(covariances[:, 2])
+    shares[held] += along_distance[held] * gradients[held, 2:]
     gradient = shares.sum(axis=0) + equations.prior_gradient(state)
-    variance = back[:, 2, 3].copy()
-    coupling = -np.einsum("tq,tqg->tg", back[:, 2, 1:4], back[:, :, 4:])
+    variance = covariances[:, 2, 2].copy()
+    coupling = -along_distance
     if state.plane is not None:
         # In the reference, the inverse distance along a ray is the product of the plane and the ray. The ray follows
         # the other unknowns too, most of all the focal length.
         on_plane = np.flatnonzero(state.on_plane & (fit.tracks.anchor == 0))
         by_ray = np.stack([base[on_plane] @ state.plane for base in tangent_bases(state.rays)], axis=1)
-        inverse = back[on_plane, :2, 1:3]
-        variance[on_plane] = np.einsum("tp,tpq,tq->t", by_ray, inverse, by_ray)
-        coupling[on_plane] = -np.einsum("tp,tpq,tqg->tg", by_ray, inverse, back[on_plane, :2, 4:])
+        follow = np.zeros((len(state.rays), 3))
+        follow[on_plane, :2] = np.einsum("tp,tpq->tq", by_ray, covariances[on_plane, :2, :2])
+        variance[on_plane] = np.einsum("tq,tq->t", by_ray, follow[on_plane, :2])
+        coupling[on_plane] = -equations.coupling_along(follow)[on_plane]
         coupling[on_plane, -3:] += state.rays[on_plane]
     information = equations.information(state)
     is_field = equations.columns_of_fields()
@@ -98,7 +101,7 @@ def information_by_chance(fit: JointFit) -> Floats:
     equations.build(state, hold=False)
     own = equations.normal.copy()
     # A distance that is held at infinity has no error that makes information.
-    sigmas = np.sqrt(np.maximum(equations.back[:, 2, 3], 0.0)) * (state.inverse_distances > 0)
+    sigmas = np.sqrt(np.maximum(equations.track_covariances[:, 2, 2], 0.0)) * (state.inverse_distances > 0)
     by_chance = -own
     for sign in (1, -1):
         moved = replace(state, inverse_distances=state.inverse_distances + sign * sigmas)

@@ -1,7 +1,7 @@
 """The fields of correlated errors of a fit, integrated out.
 
 The tracks of a view share errors: of the lens model, of the shutter, of the tracker. A smooth field for each view
-describes them (:mod:`slam_init.window.kernels`). How large the fields are is not known beforehand, and the tracks show
+describes them (:mod:`slam_init.window.kernel`). How large the fields are is not known beforehand, and the tracks show
 it: errors that neighbours share do not average out. So the scale of the fields has a posterior too. It decides how far
 a competing motion is behind (its fields explain a part of its residuals), and how certain the direction of the baseline
 is.

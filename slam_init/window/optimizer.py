@@ -11,25 +11,17 @@ import numpy as np
 from slam_init.types.arrays import Floats
 from slam_init.window.arguments import (
     Equations,
-    Fitted,
     Known,
     Layout,
-    LensNumbers,
     Limits,
     Observed,
-    Sums,
+    Room,
     Unknowns,
-    Work,
 )
 from slam_init.window.compiler import compiled
-from slam_init.window.kernels import accumulate
-from slam_init.window.levels import LARGEST_VOTE
-from slam_init.window.prior_equations import add_priors
+from slam_init.window.kernel import evaluate
 from slam_init.window.steps import move
-from slam_init.window.track_equations import eliminate
 
-#: Cost of a track that leaves the plane: as much as a track may vote for or against a hypothesis.
-OFF_PLANE_COST = LARGEST_VOTE
 #: Levenberg-Marquardt: first damping, the factor of a rejected step, and how often a step is tried.
 _DAMPING, _RAISE, _TRIES = 1e-4, 10.0, 6
 #: Robust costs converge linearly. A step that gains at least this share of what the step before gained is tried again
@@ -50,32 +42,28 @@ def optimize(
     limits: Limits,
     states: tuple[Unknowns, Unknowns, Unknowns],
     equations: Equations,
-    fitted: Fitted,
-    sums: Sums,
-    work: Work,
+    room: Room,
 ) -> tuple[int, float, int, bool]:
     """Levenberg-Marquardt from the first of three states; the others are place for steps.
 
-    * Returns: Which state is the answer, its cost, the number of steps, and whether the fit was given up. ``fitted`` is
-      that of the answer.
+    * Returns: Which state is the answer, its cost, the number of steps, and whether the fit was given up. The costs and
+      the residuals are those of the answer.
     """
     at, tried, spare = 0, 1, 2
     # Variables: for each of the constants True and False numba would compile the loops once more.
-    builds = limits.max_steps > 0
-    only_cost = not builds
-    cost = evaluate(observed, known, layout, states[at], equations, fitted, sums, builds, builds)
-    # The state that the costs of the tracks belong to.
-    weighed, damping, steps, fell, given_up = at, _DAMPING, 0, np.inf, False
+    yes = limits.max_steps >= 0
+    no = not yes
+    cost = evaluate(observed, known, layout, states[at], equations, room, yes, yes, no)
+    damping, steps, fell, given_up = _DAMPING, 0, np.inf, False
     while steps < limits.max_steps:
         if steps:
-            evaluate(observed, known, layout, states[at], equations, fitted, sums, builds, builds)
-        hold_length(equations.normal, states[at].scene.t, held_view, layout)
+            evaluate(observed, known, layout, states[at], equations, room, yes, yes, no)
+        hold_length(equations.normal, states[at].t, held_view, layout)
         lower = np.inf
         for _ in range(_TRIES):
-            if solve_damped(equations, damping, work):
-                move(states[at], work.step, 1.0, known, layout, equations, fitted.free, states[tried])
-                weighed = tried
-                lower = evaluate(observed, known, layout, states[tried], equations, fitted, sums, only_cost, only_cost)
+            if solve_damped(equations, damping, room):
+                move(states[at], room.step, 1.0, observed, known, layout, equations, room, states[tried])
+                lower = evaluate(observed, known, layout, states[tried], equations, room, no, no, no)
                 if lower < cost:
                     break
             damping *= _RAISE
@@ -86,9 +74,8 @@ def optimize(
         if _SLOW < ratio < 1.0:
             # Where each step gains this share of the one before, the sum of all steps is so much longer (Aitken).
             longer = min(1.0 / (1.0 - ratio), _LONGEST)
-            move(states[at], work.step, longer, known, layout, equations, fitted.free, states[spare])
-            weighed = spare
-            lowest = evaluate(observed, known, layout, states[spare], equations, fitted, sums, only_cost, only_cost)
+            move(states[at], room.step, longer, observed, known, layout, equations, room, states[spare])
+            lowest = evaluate(observed, known, layout, states[spare], equations, room, no, no, no)
             if lowest < lower:
                 tried, spare, lower = spare, tried, lowest
         at, tried = tried, at
@@ -96,40 +83,8 @@ def optimize(
         given_up = cost - _STEPS_TO_COME * fell > limits.hopeless or cost > limits.give_up
         if fell < limits.tolerance or given_up:
             break
-    if weighed != at:
-        evaluate(observed, known, layout, states[at], equations, fitted, sums, only_cost, only_cost)
+    evaluate(observed, known, layout, states[at], equations, room, no, no, yes)
     return at, cost, steps, given_up
-
-
-@compiled
-def evaluate(
-    observed: Observed,
-    known: Known,
-    layout: Layout,
-    unknowns: Unknowns,
-    equations: Equations,
-    fitted: Fitted,
-    sums: Sums,
-    fill: bool,
-    hold: bool,
-) -> float:
-    """Cost of a state, twice the negative logarithm of its posterior density up to a constant; ``fill``: the equations.
-
-    * ``hold``: Whether tracks at infinity whose distance would become negative are held there.
-    """
-    if fill:
-        fitted.free[:] = not known.at_infinity
-    numbers = unknowns.lens
-    lens = LensNumbers(known.camera, numbers[0], numbers[1], numbers[2] - known.corrected_s, numbers[3:])
-    cost = accumulate(observed, lens, unknowns.scene, layout, equations, fitted, sums, fill, hold)
-    if len(equations.gradient) > layout.plane:
-        for i in range(len(observed.anchor)):
-            if observed.anchor[i] >= 0 and not unknowns.scene.on_plane[i]:
-                fitted.costs[i] += OFF_PLANE_COST
-                cost += OFF_PLANE_COST
-    if fill:
-        eliminate(equations.normal, equations.gradient, equations.halves)
-    return cost + add_priors(known, unknowns, layout, equations, fill)
 
 
 @compiled
@@ -149,12 +104,12 @@ def hold_length(normal: Floats, t: Floats, view: int, layout: Layout) -> None:
 
 
 @compiled
-def solve_damped(equations: Equations, damping: float, work: Work) -> bool:
+def solve_damped(equations: Equations, damping: float, room: Room) -> bool:
     """Solve the equations with a share of their diagonal added, by elimination without pivots.
 
     * Returns: Whether a step was found; it is not where the damped equations are singular to working precision.
     """
-    normal, factor, step, size = equations.normal, work.factor, work.step, len(equations.gradient)
+    normal, factor, step, size = equations.normal, room.factor, room.step, len(equations.gradient)
     for p in range(size):
         step[p] = -equations.gradient[p]
         for q in range(p, size):

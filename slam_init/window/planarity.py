@@ -13,6 +13,7 @@ import numpy as np
 
 from slam_init.types.arrays import Floats
 from slam_init.window.joint_fit import costs_off_plane, information_off_plane
+from slam_init.window.kernel import OFF_PLANE_COST
 from slam_init.window.levels import (
     LARGEST_GAIN,
     LEAST_ON_PLANE,
@@ -23,7 +24,6 @@ from slam_init.window.levels import (
     VARIATION_SIGMAS,
 )
 from slam_init.window.motion import FittedMotion, fit_motion
-from slam_init.window.optimizer import OFF_PLANE_COST
 from slam_init.window.state import Priors
 from slam_init.window.tracks import WindowTracks
 

@@ -7,7 +7,7 @@ import numpy as np
 from quest.jit import inlined
 from slam_init.types.arrays import Floats
 from slam_init.window.arguments import Equations, Known, Layout, Unknowns
-from slam_init.window.compiler import compiled
+from slam_init.window.compiler import part
 from slam_init.window.vectors import Vector, cross, dot, to_view, vector_of
 
 #: Degrees of freedom of Student's distribution of measured gravity: an accelerometer that is not at rest, or a mount
@@ -16,10 +16,10 @@ from slam_init.window.vectors import Vector, cross, dot, to_view, vector_of
 _GRAVITY_TAIL = 3.0
 
 
-@compiled
+@part
 def add_priors(known: Known, unknowns: Unknowns, layout: Layout, equations: Equations, fill: bool) -> float:
     """Cost of the distance of a state from what is expected; with ``fill`` it joins the equations."""
-    cost, field = 0.0, unknowns.scene.field
+    cost, field = 0.0, unknowns.field
     for q in range(layout.lens):
         place = place_in_lens(layout, q)
         pull = unknowns.lens[place] - known.lens[place]
@@ -30,10 +30,10 @@ def add_priors(known: Known, unknowns: Unknowns, layout: Layout, equations: Equa
     return cost + add_measured_rotations(known, unknowns, layout, equations, fill)
 
 
-@compiled
+@part
 def add_measured_rotations(known: Known, unknowns: Unknowns, layout: Layout, equations: Equations, fill: bool) -> float:
     """The part of rotations and directions of gravity that were measured; see :func:`add_priors`."""
-    cost, R, normal, gradient = 0.0, unknowns.scene.R, equations.normal, equations.gradient
+    cost, R, normal, gradient = 0.0, unknowns.R, equations.normal, equations.gradient
     for k in range(1, len(R)):
         at = layout.field + layout.block * (k - 1)
         if known.turned_weights[k] > 0.0:

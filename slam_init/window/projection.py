@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from quest.jit import inlined
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.window.compiler import compiled
@@ -29,6 +30,22 @@ def camera_vector(camera: Camera) -> Floats:
     model = _MODELS[camera.model] if camera.lens is None else _LENS
     first = [model, camera.fx, camera.fy, camera.cx, camera.cy, *coefficients, camera.max_tangent]
     return np.concatenate([np.array(first, float), lens_vector(camera.lens)])
+
+
+@inlined
+def radial_and_tangential(
+    k1: float, k2: float, p1: float, p2: float, k3: float, x: float, y: float, r2: float
+) -> tuple[float, float, float, float, float]:
+    """A point bent by the radtan model: u, v, then the derivatives uu, uv = vu, vv by x and y."""
+    radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    slope = 2.0 * (k1 + r2 * (2.0 * k2 + 3.0 * r2 * k3))
+    return (
+        x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+        y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        radial + x * x * slope + 2.0 * p1 * y + 6.0 * p2 * x,
+        x * y * slope + 2.0 * p1 * x + 2.0 * p2 * y,
+        radial + y * y * slope + 6.0 * p1 * y + 2.0 * p2 * x,
+    )
 
 
 @compiled
@@ -59,14 +76,8 @@ def project_point(
     k2, k3, k4, k5 = camera[6], camera[7], camera[8], camera[9]
     u, v, uu, uv, vu, vv = x, y, 1.0, 0.0, 0.0, 1.0
     if camera[0] != 2.0:  # k3, k4 are p1, p2; k5 is k3
-        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k5))
-        slope = 2.0 * (k1 + r2 * (2.0 * k2 + 3.0 * r2 * k5))
-        u = x * radial + 2.0 * k3 * x * y + k4 * (r2 + 2.0 * x * x)
-        v = y * radial + k3 * (r2 + 2.0 * y * y) + 2.0 * k4 * x * y
-        uu = radial + x * x * slope + 2.0 * k3 * y + 6.0 * k4 * x
-        uv = x * y * slope + 2.0 * k3 * x + 2.0 * k4 * y
+        u, v, uu, uv, vv = radial_and_tangential(k1, k2, k3, k4, k5, x, y, r2)
         vu = uv
-        vv = radial + y * y * slope + 6.0 * k3 * y + 2.0 * k4 * x
     elif r2 > 1e-16:
         r = np.sqrt(r2)
         angle = np.arctan(r)

@@ -14,7 +14,7 @@ import numpy as np
 
 from slam_init.types.arrays import Bools, Floats
 from slam_init.window.joint_fit import NEAR_SIGMAS, JointFit
-from slam_init.window.kernels import TUKEY_GATES
+from slam_init.window.kernel import TUKEY_GATES
 from slam_init.window.levels import NEIGHBOURHOOD
 
 #: Neighbours that a track is compared with: a moving object holds four tracks or more, or pulls little. The bound is

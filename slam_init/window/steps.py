@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from quest.algebra import copy_pose, tangents, turn
-from slam_init.types.arrays import Bools, Floats
-from slam_init.window.arguments import Equations, Known, Layout, Scene, Unknowns
-from slam_init.window.compiler import compiled
+from slam_init.types.arrays import Floats
+from slam_init.window.arguments import Equations, Known, Layout, Observed, Room, Unknowns
+from slam_init.window.compiler import compiled, part
 from slam_init.window.prior_equations import place_in_lens
 from slam_init.window.projection import project_point
+from slam_init.window.rows import LANES
+from slam_init.window.vectors import to_world
 
 #: A change of the lens that moves the pixels of a ray to first order by less than a hundredth.
 _LEAST_CHANGE = 1e-3
@@ -17,7 +19,7 @@ _LEAST_CHANGE = 1e-3
 _NEWTON_STEPS = 2
 
 
-@compiled
+@part
 def _through_lens(
     camera: Floats, lens: Floats, stretched: float, bent: float, ray: Floats, r0: float, r1: float, r2: float
 ) -> tuple[float, float, float]:
@@ -48,82 +50,95 @@ def move(
     before: Unknowns,
     step: Floats,
     length: float,
+    observed: Observed,
     known: Known,
     layout: Layout,
     equations: Equations,
-    free: Bools,
+    room: Room,
     after: Unknowns,
 ) -> None:
     """The state after a step of the common unknowns, which the tracks follow by the last equations.
 
-    Shapes: ``step`` (G,), ``free`` (T,).
-
-    * ``free``: The inverse distance of a track is an unknown where it is free and not on the plane.
+    Shapes: ``step`` (G,).
     """
-    _move_views(before.scene, step, length, layout, after.scene)
+    world, followed = room.turned, room.tracks
+    for g in range(len(step)):
+        world[g] = step[g]
+    _move_views(before, step, length, layout, world, after)
     for q in range(3 if len(step) > layout.plane else 0):
-        after.scene.plane[q] = before.scene.plane[q] + length * step[layout.plane + q]
+        after.plane[q] = before.plane[q] + length * step[layout.plane + q]
     for q in range(len(before.lens)):
         after.lens[q] = before.lens[q]
     for q in range(layout.lens):
         after.lens[place_in_lens(layout, q)] += length * step[layout.focal + q]
-    move_tracks(before, step, length, known, layout, equations.back, free, after.scene)
+    stretched, bent = length * step[layout.focal], length * step[layout.focal + 1]
+    for b in range(len(observed.tracks)):
+        _move_tracks(b, before, length, stretched, bent, observed, known, equations, world, followed, after)
 
 
-@compiled
-def move_tracks(
+@part
+def _move_tracks(
+    b: int,
     before: Unknowns,
-    step: Floats,
     length: float,
+    stretched: float,
+    bent: float,
+    observed: Observed,
     known: Known,
-    layout: Layout,
-    back: Floats,
-    free: Bools,
-    after: Scene,
+    equations: Equations,
+    world: Floats,
+    followed: Floats,
+    after: Unknowns,
 ) -> None:
-    """How the rays and inverse distances of the tracks follow a step of the common unknowns; see :func:`move`.
+    """How the rays and inverse distances of a block of tracks follow a step of the common unknowns.
 
     A pixel of the anchor is measured, and its ray follows the lens. To first order it would leave its pixel by the
     square of the step: by several pixels where the distortion moves by a tenth. So the pixel moves to first order, and
     the ray is that of the pixel through the new lens.
 
-    Shapes: ``step`` (G,), ``back`` (T, 3, 4 + G), ``free`` (T,).
+    Shapes: ``world`` (G,).
     """
-    rays, rho, on_plane = before.scene.rays, before.scene.inverse_distances, before.scene.on_plane
-    stretched, bent = length * step[layout.focal], length * step[layout.focal + 1]
+    coupled, size = equations.coupled, len(world)
     bends = max(abs(stretched), abs(bent)) > _LEAST_CHANGE
-    for i in range(len(rays)):
-        g0, g1, g2 = back[i, 0, 0], back[i, 1, 0], back[i, 2, 0]
-        for q in range(len(step)):
-            g0, g1, g2 = (
-                g0 + back[i, 0, 4 + q] * step[q],
-                g1 + back[i, 1, 4 + q] * step[q],
-                g2 + back[i, 2, 4 + q] * step[q],
-            )
-        first = -length * (back[i, 0, 1] * g0 + back[i, 0, 2] * g1 + back[i, 0, 3] * g2)
-        second = -length * (back[i, 1, 1] * g0 + back[i, 1, 2] * g1 + back[i, 1, 3] * g2)
-        farther = -length * (back[i, 2, 1] * g0 + back[i, 2, 2] * g1 + back[i, 2, 3] * g2)
-        x0, x1, x2, y0, y1, y2 = tangents(rays[i])
-        r0 = rays[i, 0] + first * x0 + second * y0
-        r1 = rays[i, 1] + first * x1 + second * y1
-        r2 = rays[i, 2] + first * x2 + second * y2
+    for row in range(3 * LANES):
+        followed[row] = 0.0
+    for g in range(size):
+        along, n = world[g], b * size + g
+        for row in range(3 * LANES):
+            followed[row] += coupled[n, row] * along
+    for lane in range(observed.counts[b]):
+        i = observed.tracks[b, lane]
+        own, inverse = equations.own[i], equations.inverses[i]
+        g0, g1, g2 = own[0] + followed[lane], own[1] + followed[LANES + lane], own[2] + followed[2 * LANES + lane]
+        first = -length * (inverse[0, 0] * g0 + inverse[0, 1] * g1 + inverse[0, 2] * g2)
+        second = -length * (inverse[1, 0] * g0 + inverse[1, 1] * g1 + inverse[1, 2] * g2)
+        farther = -length * (inverse[2, 0] * g0 + inverse[2, 1] * g1 + inverse[2, 2] * g2)
+        ray = before.rays[i]
+        x0, x1, x2, y0, y1, y2 = tangents(ray)
+        r0 = ray[0] + first * x0 + second * y0
+        r1 = ray[1] + first * x1 + second * y1
+        r2 = ray[2] + first * x2 + second * y2
         if bends:
-            r0, r1, r2 = _through_lens(known.camera, before.lens, stretched, bent, rays[i], r0, r1, r2)
+            r0, r1, r2 = _through_lens(known.camera, before.lens, stretched, bent, ray, r0, r1, r2)
         norm = max(np.sqrt(r0 * r0 + r1 * r1 + r2 * r2), 1e-300)
         after.rays[i, 0], after.rays[i, 1], after.rays[i, 2] = r0 / norm, r1 / norm, r2 / norm
-        farther = farther if free[i] and not on_plane[i] else 0.0
-        after.inverse_distances[i] = max(rho[i] + farther, 0.0)
+        after.inverse_distances[i] = max(before.inverse_distances[i] + farther, 0.0)
 
 
-@compiled
-def _move_views(before: Scene, step: Floats, length: float, layout: Layout, after: Scene) -> None:
-    """The poses and the fields of correlated errors after a step of the common unknowns."""
+@part
+def _move_views(before: Unknowns, step: Floats, length: float, layout: Layout, world: Floats, after: Unknowns) -> None:
+    """The poses and the fields of correlated errors after a step; ``world`` receives its poses in the world's axes.
+
+    Shapes: ``step, world`` (G,).
+    """
     place = 0
     for k in range(len(before.R)):
         copy_pose(before.R[k], before.t[k], after.R[k], after.t[k])
         for q in range(before.field.shape[1]):
             after.field[k, q] = before.field[k, q]
         if k > 0:
+            for at in range(place, place + layout.pose, 3):
+                world[at], world[at + 1], world[at + 2] = to_world(before.R, k, (step[at], step[at + 1], step[at + 2]))
             turn(after.R[k], length * step[place], length * step[place + 1], length * step[place + 2])
             for q in range(layout.pose - 3):
                 after.t[k, q] += length * step[place + 3 + q]

@@ -17,7 +17,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.correlated_errors import FIELD_SCALES_PX
 from slam_init.window.arguments import FIELD_TERMS
 from slam_init.window.joint_fit import JointFit
-from slam_init.window.kernels import TUKEY_GATES
+from slam_init.window.kernel import TUKEY_GATES
 from slam_init.window.levels import SHIFTS, ZOOMS
 from slam_init.window.uncertainty import ExpandedFit
 

@@ -16,17 +16,13 @@ from slam_init.types.frame import Observations
 from slam_init.types.history import common_tracks
 from slam_init.types.lens import SAME_LENS, Lens
 from slam_init.types.pose import Pose
-from slam_init.window.arguments import Equations as Arrays
-from slam_init.window.arguments import Fitted, Layout, LensNumbers, Sums
-from slam_init.window.equations import observed_by, unknowns_of
+from slam_init.window.arguments import FIELD_TERMS, ZOOM_TERMS
+from slam_init.window.equations import WindowEquations
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
 from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
-from slam_init.window.kernels import accumulate
 from slam_init.window.motion import Motion, OtherMotion
-from slam_init.window.projection import camera_vector
 from slam_init.window.risk import WindowRisk
 from slam_init.window.state import Priors, WindowState, start_at
-from slam_init.window.track_equations import eliminate
 from slam_init.window.tracks import WindowTracks, gather_tracks
 
 #: The options of the tests of the window.
@@ -200,7 +196,7 @@ def focal_sigma(fit: JointFit) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """The equations of a step at a state: see :func:`slam_init.window.kernels.accumulate`."""
+    """The equations of a step at a state: see :func:`slam_init.window.kernel.accumulate`."""
 
     cost: float
     costs: np.ndarray
@@ -208,30 +204,33 @@ class Equations:
     normal: np.ndarray
     gradient: np.ndarray
     shares: np.ndarray
-    back: np.ndarray
+    inverses: np.ndarray
+    couplings: np.ndarray
 
 
-def equations(tracks: WindowTracks, state: WindowState, gate: float, **unknowns: int) -> Equations:
+def equations(tracks: WindowTracks, state: WindowState, gate: float, **unknowns: bool) -> Equations:
     """The equations at a state, by the compiled loop, without any prior; ``unknowns`` are those of a layout."""
-    views, count = tracks.seen.shape
-    layout = Layout.of(views, **{"field": 0, "readout": False, "principal": False} | unknowns)
-    arrays = Arrays.empty(count, layout.plane + (0 if state.plane is None else 3))
-    fitted = Fitted.empty(views, count)
-    sums = Sums.empty(views, len(arrays.gradient))
-    for array in (*arrays, *fitted[1:], *sums.pairs, *sums.turned):
+    field = unknowns.get("field", 0)
+    priors = replace(
+        PRIORS, gate_sigmas=gate, readout_sigma_s=float(unknowns.get("readout", False)),
+        principal_sigma_px=float(unknowns.get("principal", False)), field_sigma_px=float(field == FIELD_TERMS),
+        zoom_sigma=float(field == ZOOM_TERMS), shift_sigma_px=1.0,
+    )  # fmt: skip
+    made = WindowEquations(tracks, state, priors)
+    made._known.weights[:] = 0.0
+    for array in (*made._equations[:3], *made._equations[5:], *made._room[:5]):
         array[:] = np.nan  # all that is read must have been written
-    scene, numbers = unknowns_of(state)
-    lens = LensNumbers(camera_vector(tracks.camera), *numbers[:2], numbers[2] - tracks.readout_s, numbers[3:])
-    cost = accumulate(observed_by(tracks, gate), lens, scene, layout, arrays, fitted, sums, True, False)
-    eliminate(arrays.normal, arrays.gradient, arrays.halves)
-    squares = np.sum(fitted.residuals**2, axis=2)
-    return Equations(cost, fitted.costs, squares, *arrays[:4])
+    cost = made.build(state, hold=False)
+    couplings = np.stack([made.coupling_along(np.tile(axis, (len(made.costs), 1))) for axis in np.eye(3)], axis=1)
+    return Equations(
+        cost, made.costs, made.squares, made.normal, made.gradient, made.shares, made.track_covariances, couplings
+    )
 
 
 def moved(
     state: WindowState,
     step: np.ndarray,
-    back: np.ndarray,
+    found: Equations,
     *,
     field: int = 0,
     readout: bool = False,
@@ -239,7 +238,7 @@ def moved(
 ) -> WindowState:
     """The state after a step of the shared unknowns, with the tracks following to first order.
 
-    The unknowns have the order of :mod:`slam_init.window.kernels`. A track moves by ``-A^-1 W step``. The gradient
+    The unknowns have the order of :mod:`slam_init.window.kernel`. A track moves by ``-A^-1 W step``. The gradient
     of the track is left out, so that the tracks do not move without a step.
     """
     R, t, coefficients = state.R.copy(), state.t.copy(), state.field.copy()
@@ -260,7 +259,7 @@ def moved(
     x, y = state.lens.principal_px + (next_unknowns(2) if principal else np.zeros(2))
     lens = Lens(log_scale, k1, readout_s, (float(x), float(y)))
     plane = None if state.plane is None else state.plane + next_unknowns(3)
-    local = -np.einsum("tpq,tqg,g->tp", back[:, :, 1:4], back[:, :, 4:], step)
+    local = -np.einsum("tpq,tqg,g->tp", found.inverses, found.couplings, step)
     tangents = np.array([np.reshape(algebra.tangents(ray), (2, 3)) for ray in state.rays])
     rays = state.rays + np.einsum("tq,tqj->tj", local[:, :2], tangents)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)

@@ -6,6 +6,7 @@ import numpy as np
 
 from quest.algebra import tangents
 from slam_init.window.arguments import FIELD_TERMS, ZOOM_TERMS
+from slam_init.window.kernel import OFF_PLANE_COST
 from slam_init.window.projection import camera_vector, project_point
 from slam_init.window.state import WindowState
 from slam_init.window.tracks import WindowTracks
@@ -13,7 +14,7 @@ from slam_init.window.tracks import WindowTracks
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """What :func:`slam_init.window.kernels.accumulate` gives, after the elimination; without any prior."""
+    """What :func:`slam_init.window.kernel.accumulate` gives, after the elimination; without any prior."""
 
     cost: float
     normal: np.ndarray
@@ -57,6 +58,8 @@ def reference_equations(
                 rho_common[first : first + 3] = (state.plane @ R_a.T @ cross_matrix(d)) / below
                 rho_common[first : first + 3] -= rho / below * (state.plane @ R_a.T @ cross_matrix(t_a))
                 rho_common[first + 3 : first + 6] = -rho / below * (state.plane @ R_a.T)
+        elif state.plane is not None:
+            total += OFF_PLANE_COST
         bases = np.reshape(tangents(d), (2, 3)).T
         for k in np.flatnonzero(tracks.seen[:, i]):
             Q = state.R[k] @ R_a.T

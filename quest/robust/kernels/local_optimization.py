@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quest.algebra import copy_pose, copy_row, model_of_pose, rotation_of_model
-from quest.jit import compiled
+from quest.jit import compiled, part
 from quest.robust.kernels.refinement import refine
 from quest.robust.kernels.scoring import match_residual, rays_by_row, score_or_refute
 
@@ -17,7 +17,7 @@ Ints = NDArray[np.int64]
 _LEAST_NEAR = 6
 
 
-@compiled
+@part
 def draw_subset(uniform: Floats, count: int, subset: Ints) -> None:
     """Draw a subset of ``range(count)``, each with the same probability, by Floyd's method.
 

@@ -6,14 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quest.algebra import median_in_place, rotation_of_model
-from quest.jit import compiled
+from quest.jit import compiled, part
 from quest.robust.kernels.scoring import match_residual
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 
-@compiled
+@part
 def ratio_of_depth(m: Floats, i: int, n: Floats, j: int, R: Floats, t: Floats, least_sine2: float) -> float:
     """The ratio |t| / depth of ray ``m[i]`` matched with ``n[j]``; infinite without a usable epipolar line.
 
@@ -29,7 +29,7 @@ def ratio_of_depth(m: Floats, i: int, n: Floats, j: int, R: Floats, t: Floats, l
     return (d0 * l0 + d1 * l1 + d2 * l2) / sine2 if sine2 > least_sine2 else np.inf
 
 
-@compiled
+@part
 def distances_from_typical(
     m: Floats, n: Floats, R: Floats, t: Floats, least_sine2: float, use: Bools
 ) -> tuple[Floats, float, float]:
@@ -59,7 +59,7 @@ def distances_from_typical(
     return ratios, middle, spread
 
 
-@compiled
+@part
 def distance_from_typical(ratio: float, middle: float, spread: float) -> float:
     """The distance of one ratio. Where half of the ratios are equal, only these are typical."""
     distance = abs(ratio - middle)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quest.algebra import eigen_in_place, median_in_place, solve_in_place, tangents
-from quest.jit import compiled
+from quest.jit import compiled, part
 from quest.robust.kernels.local_optimization import draw_subset
 
 Floats = NDArray[np.float64]
@@ -63,7 +63,7 @@ def best_plane(m: Floats, n: Floats, R: Floats, t: Floats, limit: float, uniform
     return lowest < np.inf
 
 
-@compiled
+@part
 def _transferred(H: Floats, m: Floats, n: Floats, i: int) -> tuple[float, float, float]:
     """Residual of match i, as :func:`quest.geometry.homography.homography_residuals`."""
     a0 = H[0, 0] * m[i, 0] + H[0, 1] * m[i, 1] + H[0, 2] * m[i, 2]
@@ -77,7 +77,7 @@ def _transferred(H: Floats, m: Floats, n: Floats, i: int) -> tuple[float, float,
     return half * (d0 - along * n0), half * (d1 - along * n1), half * (d2 - along * n2)
 
 
-@compiled
+@part
 def _fit_homography(m: Floats, n: Floats, use: Bools, H: Floats) -> None:
     """Fit a homography, as :func:`quest.geometry.homography.fit_homography`."""
     A, V = np.empty((9, 9)), np.empty((9, 9))

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quest.algebra import orthonormalize
-from quest.jit import compiled
+from quest.jit import compiled, part
 from quest.robust.kernels.samples import Pool, enter_if_better
 from quest.robust.kernels.scoring import rays_by_row
 
@@ -66,7 +66,7 @@ _PRODUCTS = np.array(
 )
 
 
-@compiled
+@part
 def _essential_space(m: Floats, n: Floats, rows: Ints, A: Floats, E: Floats) -> bool:
     """Write four orthonormal matrices E (4, 9) with ``n . E m = 0``; false where there are more. A is scratch."""
     for i in range(5):
@@ -109,7 +109,7 @@ def _essential_space(m: Floats, n: Floats, rows: Ints, A: Floats, E: Floats) -> 
     return True
 
 
-@compiled
+@part
 def _cubics(E: Floats, S: Floats, M: Floats) -> None:
     """Write the ten cubics as columns M (20, 10): monomial, equation; S (10, 12) is scratch."""
     for p in range(10):
@@ -151,7 +151,7 @@ def _cubics(E: Floats, S: Floats, M: Floats) -> None:
         M[to, 9] += S[p, 9] * E[c, 0] + S[p, 10] * E[c, 1] + S[p, 11] * E[c, 2]
 
 
-@compiled
+@part
 def _eliminate(M: Floats, row_of: Ints) -> bool:
     """Solve the ten cubics for their first ten monomials; ``row_of`` (10,) is the equation of each."""
     used = 0  # bit r: equation r is that of a monomial
@@ -173,7 +173,7 @@ def _eliminate(M: Floats, row_of: Ints) -> bool:
     return True
 
 
-@compiled
+@part
 def _matrix_in_z(M: Floats, row_of: Ints, C: Floats) -> None:
     """Write C (3, 3, 5): row (``xxz - z xx``, ``yyz - z yy``, ``xyz - z xy``), column (x, y, 1), power of z."""
     for row in range(3):
@@ -188,7 +188,7 @@ def _matrix_in_z(M: Floats, row_of: Ints, C: Floats) -> None:
                 C[row, column, power + 1] -= M[first + size - 1 - power, f]
 
 
-@compiled
+@part
 def _determinant(C: Floats, minors: Floats, powers: Floats) -> None:
     """Write the determinant of C, ``powers`` (11,), and the minors (3, 7) of its first two columns."""
     for k in range(11):
@@ -205,7 +205,7 @@ def _determinant(C: Floats, minors: Floats, powers: Floats) -> None:
                 powers[i + j] += C[row, 2, i] * minors[row, j]
 
 
-@compiled
+@part
 def _sturm_chain(powers: Floats, f: Floats, chain: Floats) -> bool:
     """Write Sturm's chain of a monic polynomial of degree 10 as quotients ``chain`` (10, 3); f (3, 11) is scratch.
 
@@ -235,7 +235,7 @@ def _sturm_chain(powers: Floats, f: Floats, chain: Floats) -> bool:
     return True
 
 
-@compiled
+@part
 def _changes(chain: Floats, x: float) -> int:
     """Number of changes of the sign along the chain at x."""
     after = chain[9, 2]
@@ -249,7 +249,7 @@ def _changes(chain: Floats, x: float) -> int:
     return count
 
 
-@compiled
+@part
 def _middle(low: float, high: float) -> float:
     """A number between two others; most roots are of the size of 1, the bound is mostly larger."""
     if low >= 0 and high > 4:
@@ -259,7 +259,7 @@ def _middle(low: float, high: float) -> float:
     return 0.5 * (low + high)
 
 
-@compiled
+@part
 def _root_between(powers: Floats, low: float, high: float) -> float:
     """The root of a monic polynomial of degree 10 in an interval that holds one, by Newton's method with bisection."""
     value = 1.0
@@ -289,7 +289,7 @@ def _root_between(powers: Floats, low: float, high: float) -> float:
     return x
 
 
-@compiled
+@part
 def _real_roots(powers: Floats, f: Floats, chain: Floats, stack: Floats, roots: Floats) -> int:
     """Write the real roots of a polynomial of degree 10; returns their number. ``stack`` (64, 4) is scratch."""
     lead = powers[10]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quest.algebra import copy_pose, shift, solve_in_place, tangents, turn
-from quest.jit import compiled
+from quest.jit import compiled, part
 from quest.robust.loss import OUTLIERS
 
 Floats = NDArray[np.float64]
@@ -23,7 +23,7 @@ _SETTLED_RAD = 1e-8
 _SETTLED_GAIN = 1e-4
 
 
-@compiled
+@part
 def normal_equations(rays: Floats, R: Floats, t: Floats, scale2: float, rows: Floats, A: Floats, g: Floats) -> float:
     """Write the normal equations of the Sampson errors; return the cost, the sum of L with the other sign.
 
@@ -89,7 +89,7 @@ def derivatives(rays: Floats, R: Floats, t: Floats, scale2: float, rows: Floats)
         rows[5, i], rows[6, i] = r, (1 + OUTLIERS) * share * share / (share + OUTLIERS)
 
 
-@compiled
+@part
 def sums_of(rows: Floats, A: Floats, g: Floats) -> None:
     """Write the weighted sums J^T J and J^T r over the rows of :func:`derivatives`.
 
@@ -118,7 +118,7 @@ def sums_of(rows: Floats, A: Floats, g: Floats) -> None:
             A[j, k] = A[k, j]
 
 
-@compiled
+@part
 def damped_step(A: Floats, g: Floats, damping: float, damped: Floats, step: Floats) -> bool:
     """Write the damped step of least squares, of at most a radian; false where there is none. ``damped`` is scratch.
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quest.algebra import copy_pose
-from quest.jit import compiled
+from quest.jit import compiled, part
 from quest.robust.kernels.scoring import rays_by_row, score_or_refute
 
 Floats = NDArray[np.float64]
@@ -35,7 +35,7 @@ def mode_distance(R1: Floats, t1: Floats, R2: Floats, t2: Floats) -> float:
     return between_rotations + between_directions
 
 
-@compiled
+@part
 def enter_if_better(rays: Floats, R: Floats, t: Floats, threshold_rad: float, pool: Pool) -> None:
     """Score a model, and enter it into the pool where it is better than the last of the pool.
 
@@ -68,7 +68,7 @@ def try_poses(m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float, 
         enter_if_better(rays, R[k], -t[k], threshold_rad, pool)
 
 
-@compiled
+@part
 def _enter_pool(R: Floats, t: Floats, cost: float, inliers: int, pool: Pool) -> None:
     """Enter a model into the ordered pool, unless a better model of its mode is there.
 

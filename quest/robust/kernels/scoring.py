@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quest.algebra import rotation_of_model
-from quest.jit import compiled
+from quest.jit import compiled, part
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -24,7 +24,7 @@ _REFUTED = -4.6
 _BLOCK = 32
 
 
-@compiled
+@part
 def match_residual(m: Floats, i: int, n: Floats, j: int, R: Floats, t: Floats, flat: float) -> tuple[float, bool]:
     """Squared Sampson error of a match, and whether the match lies behind a camera beyond doubt.
 
@@ -126,7 +126,7 @@ def score_or_refute(
     return cost, inliers, inliers / count
 
 
-@compiled
+@part
 def _truncated(rays: Floats, start: int, R: Floats, t: Floats, limit: float, values: Floats) -> None:
     """Write the truncated squared errors of a block of matches from ``start`` on; the limit for an outlier.
 

@@ -20,7 +20,7 @@ from sequences_synth.points import make_points
 from slam_init.bundle.focal import camera_with_focal_factor
 from slam_init.window.equations import WindowEquations
 from slam_init.window.joint_fit import costs_off_plane, fit_window, information_off_plane, start_noise_factor
-from slam_init.window.optimizer import OFF_PLANE_COST
+from slam_init.window.kernel import OFF_PLANE_COST
 from slam_init.window.state import Priors, start_at
 from slam_init.window.tracks import WindowTracks, gather_tracks
 

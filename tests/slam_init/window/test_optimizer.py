@@ -7,7 +7,7 @@ import pytest
 from make_window import PRIORS, make_window
 
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.window.arguments import Equations, Limits, Work
+from slam_init.window.arguments import Equations, Limits, Room
 from slam_init.window.equations import WindowEquations
 from slam_init.window.optimizer import solve_damped
 from slam_init.window.prior_equations import turn_between
@@ -64,9 +64,9 @@ def test_the_gradient_of_what_was_measured_is_the_slope_of_its_cost(measured, an
 
 @pytest.mark.parametrize("pivot", [-1.0, np.nan])
 def test_equations_that_have_no_minimum_give_no_step(pivot):
-    equations = Equations.empty(0, 2)
+    equations = Equations.empty(0, 0, 0, 2)
     equations.normal[:] = np.diag([1.0, pivot])
-    assert not solve_damped(equations, 0.0, Work.empty(2))
+    assert not solve_damped(equations, 0.0, Room.empty(2))
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-13, 1e-6, 0.3, 3.1])

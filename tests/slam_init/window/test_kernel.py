@@ -104,7 +104,7 @@ def test_the_gradient_is_the_slope_of_the_cost_along_a_step_that_the_tracks_foll
         along = np.zeros(size)
         along[unknown] = step / max(scale[unknown], 1.0)
         ahead, behind = (
-            equations(tracks, moved(state, s * along, found.back, **options), GATE, **options).cost for s in (1, -1)
+            equations(tracks, moved(state, s * along, found, **options), GATE, **options).cost for s in (1, -1)
         )
         slope = (ahead - behind) / (2 * along[unknown])
         # The equations are those of half of the cost.
