@@ -47,24 +47,27 @@ _SHARED = (Path(__file__), Path(__file__).parent / "algebra.py")
 
 
 @cache
-def _hash_of(folder: Path) -> str:
-    files = {*_SHARED, *_ROBUST.rglob("*.py"), *folder.glob("*.py")}
+def _hash_of(*folders: Path) -> str:
+    files = {*_SHARED, *_ROBUST.rglob("*.py"), *(path for folder in folders for path in folder.glob("*.py"))}
     return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(files))).hexdigest()
 
 
-def compiler_of(folder: Path, *, reorders_sums: bool = False, part: bool = False) -> Callable[[Function], Function]:
+def compiler_of(
+    folder: Path, *others: Path, reorders_sums: bool = False, part: bool = False
+) -> Callable[[Function], Function]:
     """The decorator for the compiled loops of a folder.
 
     A hash of all sources of the folder, and of the loops of quest, is a part of the name under which machine code is
     kept: an edit of any of these files renews the machine code of all loops. A loop may call loops of these only.
 
+    * ``others``: Other folders whose loops are called.
     * ``reorders_sums``: Whether sums may be reordered, and fused with products, as for the vectors of a processor.
     * ``part``: Whether only other loops call the functions. What lets Python call one takes a third of its compilation.
     * Returns: Compiles a function of numbers and arrays, in the part of Python that numba compiles, at its first call,
       and keeps the machine code on disk (:mod:`quest.machine_code`). Where no folder can be written,
       each process compiles for itself.
     """
-    sources, folders = _hash_of(folder), machine_code.folders_of(folder)
+    sources, folders = _hash_of(folder, *others), machine_code.folders_of(folder)
     fast = {"reassoc", "contract"} if reorders_sums else False
 
     def _compiled(function: Function) -> Function:

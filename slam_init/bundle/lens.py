@@ -13,14 +13,10 @@ import numpy as np
 from slam_init.bundle.least_squares import with_lenses
 from slam_init.bundle.problem import BundleProblem
 from slam_init.config import MapConfig
-from slam_init.types.arrays import Floats
+from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.lens import CALIBRATED_SIGMA, MAX_FOCAL_SIGMA, UNKNOWN_PRINCIPAL_SIGMA, LensPrior, k1_sigma
-
-#: Steps of the derivatives. Poses and points follow most of a change of the lens, and a millionth of what is left may
-#: count: errors of a thousandth of the derivatives would have as much weight in the focal length as a turning camera
-#: has.
-_STEP, _PIXEL_STEP = 1e-6, 1e-3
+from slam_init.types.projection.derivatives import differentiated
 
 
 def lens_prior(stated: Camera, config: MapConfig) -> LensPrior:
@@ -73,12 +69,11 @@ def lens_derivatives(camera: Camera, problem: BundleProblem) -> Floats:
     """
     if problem.lenses is None:
         raise ValueError("a problem without lenses: make them by with_lenses")
-    rays, across = problem.lenses[:, 2], problem.lenses[:, :2]
-    others = (
-        (camera.refocused(_STEP), _STEP),
-        (replace(camera, cx=camera.cx + _PIXEL_STEP), _PIXEL_STEP),
-        (replace(camera, cy=camera.cy + _PIXEL_STEP), _PIXEL_STEP),
-        (camera.bent(_STEP), _STEP),
-    )
-    moves = np.stack([(other.bearings(problem.pixels) - rays) / step for other, step in others], axis=-1)
-    return np.nan_to_num(-across @ moves)
+    found, across = differentiated(camera, problem.lenses[:, 2]), problem.lenses[:, :2]
+    principal = np.broadcast_to(np.eye(2), (len(across), 2, 2))
+    by_lens = np.concatenate([found.by_focal[..., None], principal, found.by_k1[..., None]], axis=2)
+    # The shortest move of the ray that takes the pixel back: a ray does not move along itself.
+    seen: Bools = np.asarray(np.isfinite(found.pixels[:, 0]))
+    J, by_ray = np.where(seen[:, None, None], found.by_point, np.eye(2, 3)), np.empty((len(seen), 3, 2))
+    by_ray[:] = np.swapaxes(J, 1, 2) @ np.linalg.inv(J @ np.swapaxes(J, 1, 2))
+    return np.asarray(np.nan_to_num(across @ by_ray @ by_lens))

@@ -15,6 +15,7 @@ import numpy as np
 
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
+from slam_init.types.projection.derivatives import differentiated
 
 #: Models whose pixels are undistorted to the plane z = 1 for gtsam. There an image is stretched by the squared inverse
 #: cosine of the angle, and so is the noise: by four at 60 degrees.
@@ -22,8 +23,6 @@ _PERSPECTIVE = ("rational", "thin-prism")
 _WIDEST_PERSPECTIVE_RAD = math.radians(60.0)
 #: gtsam's unified model projects from the plane z = 1. Beyond 85 degrees a landmark may be pushed behind the plane.
 _WIDEST_OMNI_RAD = math.radians(85.0)
-#: Half of the step of the numerical derivatives: 1e-6 rad are 1e-3 px, and an error of 1e-9 of the derivative.
-_STEP_RAD = 1e-6
 
 
 class VirtualCameras(NamedTuple):
@@ -59,19 +58,10 @@ def virtual_cameras(camera: Camera, pixels: Floats) -> VirtualCameras:
     right = np.cross(smallest, rays)
     right /= np.linalg.norm(right, axis=1, keepdims=True)
     down = np.cross(rays, right)
-    J = np.stack([_derivative(camera, pixels, rays, across) for across in (right, down)], axis=-1)
+    J = differentiated(camera, rays).by_point @ np.stack([right, down], axis=-1)
     J = np.where(np.isfinite(J).all(axis=(1, 2), keepdims=True), J, camera.focal_px * np.eye(2))
     # J = Q R with a rotation or reflection Q, which does not change the length of a residual.
     fx = np.hypot(J[:, 0, 0], J[:, 1, 0])
     skew = np.einsum("ni,ni->n", J[:, :, 0], J[:, :, 1]) / fx
     fy = np.abs(J[:, 0, 0] * J[:, 1, 1] - J[:, 0, 1] * J[:, 1, 0]) / fx
     return VirtualCameras(np.stack([right, down, rays], axis=-1), np.column_stack([fx, skew, fy]), known)
-
-
-def _derivative(camera: Camera, pixels: Floats, rays: Floats, across: Floats) -> Floats:
-    """How the pixels (N, 2) of rays move for a step across (N, 3); one-sided where the other step leaves the field."""
-    ahead, behind = (camera.project(rays + sign * _STEP_RAD * across) for sign in (1, -1))
-    derivative = (ahead - behind) / (2 * _STEP_RAD)
-    for one_sided in ((ahead - pixels) / _STEP_RAD, (pixels - behind) / _STEP_RAD):
-        derivative = np.where(np.isfinite(derivative), derivative, one_sided)
-    return np.asarray(derivative)

@@ -23,6 +23,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.history import History, common_tracks
 from slam_init.types.lens import CurrentLens
+from slam_init.types.projection.derivatives import moved_pixels
 
 #: A hand changes its turning several times in a second. With frames farther apart than this, the turning between two
 #: frames has no information about the turning in the time of a readout.
@@ -35,8 +36,6 @@ _LEAST_TRACKS = 8
 #: Scales of the robust kernel that aligns two frames by a rotation. The last one is wide (half a degree), so that the
 #: parallax of a translation averages out.
 _SCALES_RAD = (0.1, 0.03, 0.01)
-#: Half of the step of a numerical derivative. The error falls with its square: 1e-8 of the derivative.
-_STEP_S = 1e-4
 #: Readouts that differ by less move no pixel by a tenth where the camera turns at 100 deg/s: 0.2 ms.
 _SAME_READOUT_S = 2e-4
 
@@ -48,16 +47,7 @@ def turning_flow(camera: Camera, rays: Floats, turns_rad_s: Floats) -> Floats:
 
     Shapes: ``rays`` (N, 3), ``turns_rad_s`` (N, 3) or (3,), returns (N, 2).
     """
-    return image_flow(camera, rays, np.cross(turns_rad_s, rays))
-
-
-def image_flow(camera: Camera, rays: Floats, rays_per_s: Floats) -> Floats:
-    """How pixels move where their rays move.
-
-    Shapes: ``rays`` (N, 3), ``rays_per_s`` (N, 3), returns (N, 2).
-    """
-    step = rays_per_s * _STEP_S
-    return np.asarray((camera.project(rays + step) - camera.project(rays - step)) / (2 * _STEP_S))
+    return moved_pixels(camera, rays, np.cross(turns_rad_s, rays))
 
 
 def corrected_pixels(camera: Camera, observations: Observations) -> Floats:

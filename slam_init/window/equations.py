@@ -6,6 +6,7 @@ import numpy as np
 
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.lens import Lens
+from slam_init.types.projection.point import camera_vector
 from slam_init.window.arguments import (
     FIELD_TERMS,
     ZOOM_TERMS,
@@ -19,7 +20,6 @@ from slam_init.window.arguments import (
 )
 from slam_init.window.kernel import evaluate, gather, list_blocks
 from slam_init.window.optimizer import hold_length, optimize
-from slam_init.window.projection import camera_vector
 from slam_init.window.rows import LANES, OBSERVED_ROWS
 from slam_init.window.state import Priors, WindowState
 from slam_init.window.steps import move

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from quest.algebra import tangents
+from slam_init.types.projection.point import camera_vector, project_point
 from slam_init.window.arguments import FIELD_TERMS, ZOOM_TERMS
 from slam_init.window.kernel import OFF_PLANE_COST
-from slam_init.window.projection import camera_vector, project_point
 from slam_init.window.state import WindowState
 from slam_init.window.tracks import WindowTracks
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from slam_init.types.arrays import Floats
 from slam_init.types.lenses.lens import LensModel, Profile
-from slam_init.window.compiler import part
+from slam_init.types.projection.compiler import part
 
 #: Length of the vector of a lens.
 LENS_NUMBERS = 20
@@ -81,7 +81,7 @@ def project_ray(
 
     Shapes: ``camera`` (31,).
 
-    * ``camera``: Of :func:`slam_init.window.projection.camera_vector`; the last twenty are those of the lens.
+    * ``camera``: Of :func:`slam_init.types.projection.point.camera_vector`; the last twenty are those of the lens.
     """
     seen, u, v, u0, u1, u2, v0, v1, v2 = _profile(camera, X, Y, Z)
     if not seen:

@@ -3,7 +3,7 @@
 The lens models are those of :class:`slam_init.types.camera.Camera`.
 
 A camera is a vector of numbers: the model (0 pinhole, 1 radtan, 2 fisheye, 3 a lens of
-:mod:`slam_init.window.lens_projection`), fx, fy, cx, cy, five coefficients of the distortion (0 where the model has
+:mod:`slam_init.types.projection.ray`), fx, fy, cx, cy, five coefficients of the distortion (0 where the model has
 fewer), the largest ``|(x, y) / z|`` that the lens sees, and the numbers of the lens.
 """
 
@@ -14,8 +14,8 @@ import numpy as np
 from quest.jit import inlined
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
-from slam_init.window.compiler import compiled
-from slam_init.window.lens_projection import lens_vector, project_ray
+from slam_init.types.projection.compiler import compiled
+from slam_init.types.projection.ray import lens_vector, project_ray
 
 _MODELS = {"pinhole": 0.0, "radtan": 1.0, "fisheye": 2.0}
 _LENS = 3.0

@@ -1,0 +1,55 @@
+"""The pixels of many points, and how they follow the points and the lens."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from slam_init.types.arrays import Floats
+from slam_init.types.camera import Camera
+from slam_init.types.projection.compiler import compiled
+from slam_init.types.projection.point import camera_vector, project_point
+
+
+class Projection(NamedTuple):
+    """The pixels of points; all rows of a point that the lens does not see are NaN."""
+
+    #: (N, 2)
+    pixels: Floats
+    #: (N, 2, 3) Their derivatives by the points in the camera frame.
+    by_point: Floats
+    #: by_focal, by_k1: (N, 2) By the logarithm of the focal length, and by what is added to the first coefficient of
+    #: the radial distortion, as :meth:`slam_init.types.camera.Camera.refocused` does.
+    by_focal: Floats
+    by_k1: Floats
+
+
+def differentiated(camera: Camera, points: Floats) -> Projection:
+    """Project points, and differentiate their pixels.
+
+    Shapes: ``points`` (N, 3).
+    """
+    numbers = np.full((len(points), 10), np.nan)
+    _project(camera_vector(camera), np.ascontiguousarray(points), numbers)
+    pixels, by_point, by_k1 = np.split(numbers, (2, 8), axis=1)
+    return Projection(pixels, by_point.reshape(-1, 2, 3), pixels - (camera.cx, camera.cy), by_k1)
+
+
+def moved_pixels(camera: Camera, points: Floats, moves: Floats) -> Floats:
+    """How pixels move where their points move.
+
+    Shapes: ``points, moves`` (N, 3), returns (N, 2).
+    """
+    return np.asarray(np.einsum("npi,ni->np", differentiated(camera, points).by_point, moves))
+
+
+@compiled
+def _project(camera: Floats, points: Floats, out: Floats) -> None:
+    for n in range(len(points)):
+        seen, px, py, a0, a1, a2, b0, b1, b2, f0, f1 = project_point(
+            camera, 1.0, 0.0, points[n, 0], points[n, 1], points[n, 2]
+        )
+        if seen:
+            out[n, 0], out[n, 1], out[n, 8], out[n, 9] = px, py, f0, f1
+            out[n, 2], out[n, 3], out[n, 4], out[n, 5], out[n, 6], out[n, 7] = a0, a1, a2, b0, b1, b2
