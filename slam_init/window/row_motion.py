@@ -16,8 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from slam_init.frontend.rolling_shutter import readout_places
-from slam_init.types.arrays import Floats
-from slam_init.types.camera import Camera
+from slam_init.types.arrays import Bools, Floats
 from slam_init.types.projection.derivatives import moved_pixels
 from slam_init.window.state import WindowState
 from slam_init.window.tracks import WindowTracks
@@ -41,28 +40,32 @@ def with_translation(tracks: WindowTracks, state: WindowState) -> WindowTracks:
     velocity = np.empty_like(centres)
     velocity[order] = np.gradient(centres[order], times, axis=0)
     known = tracks.sweep_px_s.any(axis=2) & tracks.seen & (tracks.anchor >= 0)
-    flow = np.zeros_like(tracks.sweep_px_s)
-    rho, anchor = state.distances_by_plane(tracks.anchor)[:, None], np.maximum(tracks.anchor, 0)
-    points = np.einsum("tji,tj->ti", state.R[anchor], state.rays - rho * state.t[anchor])
-    for k in np.flatnonzero(known.sum(axis=1) >= _LEAST_TRACKS):
-        i = known[k]
-        flow[k, i] = _flow_of_translation(tracks.camera, state.R[k], state.t[k], velocity[k], points[i], rho[i])
+    known &= (known.sum(axis=1) >= _LEAST_TRACKS)[:, None]
+    flow = _flow_of_translation(tracks, state, np.einsum("kij,kj->ki", state.R, velocity), known)
     added = flow * readout_places(tracks.camera, tracks.pixels)[..., None]
     # The pixels were corrected for the turning alone.
     return replace(tracks, pixels=tracks.pixels - tracks.readout_s * added, sweep_px_s=tracks.sweep_px_s + added)
 
 
-def _flow_of_translation(camera: Camera, R: Floats, t: Floats, velocity: Floats, points: Floats, rho: Floats) -> Floats:
-    """How the pixels (N, 2) of a view move with the translation of the camera, but for what a rotation explains.
+def _flow_of_translation(tracks: WindowTracks, state: WindowState, velocity: Floats, known: Bools) -> Floats:
+    """How the pixels move with the translation of the camera, but for what a rotation explains.
 
-    Shapes: ``R`` (3, 3), ``t`` (3,), ``velocity`` (3,), ``points`` (N, 3), ``rho`` (N, 1).
+    Shapes: ``velocity`` (V, 3), ``known`` (V, T), returns (V, T, 2).
 
-    * ``points``: In the world, times the inverse distances ``rho`` from their anchors.
-    * Returns: In pixels per second; 0 for a point that the lens does not see.
+    * ``velocity``: Of the camera in the axes of the views.
+    * ``known``: Observations that turn with the camera.
+    * Returns: In pixels per second; 0 for the others, and for points that the lens does not see.
     """
-    d = points @ R.T + rho * t
-    distances = np.linalg.norm(d, axis=1, keepdims=True)
-    d /= np.maximum(distances, 1e-300)
-    moved = -rho / np.maximum(distances, 1e-300) * (R @ velocity)
-    turn = np.linalg.lstsq(len(d) * np.eye(3) - d.T @ d, np.cross(d, moved).sum(axis=0), rcond=None)[0]
-    return np.nan_to_num(moved_pixels(camera, d, moved - np.cross(turn, d)))
+    R, t, anchor = state.R, state.t, np.maximum(tracks.anchor, 0)
+    rho = state.distances_by_plane(tracks.anchor)[:, None]
+    points = np.einsum("tji,tj->ti", R[anchor], state.rays - rho * t[anchor])
+    d = points @ np.swapaxes(R, 1, 2) + rho * t[:, None]
+    inverse = 1 / np.maximum(np.linalg.norm(d, axis=2, keepdims=True), 1e-300)
+    d, by_velocity = d * inverse, -rho * inverse
+    used = np.where(known[..., None], d, 0.0)
+    information = known.sum(axis=1)[:, None, None] * np.eye(3) - np.swapaxes(used, 1, 2) @ used
+    pull = np.cross(np.sum(by_velocity * used, axis=1), velocity)
+    turn = np.einsum("kij,kj->ki", np.linalg.pinv(information, hermitian=True), pull)
+    moves = by_velocity * velocity[:, None] + d @ np.cross(np.eye(3), turn[:, None])
+    flow = moved_pixels(tracks.camera, d.reshape(-1, 3), moves.reshape(-1, 3)).reshape(*known.shape, 2)
+    return np.where(known[..., None], np.nan_to_num(flow), 0.0)
