@@ -10,7 +10,7 @@ from quest.noise import GATE_SIGMAS
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.lens import SAME_LENS, Lens, LensPrior
 from slam_init.window.arguments import FIELD_TERMS
-from slam_init.window.measured_rays import triangulated
+from slam_init.window.inverse_distances import triangulated
 from slam_init.window.tracks import WindowTracks
 
 

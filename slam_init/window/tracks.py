@@ -15,7 +15,6 @@ from slam_init.types.correlated_errors import orthonormal_polynomials
 from slam_init.types.frame import Observations
 from slam_init.types.inertial import Gravity, RelativeRotation
 from slam_init.types.lens import Lens
-from slam_init.window.measured_rays import measured_rays
 
 #: A decision needs a well-spread subset of the tracks, not all of them: the standard deviation of the direction falls
 #: with the square root of their number, and 300 of 800 tracks leave 1.6 times of it.
@@ -132,7 +131,7 @@ class WindowTracks:
         readout = readout or Readout.none(*seen.shape)
         anchor = np.where(seen.sum(axis=0) >= 2, np.argmax(seen, axis=0), -1).astype(np.int64)
         first = pixels[np.maximum(anchor, 0), np.arange(pixels.shape[1])]
-        rays = measured_rays(camera, first[None], np.ones((1, len(first)), bool))[0]
+        rays = camera.bearings(first)
         has_ray = np.isfinite(rays).all(axis=1)
         anchor[~has_ray] = -1
         # A fisheye has no ray for a corner of its image, where a track lies that no view sees. A ray of zero length
@@ -181,7 +180,7 @@ class WindowTracks:
         * ``lens``: Beside ``camera``.
         * Returns: Unit rays in the cameras; NaN where a view does not see a track.
         """
-        rays = self._rays_of(self.pixels, self.sweep_px_s, self.seen, lens)
+        rays = self._rays_of(self.pixels, self.sweep_px_s, lens)
         rays[~self.seen] = np.nan
         return rays
 
@@ -191,15 +190,15 @@ class WindowTracks:
         Shapes: returns (T, 3).
         """
         at = (np.maximum(self.anchor, 0)[None], np.arange(len(self.anchor))[None])
-        return np.asarray(self._rays_of(self.pixels[at], self.sweep_px_s[at], self.seen[at], lens)[0])
+        return np.asarray(self._rays_of(self.pixels[at], self.sweep_px_s[at], lens)[0])
 
-    def _rays_of(self, pixels: Floats, sweep_px_s: Floats, seen: Bools, lens: Lens) -> Floats:
+    def _rays_of(self, pixels: Floats, sweep_px_s: Floats, lens: Lens) -> Floats:
         centre = np.array([self.camera.cx, self.camera.cy])
         moved = pixels - np.array(lens.principal_px)
         if lens.readout_s != self.readout_s:
             moved -= (lens.readout_s - self.readout_s) * sweep_px_s
         moved = centre + (moved - centre) / np.exp(lens.log_scale) if lens.log_scale else moved
-        return measured_rays(self.camera.bent(lens.k1), moved, seen)
+        return self.camera.bent(lens.k1).bearings(moved).reshape(*moved.shape[:-1], 3)
 
     def with_noise(self, noise_px: float) -> WindowTracks:
         """The same tracks with another noise."""

@@ -24,7 +24,6 @@ from slam_init.window.arguments import ZOOM_TERMS
 from slam_init.window.hypotheses import WindowHypotheses, approached, no_motion
 from slam_init.window.joint_fit import fit_window
 from slam_init.window.levels import LARGEST_ZOOM, SHIFTS, ZOOM_LEAVES, ZOOMED_COST, ZOOMS
-from slam_init.window.measured_rays import measured_rays
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
 
@@ -188,7 +187,7 @@ def _located(tracks: WindowTracks, R: Floats, lens: Lens) -> tuple[Floats, Float
     for k in range(1, len(R)):
         used = tracks.seen[k] & (tracks.anchor >= 0) & (tracks.anchor < k)
         undone = centre + (at_anchor - centre) / (1 + zooms[anchor])[:, None]
-        from_anchor = measured_rays(camera, undone[None], used[None])[0]
+        from_anchor = camera.bearings(undone)
         used &= np.isfinite(from_anchor).all(axis=1)
         if used.sum() >= _LEAST_TRACKS:
             world = np.einsum("tji,tj->ti", R[anchor[used]], from_anchor[used])

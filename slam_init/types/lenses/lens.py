@@ -125,9 +125,6 @@ def unproject_profile(kind: Profile, shape: Shape, uv: Floats) -> Floats:
     Shapes: ``uv`` (N, 2), returns (N, 3).
     """
     with np.errstate(all="ignore"):  # coordinates without a ray end as NaN
-        if (kind, shape) == PERSPECTIVE:
-            rays = np.column_stack([uv, np.ones(len(uv))])
-            return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
         if kind == Profile.PANORAMA:
             longitude, latitude = uv[:, 0], uv[:, 1]
             level = np.cos(latitude)
@@ -354,15 +351,16 @@ class LensModel:
         if self.profile == Profile.PANORAMA:
             seen = np.all(np.abs(distorted) <= (_SEAM_RAD, _MAX_LATITUDE_RAD), axis=1)
             return np.where(seen[:, None], distorted, np.nan)
-        uv = distorted
-        if self.bending != STRAIGHT:
-            from slam_init.types.lenses.undistortion import undistorted
+        return self._undistorted(distorted)[:, :2]
 
-            uv = undistorted(np.ascontiguousarray(distorted), self._start(distorted), np.array(self.bending))
-        with np.errstate(all="ignore"):  # points without a ray are NaN
-            # A root beyond the field is another ray, which the lens polynomial maps to the same pixel.
-            seen = np.hypot(uv[:, 0], uv[:, 1]) <= self.largest_radius * (1 + 1e-12)
-        return np.where(seen[:, None], uv, np.nan)
+    def _undistorted(self, distorted: Floats) -> Floats:
+        """The lens coordinates, and the length of (u, v, 1), of distorted ones (N, 2): (N, 3)."""
+        from slam_init.types.lenses.undistortion import undistorted
+
+        distorted, limit = np.ascontiguousarray(distorted), self.largest_radius * (1 + 1e-12)
+        if self.bending == STRAIGHT:
+            return undistorted(distorted, distorted, np.zeros(0), limit)
+        return undistorted(distorted, self._start(distorted), np.array(self.bending), limit)
 
     def _start(self, distorted: Floats) -> Floats:
         """Where Newton's method begins: at the radius of the table, for the radial terms alone.
@@ -371,7 +369,7 @@ class LensModel:
         pincushion lenses (the profile is concave or convex), and the tangential part is small.
         """
         if self.is_planar and self.is_perspective:
-            return np.array(distorted)
+            return distorted
         target = np.hypot(distorted[:, 0], distorted[:, 1])
         return distorted * (np.interp(target, *self._table) / np.where(target > 0, target, 1.0))[:, None]
 
@@ -380,6 +378,11 @@ class LensModel:
 
         Shapes: ``distorted`` (N, 2), returns (N, 3).
         """
+        if self.is_perspective:
+            found = self._undistorted(distorted)
+            length = found[:, 2:].copy()
+            found[:, 2] = 1.0
+            return np.asarray(found / length)
         return unproject_profile(self.profile, self.shape, self.undistort(distorted))
 
     @property

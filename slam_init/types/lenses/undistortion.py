@@ -19,37 +19,47 @@ _SOLVED = 1e-10
 
 
 @compiled
-def undistorted(distorted: Floats, start: Floats, bending: Floats) -> Floats:
+def undistorted(distorted: Floats, start: Floats, bending: Floats, limit: float) -> Floats:
     """Lens coordinates that the distortion moves to given places, by Newton's method.
 
-    Shapes: ``distorted`` (N, 2), ``start`` (N, 2), ``bending`` (13,), returns (N, 2).
+    Shapes: ``distorted`` (N, 2), ``start`` (N, 2), ``bending`` (13,) or (0,) without a distortion, returns (N, 3).
 
-    * ``start``: Where the iteration begins; it is overwritten.
-    * Returns: NaN where the distortion moves the coordinates to another place.
+    * ``start``: Where the iteration begins.
+    * ``limit``: Largest radius.
+    * Returns: The coordinates, and the length of (u, v, 1); NaN beyond the limit, where another ray has the same pixel,
+      and where the distortion moves the coordinates to another place.
     """
-    n1, n2, n3, n4, d1, d2, d3, p1, p2, s1, s2, s3, s4 = bending
+    b, found, steps = np.zeros(13), np.empty((len(distorted), 3)), _STEPS + 1 if len(bending) else 0
+    for q in range(len(bending)):
+        b[q] = bending[q]
+    n1, n2, n3, n4, d1, d2, d3 = b[0], b[1], b[2], b[3], b[4], b[5], b[6]
+    p1, p2, s1, s2, s3, s4 = b[7], b[8], b[9], b[10], b[11], b[12]
+    is_ratio = d1 != 0.0 or d2 != 0.0 or d3 != 0.0
     for n in range(len(distorted)):
         x, y = start[n, 0], start[n, 1]
-        step_x, step_y, left_x, left_y = np.inf, np.inf, np.inf, np.inf
-        for last in range(_STEPS + 1):
+        last, left_x, left_y = 1.0, 0.0, 0.0
+        for _ in range(steps):
             r2 = x * x + y * y
-            N, D = 1 + r2 * (n1 + r2 * (n2 + r2 * (n3 + r2 * n4))), 1 + r2 * (d1 + r2 * (d2 + r2 * d3))
-            radial = N / D
+            radial = 1 + r2 * (n1 + r2 * (n2 + r2 * (n3 + r2 * n4)))
+            slope = n1 + r2 * (2 * n2 + r2 * (3 * n3 + r2 * 4 * n4))
+            if is_ratio:
+                inverse = 1 / (1 + r2 * (d1 + r2 * (d2 + r2 * d3)))
+                radial *= inverse
+                slope = (slope - radial * (d1 + r2 * (2 * d2 + r2 * 3 * d3))) * inverse
             left_x = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + r2 * (s1 + r2 * s2) - distorted[n, 0]
             left_y = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y + r2 * (s3 + r2 * s4) - distorted[n, 1]
-            if last == _STEPS or (abs(step_x) < _SETTLED and abs(step_y) < _SETTLED):
+            if last < _SETTLED:
                 break
-            N_r2, D_r2 = n1 + r2 * (2 * n2 + r2 * 3 * n3 + r2 * r2 * 4 * n4), d1 + r2 * (2 * d2 + r2 * 3 * d3)
-            slope = 2 * ((N_r2 - radial * D_r2) / D)  # d radial / d r2, times 2
             prism_x, prism_y = 2 * (s1 + 2 * r2 * s2), 2 * (s3 + 2 * r2 * s4)
-            jxx = radial + x * x * slope + 2 * p1 * y + 6 * p2 * x + prism_x * x
-            jyy = radial + y * y * slope + 6 * p1 * y + 2 * p2 * x + prism_y * y
-            across = x * y * slope + 2 * p1 * x + 2 * p2 * y
+            jxx = radial + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x + prism_x * x
+            jyy = radial + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x + prism_y * y
+            across = 2 * x * y * slope + 2 * p1 * x + 2 * p2 * y
             jxy, jyx = across + prism_x * y, across + prism_y * x
-            determinant = jxx * jyy - jxy * jyx
-            step_x = (jyy * left_x - jxy * left_y) / determinant
-            step_y = (jxx * left_y - jyx * left_x) / determinant
-            x, y = x - step_x, y - step_y
-        solved = abs(left_x) < _SOLVED and abs(left_y) < _SOLVED
-        start[n, 0], start[n, 1] = (x, y) if solved else (np.nan, np.nan)
-    return start
+            inverse = 1 / (jxx * jyy - jxy * jyx)
+            step_x, step_y = (jyy * left_x - jxy * left_y) * inverse, (jxx * left_y - jyx * left_x) * inverse
+            x, y, last = x - step_x, y - step_y, max(abs(step_x), abs(step_y))
+        r2 = x * x + y * y
+        # NaN fails each comparison.
+        solved = abs(left_x) < _SOLVED and abs(left_y) < _SOLVED and r2 <= limit * limit
+        found[n, 0], found[n, 1], found[n, 2] = (x, y, np.sqrt(r2 + 1)) if solved else (np.nan, np.nan, np.nan)
+    return found
