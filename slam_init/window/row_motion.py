@@ -60,12 +60,13 @@ def _flow_of_translation(tracks: WindowTracks, state: WindowState, velocity: Flo
     rho = state.distances_by_plane(tracks.anchor)[:, None]
     points = np.einsum("tji,tj->ti", R[anchor], state.rays - rho * t[anchor])
     d = points @ np.swapaxes(R, 1, 2) + rho * t[:, None]
-    inverse = 1 / np.maximum(np.linalg.norm(d, axis=2, keepdims=True), 1e-300)
+    inverse = 1 / np.sqrt(np.maximum(np.einsum("kti,kti->kt", d, d), 1e-300))[..., None]
     d, by_velocity = d * inverse, -rho * inverse
-    used = np.where(known[..., None], d, 0.0)
-    information = known.sum(axis=1)[:, None, None] * np.eye(3) - np.swapaxes(used, 1, 2) @ used
-    pull = np.cross(np.sum(by_velocity * used, axis=1), velocity)
-    turn = np.einsum("kij,kj->ki", np.linalg.pinv(information, hermitian=True), pull)
+    used = d * known[..., None]
+    # A little more than the information of the rays, which has no inverse where all of them agree.
+    information = (known.sum(axis=1) + 1e-9)[:, None, None] * np.eye(3) - np.swapaxes(used, 1, 2) @ used
+    pull = np.cross(np.einsum("kto,kti->ki", by_velocity, used), velocity)
+    turn = np.linalg.solve(information, pull[..., None])[..., 0]
     moves = by_velocity * velocity[:, None] + d @ np.cross(np.eye(3), turn[:, None])
     flow = moved_pixels(tracks.camera, d.reshape(-1, 3), moves.reshape(-1, 3)).reshape(*known.shape, 2)
-    return np.where(known[..., None], np.nan_to_num(flow), 0.0)
+    return flow * known[..., None]

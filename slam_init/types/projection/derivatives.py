@@ -40,8 +40,12 @@ def moved_pixels(camera: Camera, points: Floats, moves: Floats) -> Floats:
     """How pixels move where their points move.
 
     Shapes: ``points, moves`` (N, 3), returns (N, 2).
+
+    * Returns: 0 for a point that the lens does not see.
     """
-    return np.asarray(np.einsum("npi,ni->np", differentiated(camera, points).by_point, moves))
+    moved = np.zeros((len(points), 2))
+    _move(camera_vector(camera), np.ascontiguousarray(points), np.ascontiguousarray(moves), moved)
+    return moved
 
 
 @compiled
@@ -53,3 +57,13 @@ def _project(camera: Floats, points: Floats, out: Floats) -> None:
         if seen:
             out[n, 0], out[n, 1], out[n, 8], out[n, 9] = px, py, f0, f1
             out[n, 2], out[n, 3], out[n, 4], out[n, 5], out[n, 6], out[n, 7] = a0, a1, a2, b0, b1, b2
+
+
+@compiled
+def _move(camera: Floats, points: Floats, moves: Floats, out: Floats) -> None:
+    for n in range(len(points)):
+        x, y, z = moves[n, 0], moves[n, 1], moves[n, 2]
+        _, _, _, a0, a1, a2, b0, b1, b2, _, _ = project_point(
+            camera, 1.0, 0.0, points[n, 0], points[n, 1], points[n, 2]
+        )
+        out[n, 0], out[n, 1] = a0 * x + a1 * y + a2 * z, b0 * x + b1 * y + b2 * z
