@@ -142,16 +142,26 @@ def _of_points(
     * ``followed``: A point moves by ``-C^-T`` times a column for its cause, and by one of ``-C^-T`` for its own rays.
     * ``newest``: How far the newest camera follows each cause.
     """
-    pose = problem.world_from_cam[-1]
+    pose, noise = problem.world_from_cam[-1], slice(6 * len(problem.frames))
     rays = back_substituted(roots, np.broadcast_to(np.eye(3), (len(roots), 3, 3)))
     world, seen = -back_substituted(roots, followed), pose.inverse().apply(problem.points)
-    # The points turn and move against the camera.
-    local = pose.R.T @ world + (np.cross(np.eye(3), seen[:, None]) @ newest[:3] - newest[3:])
-    stretched = (seen[:, None] @ local)[:, 0] / np.sum(seen**2, axis=1)[:, None]
-    noise, own = local[:, :, : 6 * len(problem.frames)], rays @ np.swapaxes(rays, 1, 2)
-    by_world, by_local, by_noise = (one @ np.swapaxes(one, 1, 2) for one in (world, local, noise))
-    own_local = pose.R.T @ own @ pose.R
-    return by_world + own, by_local + own_local, by_noise + own_local, stretched
+    own = rays @ np.swapaxes(rays, 1, 2)
+    # The points turn and move against the camera: how far each one moves for a step of the camera.
+    against = np.concatenate([np.cross(np.eye(3), seen[:, None]), np.broadcast_to(-np.eye(3), own.shape)], axis=2)
+
+    def in_camera(moves: Floats, camera: Floats) -> Floats:
+        """The covariances in the camera of points that move in the world, and of the camera itself."""
+        both = np.swapaxes((moves.reshape(-1, moves.shape[2]) @ camera.T).reshape(-1, 3, 6), 1, 2)
+        mixed = against @ both @ pose.R
+        return np.asarray(
+            pose.R.T @ (moves @ np.swapaxes(moves, 1, 2) + own) @ pose.R
+            + mixed + np.swapaxes(mixed, 1, 2) + against @ (camera @ camera.T) @ np.swapaxes(against, 1, 2)
+        )  # fmt: skip
+
+    along = (seen @ pose.R.T)[:, None] @ world + seen[:, None] @ against @ newest
+    stretched = along[:, 0] / np.sum(seen**2, axis=1)[:, None]
+    by_world = world @ np.swapaxes(world, 1, 2) + own
+    return by_world, in_camera(world, newest), in_camera(world[:, :, noise], newest[:, noise]), stretched
 
 
 def _leverage(problem: BundleProblem, observed: Observed, covariance: Floats) -> Floats:
