@@ -16,7 +16,6 @@ from slam_init.config import MapConfig
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.lens import CALIBRATED_SIGMA, MAX_FOCAL_SIGMA, UNKNOWN_PRINCIPAL_SIGMA, LensPrior, k1_sigma
-from slam_init.types.projection.derivatives import differentiated
 
 
 def lens_prior(stated: Camera, config: MapConfig) -> LensPrior:
@@ -69,9 +68,11 @@ def lens_derivatives(camera: Camera, problem: BundleProblem) -> Floats:
     """
     if problem.lenses is None:
         raise ValueError("a problem without lenses: make them by with_lenses")
-    found, across = differentiated(camera, problem.lenses[:, 2]), problem.lenses[:, :2]
+    found, across = camera.differentiated(problem.lenses[:, 2]), problem.lenses[:, :2]
     principal = np.broadcast_to(np.eye(2), (len(across), 2, 2))
-    by_lens = np.concatenate([found.by_focal[..., None], principal, found.by_k1[..., None]], axis=2)
+    by_lens = np.concatenate(
+        [(found.pixels - (camera.cx, camera.cy))[..., None], principal, found.by_k1[..., None]], axis=2
+    )
     # The shortest move of the ray that takes the pixel back: a ray does not move along itself.
     seen: Bools = np.asarray(np.isfinite(found.pixels[:, 0]))
     J, by_ray = np.where(seen[:, None, None], found.by_point, np.eye(2, 3)), np.empty((len(seen), 3, 2))

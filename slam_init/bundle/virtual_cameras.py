@@ -15,7 +15,6 @@ import numpy as np
 
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
-from slam_init.types.projection.derivatives import differentiated
 
 #: Models whose pixels are undistorted to the plane z = 1 for gtsam. There an image is stretched by the squared inverse
 #: cosine of the angle, and so is the noise: by four at 60 degrees.
@@ -58,7 +57,7 @@ def virtual_cameras(camera: Camera, pixels: Floats) -> VirtualCameras:
     right = np.cross(smallest, rays)
     right /= np.linalg.norm(right, axis=1, keepdims=True)
     down = np.cross(rays, right)
-    J = differentiated(camera, rays).by_point @ np.stack([right, down], axis=-1)
+    J = camera.differentiated(rays).by_point @ np.stack([right, down], axis=-1)
     J = np.where(np.isfinite(J).all(axis=(1, 2), keepdims=True), J, camera.focal_px * np.eye(2))
     # J = Q R with a rotation or reflection Q, which does not change the length of a residual.
     fx = np.hypot(J[:, 0, 0], J[:, 1, 0])

@@ -23,7 +23,6 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.history import History, common_tracks
 from slam_init.types.lens import CurrentLens
-from slam_init.types.projection.derivatives import moved_pixels
 
 #: A hand changes its turning several times in a second. With frames farther apart than this, the turning between two
 #: frames has no information about the turning in the time of a readout.
@@ -47,7 +46,7 @@ def turning_flow(camera: Camera, rays: Floats, turns_rad_s: Floats) -> Floats:
 
     Shapes: ``rays`` (N, 3), ``turns_rad_s`` (N, 3) or (3,), returns (N, 2).
     """
-    return moved_pixels(camera, rays, np.cross(turns_rad_s, rays))
+    return camera.moved_pixels(rays, np.cross(turns_rad_s, rays))
 
 
 def corrected_pixels(camera: Camera, observations: Observations) -> Floats:

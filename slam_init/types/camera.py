@@ -10,6 +10,7 @@ import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +26,9 @@ from slam_init.types.lenses.lens import (
     check_coefficients,
     lens_of,
 )
+
+if TYPE_CHECKING:
+    from slam_init.types.projection.points import Projection
 
 # Range of the focal length in units of the longer side: a fisheye of 180 degrees has 0.3, a telescope 100. A value
 # outside is in a wrong unit (metres, a fraction of the width), and later numbers would overflow.
@@ -50,6 +54,8 @@ _SOURCES = ("stated", "file", "machine", "metadata", "prior", "estimated")
 #: Of the logarithm of the focal length: from a fisheye to a telescope. More is no knowledge.
 _MAX_FOCAL_SIGMA = 1.0
 
+#: The models that have a number of their own in the compiled projection.
+_PLANAR_MODELS = ("pinhole", "radtan", "fisheye")
 # Least cosine of the angle between the optical axis and a ray that has a place on the plane z = 1.
 _LEAST_DEPTH = math.cos(MAX_PLANAR_ANGLE_RAD)
 # Nodes along each border of the image at which the field of view is measured.
@@ -175,7 +181,7 @@ class Camera(Described):
 
     @cached_property
     def _lens(self) -> LensModel:
-        planar = lens_of(self.model, self.distortion, is_planar=self.model in ("pinhole", "radtan", "fisheye"))
+        planar = lens_of(self.model, self.distortion, is_planar=self.model in _PLANAR_MODELS)
         if self.model != "fisheye" or planar.largest_radius < MAX_PLANAR_ANGLE_RAD:
             return planar
         # Where a corner of a fisheye image is beyond 89 degrees, rays may point behind the plane.
@@ -346,8 +352,36 @@ class Camera(Described):
             NaN for points that the lens does not see: those beyond its field of view, and those beyond the radius at
             which the lens polynomial stops growing. The polynomial would map the latter into the image.
         """
-        points = np.asarray(points, float).reshape(-1, 3)
-        return np.asarray(self._lens.project(points) * (self.fx, self.fy) + (self.cx, self.cy))
+        return self.differentiated(points).pixels
+
+    def differentiated(self, points: Floats) -> Projection:
+        """Project points to raw pixels, and differentiate them.
+
+        Shapes: ``points`` (N, 3).
+        """
+        from slam_init.types.projection.points import projected
+
+        return projected(self.numbers, np.asarray(points, float).reshape(-1, 3))
+
+    def moved_pixels(self, points: Floats, moves: Floats) -> Floats:
+        """How pixels move where their points move; 0 for a point that the lens does not see.
+
+        Shapes: ``points, moves`` (N, 3), returns (N, 2).
+        """
+        from slam_init.types.projection.points import moved
+
+        return moved(self.numbers, points, moves)
+
+    @cached_property
+    def numbers(self) -> Floats:
+        """The camera for compiled loops (:mod:`slam_init.types.projection.point`).
+
+        Shapes: returns (31,).
+        """
+        model = 3 if self.lens is not None else _PLANAR_MODELS.index(self.model)
+        coefficients = (*self.distortion, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
+        first = (model, self.fx, self.fy, self.cx, self.cy, *coefficients, self.max_tangent)
+        return np.array([*first, *(np.zeros(20) if self.lens is None else self.lens.numbers)])
 
     @property
     def max_tangent(self) -> float:

@@ -55,7 +55,7 @@ class Unknowns(NamedTuple):
 class Known(NamedTuple):
     """What is known before the tracks are seen."""
 
-    #: (31,) See :func:`slam_init.types.projection.point.camera_vector`.
+    #: (31,) See :attr:`slam_init.types.camera.Camera.numbers`.
     camera: Floats
     #: Readout that the pixels are corrected for.
     corrected_s: float

@@ -6,7 +6,6 @@ import numpy as np
 
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.lens import Lens
-from slam_init.types.projection.point import camera_vector
 from slam_init.window.arguments import (
     FIELD_TERMS,
     ZOOM_TERMS,
@@ -63,7 +62,7 @@ def _known_of(tracks: WindowTracks, priors: Priors, weights: Floats, *, at_infin
     """What is known before the tracks are seen."""
     lens = np.array([priors.mean.log_scale, priors.mean.k1, 0.0, 0.0, 0.0])
     turned = (tracks.turned, tracks.turned_weights, tracks.down, tracks.down_weights)
-    return Known(camera_vector(tracks.camera), float(tracks.readout_s), at_infinity, weights, lens, *turned)
+    return Known(tracks.camera.numbers, float(tracks.readout_s), at_infinity, weights, lens, *turned)
 
 
 class WindowEquations:

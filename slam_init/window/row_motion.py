@@ -17,7 +17,6 @@ import numpy as np
 
 from slam_init.frontend.rolling_shutter import readout_places
 from slam_init.types.arrays import Bools, Floats
-from slam_init.types.projection.derivatives import moved_pixels
 from slam_init.window.state import WindowState
 from slam_init.window.tracks import WindowTracks
 
@@ -68,5 +67,5 @@ def _flow_of_translation(tracks: WindowTracks, state: WindowState, velocity: Flo
     pull = np.cross(np.einsum("kto,kti->ki", by_velocity, used), velocity)
     turn = np.linalg.solve(information, pull[..., None])[..., 0]
     moves = by_velocity * velocity[:, None] + d @ np.cross(np.eye(3), turn[:, None])
-    flow = moved_pixels(tracks.camera, d.reshape(-1, 3), moves.reshape(-1, 3)).reshape(*known.shape, 2)
+    flow = tracks.camera.moved_pixels(d.reshape(-1, 3), moves.reshape(-1, 3)).reshape(*known.shape, 2)
     return flow * known[..., None]

@@ -194,7 +194,7 @@ def _located(tracks: WindowTracks, R: Floats, lens: Lens) -> tuple[Floats, Float
             pixels = tracks.pixels[k, used]
             # Without zooms, the rotation of a view that is zoomed by much is any.
             nearest = min(range(k), key=lambda row: abs(tracks.frames[row] - tracks.frames[k]))
-            starts = [(R[k], 0.0), *(_similar(camera, world, pixels, R[row]) for row in (k, nearest))]
+            starts = (R[k], 0.0), _similar(camera, world, pixels, R[nearest])
             R[k], zooms[k] = min(starts, key=lambda one: _median_px(camera, world, pixels, *one))
     return R, zooms
 

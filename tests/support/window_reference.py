@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quest.algebra import tangents
-from slam_init.types.projection.point import camera_vector, project_point
+from slam_init.types.projection.point import project_point
 from slam_init.window.arguments import FIELD_TERMS, ZOOM_TERMS
 from slam_init.window.kernel import OFF_PLANE_COST
 from slam_init.window.state import WindowState
@@ -37,7 +37,7 @@ def reference_equations(
     lens = 2 + readout + 2 * principal
     size = focal + lens + (0 if state.plane is None else 3)
     normal, shares, total = np.zeros((size, size)), np.zeros((count, size)), 0.0
-    camera = camera_vector(tracks.camera)
+    camera = tracks.camera.numbers
     for i, a in enumerate(tracks.anchor):
         if a < 0:
             continue

@@ -68,7 +68,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam_init.errors import CalibrationError
-from slam_init.types.arrays import Bools, Floats
+from slam_init.types.arrays import Floats
 
 #: xi, a, b of a sphere; w of a field of view.
 Shape = tuple[float, float, float]
@@ -93,34 +93,8 @@ _LEAST_DENOMINATOR = math.sin(math.radians(1.0))
 _TINY = 1e-12
 
 
-def project_profile(kind: Profile, shape: Shape, rays: Floats) -> Floats:
-    """Project rays to lens coordinates.
-
-    Shapes: ``rays`` (N, 3), returns (N, 2).
-
-    * Returns: Any number, or NaN, for rays that the profile does not reach.
-    """
-    X, Y, Z = rays[:, 0], rays[:, 1], rays[:, 2]
-    if kind == Profile.PANORAMA:
-        return np.column_stack([np.arctan2(X, Z), np.arctan2(Y, np.hypot(X, Z))])
-    r = np.hypot(X, Y)
-    with np.errstate(all="ignore"):  # rays beyond the field may overflow; the lens knows its field
-        if (kind, shape) == PERSPECTIVE:
-            return np.asarray(rays[:, :2] / Z[:, None])
-        if kind == Profile.SPHERE:
-            xi, a, b = shape
-            z = xi * np.hypot(r, Z) + Z
-            scale = 1 / (a * np.sqrt(b * r * r + z * z) + (1 - a) * z)
-        else:
-            steep = 1.0 if kind == Profile.EQUIDISTANT else 2 * math.tan(shape[0] / 2)
-            gain = 1.0 if kind == Profile.EQUIDISTANT else 1 / shape[0]
-            near = r <= _TINY * np.abs(Z)
-            scale = np.where(near, gain * steep / Z, gain * np.arctan2(steep * r, Z) / np.where(near, 1.0, r))
-        return np.asarray(rays[:, :2] * scale[:, None])
-
-
 def unproject_profile(kind: Profile, shape: Shape, uv: Floats) -> Floats:
-    """Invert :func:`project_profile`.
+    """The rays of lens coordinates, by the profile of a lens.
 
     Shapes: ``uv`` (N, 2), returns (N, 3).
     """
@@ -301,8 +275,15 @@ class LensModel:
 
     def _radius(self, angles: Floats) -> Floats:
         """Radii (N,) of angles (N,) before the distortion, for profiles that are symmetric about the axis."""
-        rays = np.column_stack([np.sin(angles), np.zeros(len(angles)), np.cos(angles)])
-        return project_profile(self.profile, self.shape, rays)[:, 0]
+        if self.profile == Profile.EQUIDISTANT:
+            return angles
+        side, depth = np.sin(angles), np.cos(angles)
+        if self.profile == Profile.FIELD_OF_VIEW:
+            w = self.shape[0]
+            return np.asarray(np.arctan2(2 * math.tan(w / 2) * side, depth) / w)
+        xi, a, b = self.shape
+        with np.errstate(all="ignore"):  # angles beyond the field may overflow
+            return np.asarray(side / (a * np.hypot(math.sqrt(b) * side, xi + depth) + (1 - a) * (xi + depth)))
 
     @cached_property
     def largest_radius(self) -> float:
@@ -316,30 +297,6 @@ class LensModel:
         """Distorted radii over the field, and the radii before the distortion."""
         radii = np.linspace(0.0, self.largest_radius, _NODES)
         return self.bending.radial(radii), radii
-
-    def sees(self, rays: Floats) -> Bools:
-        """Tell which rays are within the field of the lens.
-
-        Shapes: ``rays`` (N, 3), returns (N,).
-        """
-        X, Y, Z = rays[:, 0], rays[:, 1], rays[:, 2]
-        if self.profile == Profile.PANORAMA:
-            angles = np.abs(project_profile(self.profile, self.shape, rays))
-            return np.asarray((np.hypot(X, Z) > 0) & (angles <= (_SEAM_RAD, _MAX_LATITUDE_RAD)).all(axis=1))
-        if self.is_planar:
-            uv = project_profile(self.profile, self.shape, rays)
-            return np.asarray((Z > 0) & (np.hypot(uv[:, 0], uv[:, 1]) <= self.largest_radius))
-        side = np.hypot(X, Y)
-        return np.asarray((np.arctan2(side, Z) <= self.max_angle_rad) & ((side > 0) | (Z > 0)))
-
-    def project(self, rays: Floats) -> Floats:
-        """Project rays to distorted lens coordinates.
-
-        Shapes: ``rays`` (N, 3), returns (N, 2).
-        """
-        with np.errstate(all="ignore"):  # rays beyond the field
-            uv = self.bending.apply(project_profile(self.profile, self.shape, rays))
-        return np.where(self.sees(rays)[:, None], uv, np.nan)
 
     def undistort(self, distorted: Floats) -> Floats:
         """Compute the lens coordinates of distorted ones.
@@ -374,7 +331,7 @@ class LensModel:
         return distorted * (np.interp(target, *self._table) / np.where(target > 0, target, 1.0))[:, None]
 
     def unproject(self, distorted: Floats) -> Floats:
-        """Invert :meth:`project`.
+        """The rays of distorted lens coordinates.
 
         Shapes: ``distorted`` (N, 2), returns (N, 3).
         """
@@ -386,14 +343,15 @@ class LensModel:
         return unproject_profile(self.profile, self.shape, self.undistort(distorted))
 
     @property
-    def field_limits(self) -> tuple[float, float]:
-        """The limits of the field for the compiled projection.
+    def numbers(self) -> Floats:
+        """The lens for the compiled projection (:mod:`slam_init.types.projection.ray`).
 
-        * Returns: Largest angle; for a panorama the largest longitude and latitude. In rad.
+        Shapes: returns (20,).
         """
+        limits, bent = (self.max_angle_rad, 0.0), 1 / self.magnification**2
         if self.profile == Profile.PANORAMA:
-            return _SEAM_RAD, _MAX_LATITUDE_RAD
-        return self.max_angle_rad, 0.0
+            limits, bent = (_SEAM_RAD, _MAX_LATITUDE_RAD), 0.0
+        return np.array([self.profile, *self.shape, *self.bending, *limits, bent], float)
 
 
 def turning_radius(k: tuple[float, ...], limit: float) -> float:

@@ -13,23 +13,8 @@ import numpy as np
 
 from quest.jit import inlined
 from slam_init.types.arrays import Floats
-from slam_init.types.camera import Camera
 from slam_init.types.projection.compiler import compiled
-from slam_init.types.projection.ray import lens_vector, project_ray
-
-_MODELS = {"pinhole": 0.0, "radtan": 1.0, "fisheye": 2.0}
-_LENS = 3.0
-
-
-def camera_vector(camera: Camera) -> Floats:
-    """The numbers of a camera for the compiled loops.
-
-    Shapes: returns (31,).
-    """
-    coefficients = (*camera.distortion, 0.0, 0.0, 0.0, 0.0, 0.0)[:5]
-    model = _MODELS[camera.model] if camera.lens is None else _LENS
-    first = [model, camera.fx, camera.fy, camera.cx, camera.cy, *coefficients, camera.max_tangent]
-    return np.concatenate([np.array(first, float), lens_vector(camera.lens)])
+from slam_init.types.projection.ray import project_ray
 
 
 @inlined

@@ -9,22 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from slam_init.types.arrays import Floats
-from slam_init.types.lenses.lens import LensModel, Profile
 from slam_init.types.projection.compiler import part
-
-#: Length of the vector of a lens.
-LENS_NUMBERS = 20
-
-
-def lens_vector(lens: LensModel | None) -> Floats:
-    """The numbers of a lens for the compiled loops.
-
-    Shapes: returns (20,).
-    """
-    if lens is None:
-        return np.zeros(LENS_NUMBERS)
-    bent = 0.0 if lens.profile == Profile.PANORAMA else 1 / lens.magnification**2
-    return np.array([lens.profile, *lens.shape, *lens.bending, *lens.field_limits, bent], float)
 
 
 @part
@@ -81,7 +66,7 @@ def project_ray(
 
     Shapes: ``camera`` (31,).
 
-    * ``camera``: Of :func:`slam_init.types.projection.point.camera_vector`; the last twenty are those of the lens.
+    * ``camera``: Of :attr:`slam_init.types.camera.Camera.numbers`; the last twenty are those of the lens.
     """
     seen, u, v, u0, u1, u2, v0, v1, v2 = _profile(camera, X, Y, Z)
     if not seen:

@@ -8,14 +8,14 @@ from make_lenses import LENSES as OTHER_LENSES
 from make_lenses import directions
 from make_map import CAMERAS
 
-from slam_init.types.projection.point import camera_vector, project_point
+from slam_init.types.projection.point import project_point
 
 LENSES = OTHER_LENSES | {f"narrow {name}": camera for name, camera in CAMERAS.items()}
 
 
 def projected(camera, point, scale=1.0, k1=0.0):
     """Whether the lens sees the point, its pixel, and the derivatives; NaN where it does not."""
-    seen, *numbers = project_point(camera_vector(camera), scale, k1, *map(float, point))
+    seen, *numbers = project_point(camera.numbers, scale, k1, *map(float, point))
     numbers = np.array(numbers) if seen else np.full(10, np.nan)
     return seen, numbers[:2], np.column_stack([numbers[2:8].reshape(2, 3), numbers[8:]])
 

@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from slam_init.types.arrays import Floats
-from slam_init.types.camera import Camera
 from slam_init.types.projection.compiler import compiled
-from slam_init.types.projection.point import camera_vector, project_point
+from slam_init.types.projection.point import project_point
 
 
 class Projection(NamedTuple):
@@ -19,33 +18,28 @@ class Projection(NamedTuple):
     pixels: Floats
     #: (N, 2, 3) Their derivatives by the points in the camera frame.
     by_point: Floats
-    #: by_focal, by_k1: (N, 2) By the logarithm of the focal length, and by what is added to the first coefficient of
-    #: the radial distortion, as :meth:`slam_init.types.camera.Camera.refocused` does.
-    by_focal: Floats
+    #: (N, 2) Their derivatives by what is added to the first coefficient of the radial distortion.
     by_k1: Floats
 
 
-def differentiated(camera: Camera, points: Floats) -> Projection:
+def projected(camera: Floats, points: Floats) -> Projection:
     """Project points, and differentiate their pixels.
 
-    Shapes: ``points`` (N, 3).
+    Shapes: ``camera`` (31,), ``points`` (N, 3).
     """
     numbers = np.full((len(points), 10), np.nan)
-    _project(camera_vector(camera), np.ascontiguousarray(points), numbers)
-    pixels, by_point, by_k1 = np.split(numbers, (2, 8), axis=1)
-    return Projection(pixels, by_point.reshape(-1, 2, 3), pixels - (camera.cx, camera.cy), by_k1)
+    _project(camera, np.ascontiguousarray(points), numbers)
+    return Projection(numbers[:, :2], numbers[:, 2:8].reshape(-1, 2, 3), numbers[:, 8:])
 
 
-def moved_pixels(camera: Camera, points: Floats, moves: Floats) -> Floats:
-    """How pixels move where their points move.
+def moved(camera: Floats, points: Floats, moves: Floats) -> Floats:
+    """How pixels move where their points move; 0 for a point that the lens does not see.
 
-    Shapes: ``points, moves`` (N, 3), returns (N, 2).
-
-    * Returns: 0 for a point that the lens does not see.
+    Shapes: ``camera`` (31,), ``points, moves`` (N, 3), returns (N, 2).
     """
-    moved = np.zeros((len(points), 2))
-    _move(camera_vector(camera), np.ascontiguousarray(points), np.ascontiguousarray(moves), moved)
-    return moved
+    pixels = np.zeros((len(points), 2))
+    _move(camera, np.ascontiguousarray(points), np.ascontiguousarray(moves), pixels)
+    return pixels
 
 
 @compiled
