@@ -18,24 +18,22 @@ def triangulate(world_from_cam: list[Pose], bearings: Floats) -> Floats:
       the inverse squared distance from the camera, so that the error is an angle. NaN where fewer than two rays are
       given or the rays are parallel.
     """
-    count = bearings.shape[1]
     centres = np.array([pose.t for pose in world_from_cam])
-    rays = np.einsum("kij,klj->kli", np.array([pose.R for pose in world_from_cam]), bearings)
+    rays = np.swapaxes(bearings @ np.array([pose.R.T for pose in world_from_cam]), 0, 1)
     seen = np.isfinite(rays).all(axis=2)
     rays = np.where(seen[..., None], rays, 0.0)
-    projectors = (np.eye(3) - rays[..., :, None] * rays[..., None, :]) * seen[..., None, None]
-    weight = np.ones((len(centres), count))
-    points = np.full((count, 3), np.nan)
-    solvable = seen.sum(axis=0) >= 2
+    places = np.einsum("lki,ki->lk", rays, centres)  # of the centres along the rays
+    points, weight = np.full((len(rays), 3), np.nan), seen.astype(float)
+    solvable = seen.sum(axis=1) >= 2
     for _ in range(2):  # once for the distances, once with their weights
-        A = np.einsum("kl,klij->lij", weight, projectors)
-        b = np.einsum("kl,klij,kj->li", weight, projectors, centres)
+        A = weight.sum(axis=1)[:, None, None] * np.eye(3) - np.swapaxes(weight[..., None] * rays, 1, 2) @ rays
+        b = weight @ centres - ((weight * places)[:, None] @ rays)[:, 0]
         # The smallest eigenvalue of A vanishes for parallel rays: over the trace it is about half the squared parallax.
         solvable &= np.linalg.eigvalsh(A)[:, 0] > 1e-12 * np.trace(A, axis1=1, axis2=2)
         points[solvable] = np.linalg.solve(A[solvable], b[solvable][..., None])[..., 0]
         points[~solvable] = np.nan
-        distance = np.linalg.norm(points[None] - centres[:, None], axis=2)
-        weight = 1 / np.where(np.isfinite(distance) & (distance > 0), distance, 1.0) ** 2
+        distance = np.linalg.norm(points[:, None] - centres, axis=2)
+        weight = seen / np.where(np.isfinite(distance) & (distance > 0), distance, 1.0) ** 2
     return points
 
 
