@@ -36,17 +36,7 @@ def estimate_relative_poses(
     InputError
         If threads is not a number from 1, or a pair or an option is refused.
     """
-    threads = as_index(threads, "threads", 1)
-    given = list(pairs)
-
-    def estimate(pair: tuple[ArrayLike, ArrayLike]) -> RelativePose | NoPose:
-        return estimate_relative_pose(*pair, **options)
-
-    if threads == 1 or len(given) < 2:
-        return [estimate(pair) for pair in given]
     from concurrent.futures import ThreadPoolExecutor
 
-    # The first pair compiles, once.
-    first = estimate(given[0])
-    with ThreadPoolExecutor(threads) as pool:
-        return [first, *pool.map(estimate, given[1:])]
+    with ThreadPoolExecutor(as_index(threads, "threads", 1)) as pool:
+        return list(pool.map(lambda pair: estimate_relative_pose(*pair, **options), pairs))

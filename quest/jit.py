@@ -53,22 +53,19 @@ def _hash_of(*folders: Path) -> str:
     return hashlib.sha256(b"".join(path.read_bytes() for path in sorted(files))).hexdigest()
 
 
-def compiler_of(
-    folder: Path, *others: Path, reorders_sums: bool = False, part: bool = False
-) -> Callable[[Function], Function]:
-    """The decorator for the compiled loops of a folder.
+def compiler_of(*folders: Path, reorders_sums: bool = False, part: bool = False) -> Callable[[Function], Function]:
+    """The decorator for the compiled loops of the first folder, which call those of the others.
 
-    A hash of all sources of the folder, and of the loops of quest, is a part of the name under which machine code is
+    A hash of all sources of the folders, and of the loops of quest, is a part of the name under which machine code is
     kept: an edit of any of these files renews the machine code of all loops. A loop may call loops of these only.
 
-    * ``others``: Other folders whose loops are called.
     * ``reorders_sums``: Whether sums may be reordered, and fused with products, as for the vectors of a processor.
     * ``part``: Whether only other loops call the functions. What lets Python call one takes a third of its compilation.
     * Returns: Compiles a function of numbers and arrays, in the part of Python that numba compiles, at its first call,
       and keeps the machine code on disk (:mod:`quest.machine_code`). Where no folder can be written,
       each process compiles for itself.
     """
-    sources, folders = _hash_of(folder, *others), machine_code.folders_of(folder)
+    sources, kept = _hash_of(*folders), machine_code.folders_of(folders[0])
     fast = {"reassoc", "contract"} if reorders_sums else False
 
     def _compiled(function: Function) -> Function:
@@ -77,7 +74,7 @@ def compiler_of(
             error_model="numpy", fastmath=fast, no_cfunc_wrapper=True, no_cpython_wrapper=part, nogil=True
         )(function)
         if dispatcher is not function:  # NUMBA_DISABLE_JIT is not set
-            dispatcher._cache = _Cache(f"{function.__module__}.{function.__qualname__}", sources, folders)
+            dispatcher._cache = _Cache(f"{function.__module__}.{function.__qualname__}", sources, kept)
             dispatcher._compiler.compile = _quickly(dispatcher._compiler.compile)
         return cast("Function", dispatcher)
 
@@ -90,8 +87,9 @@ def inlined(function: Function) -> Function:
     A call that passes arrays takes as long as some hundred operations, since each of its arrays counts its users. Here
     nothing is counted. So the function must not make arrays, and neither must the loops that it calls.
     """
-    part = _jitable(error_model="numpy", forceinline=True, no_cpython_wrapper=True, _nrt=False)
-    return cast("Function", part(function))
+    return cast(
+        "Function", _jitable(error_model="numpy", forceinline=True, no_cpython_wrapper=True, _nrt=False)(function)
+    )
 
 
 def _quickly(compile_: Callable[..., object]) -> Callable[..., object]:

@@ -40,15 +40,6 @@ def _unit(rays: Floats) -> Floats:
     return np.asarray(rays / np.linalg.norm(rays, axis=-1, keepdims=True))
 
 
-def essential_from_pose(R: ArrayLike, t: ArrayLike) -> Floats:
-    """Essential matrices ``E = [t]x R`` of poses, so that ``n . E m = 0``.
-
-    Shapes: ``R`` (..., 3, 3), ``t`` (..., 3), returns (..., 3, 3).
-    """
-    R, t = np.asarray(R, float), np.asarray(t, float)
-    return np.asarray(np.cross(t[..., :, None], R, axis=-2))
-
-
 def sampson_error(R: ArrayLike, t: ArrayLike, m: ArrayLike, n: ArrayLike) -> Floats:
     """Signed Sampson errors of matches in radians; both views have the same weight.
 
@@ -63,8 +54,8 @@ def sampson_error(R: ArrayLike, t: ArrayLike, m: ArrayLike, n: ArrayLike) -> Flo
 
     * Returns: Zero where the match lies on both epipoles: there every change fulfils the constraint.
     """
-    t = np.asarray(t, float)
-    E = essential_from_pose(R, t / np.linalg.norm(t, axis=-1, keepdims=True))
+    R, t = np.asarray(R, float), np.asarray(t, float)
+    E = np.cross((t / np.linalg.norm(t, axis=-1, keepdims=True))[..., :, None], R, axis=-2)
     m, n = np.asarray(m, float), np.asarray(n, float)
     residual = _flat(E) @ _outer(n, m)
     # |E m|^2 and |E^T n|^2 are quadratic forms in m and n; their part along the ray is the squared residual.
@@ -112,18 +103,6 @@ def depths_from_pose(R: ArrayLike, t: ArrayLike, m: ArrayLike, n: ArrayLike) -> 
         # (1 - c)(1 + c) keeps the digits of small angles that 1 - c^2 would lose.
         scale = 1 / ((1 - c) * (1 + c))
         return (c * n_t - m_t) * scale, (n_t - c * m_t) * scale
-
-
-def parallax_angles(R: ArrayLike, m: ArrayLike, n: ArrayLike) -> Floats:
-    """Angles between the rays R m and n of each match.
-
-    Shapes: ``R`` (..., 3, 3), ``m, n`` (N, 3), returns (..., N).
-    """
-    R, m, n = (np.asarray(a, float) for a in (R, m, n))
-    rotated = m @ R.swapaxes(-1, -2)
-    # From the chord: accurate for small angles, where the arc cosine is not, and near 180 degrees.
-    chord, sum_ = np.linalg.norm(rotated - n, axis=-1), np.linalg.norm(rotated + n, axis=-1)
-    return np.asarray(2 * np.arctan2(chord, sum_))
 
 
 def tangent_basis(t: Floats) -> Floats:

@@ -22,17 +22,15 @@ Floats = NDArray[np.float64]
 _SINGULAR = 1e-12
 
 
-def fit_homography(m: Floats, n: Floats, weight: Floats | None = None) -> Floats:
+def fit_homography(m: Floats, n: Floats) -> Floats:
     """Fit a homography by linear least squares, ``n x H m = 0``.
 
-    Shapes: ``m, n`` (N, 3), ``weight`` (N,), returns (3, 3).
+    Shapes: ``m, n`` (N, 3), returns (3, 3).
 
     * Returns: Unit norm; the sign is the one with most points in front of both cameras.
     """
     # The two components of n x Hm orthogonal to n. With unit bearings the equations need no further conditioning.
     first, second = np.moveaxis(tangent_basis(n), -1, 0)
-    if weight is not None:
-        first, second = first * weight[:, None], second * weight[:, None]
     rows = np.concatenate(
         [(first[:, :, None] * m[:, None, :]).reshape(-1, 9), (second[:, :, None] * m[:, None, :]).reshape(-1, 9)]
     )

@@ -22,9 +22,9 @@ from slam_init.bundle.problem import BundleFit, BundleProblem
 from slam_init.bundle.reprojection import is_undistorted_first
 from slam_init.config import MapConfig
 from slam_init.errors import CalibrationError
+from slam_init.lenses.lens import scaled_coefficients
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
-from slam_init.types.lenses.lens import scaled_coefficients
 
 #: Newton's method ends after a step that lowers the error by less than this share. With a thousand observations this
 #: is 0.01, a seventh of a standard deviation of the focal length, and the next step would be much smaller.

@@ -1,6 +1,6 @@
 """The camera model, which maps pixels to bearings and points to pixels.
 
-The models and their coefficients are those of :mod:`slam_init.types.lenses.lens`. Pixels are converted to unit
+The models and their coefficients are those of :mod:`slam_init.lenses.lens`. Pixels are converted to unit
 bearings once; all later stages work on bearings. Bearings may point behind the image plane.
 """
 
@@ -17,8 +17,7 @@ from numpy.typing import ArrayLike
 
 from quest.display import Described
 from slam_init.errors import CalibrationError
-from slam_init.types.arrays import Floats, as_array, as_number, set_fields
-from slam_init.types.lenses.lens import (
+from slam_init.lenses.lens import (
     COEFFICIENTS,
     MAX_PLANAR_ANGLE_RAD,
     LensModel,
@@ -26,9 +25,10 @@ from slam_init.types.lenses.lens import (
     check_coefficients,
     lens_of,
 )
+from slam_init.types.arrays import Floats, as_array, as_number, set_fields
 
 if TYPE_CHECKING:
-    from slam_init.types.projection.points import Projection
+    from slam_init.lenses.points import Projection
 
 # Range of the focal length in units of the longer side: a fisheye of 180 degrees has 0.3, a telescope 100. A value
 # outside is in a wrong unit (metres, a fraction of the width), and later numbers would overflow.
@@ -69,7 +69,7 @@ class Camera(Described):
     Attributes
     ----------
     model : str
-        A name of :mod:`slam_init.types.lenses.lens`: ``pinhole``, ``radtan``, ``fisheye``, ``double-sphere``, ...
+        A name of :mod:`slam_init.lenses.lens`: ``pinhole``, ``radtan``, ``fisheye``, ``double-sphere``, ...
     width, height : int
         Image size in pixels.
     fx, fy, cx, cy : float
@@ -359,7 +359,7 @@ class Camera(Described):
 
         Shapes: ``points`` (N, 3).
         """
-        from slam_init.types.projection.points import projected
+        from slam_init.lenses.points import projected
 
         return projected(self.numbers, np.asarray(points, float).reshape(-1, 3))
 
@@ -368,13 +368,13 @@ class Camera(Described):
 
         Shapes: ``points, moves`` (N, 3), returns (N, 2).
         """
-        from slam_init.types.projection.points import moved
+        from slam_init.lenses.points import moved
 
         return moved(self.numbers, points, moves)
 
     @cached_property
     def numbers(self) -> Floats:
-        """The camera for compiled loops (:mod:`slam_init.types.projection.point`).
+        """The camera for compiled loops (:mod:`slam_init.lenses.point`).
 
         Shapes: returns (31,).
         """

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from quest.jit import compiler_of
-from slam_init.types.projection.compiler import FOLDER as PROJECTION
+from slam_init.lenses.compiler import FOLDER as LENSES
 
 #: Sums may be reordered: so a processor makes several lanes of a sum at once.
-compiled = compiler_of(Path(__file__).parent, PROJECTION, reorders_sums=True)
+compiled = compiler_of(Path(__file__).parent, LENSES, reorders_sums=True)
 #: For what only other loops call.
-part = compiler_of(Path(__file__).parent, PROJECTION, reorders_sums=True, part=True)
+part = compiler_of(Path(__file__).parent, LENSES, reorders_sums=True, part=True)

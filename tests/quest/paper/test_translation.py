@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from quest.geometry.epipolar import essential_from_pose, sampson_error
+from quest.geometry.epipolar import sampson_error
 from quest.geometry.quaternion import matrix_from_quaternion
 from quest.paper.printed import translation_and_depths_printed
 from quest.paper.translation import translation_and_depths
@@ -75,13 +75,6 @@ def test_many_rotations_equal_one_by_one_and_nan_gives_nan():
 def test_wrong_arguments_are_named(q, m, message: str):
     with pytest.raises(ValueError, match=message):
         translation_and_depths(q, m, m)
-
-
-def test_the_essential_matrix_fulfils_the_epipolar_constraint():
-    q, t, m, n, _, _ = two_views(2)
-    E = essential_from_pose(matrix_from_quaternion(q), t)
-    assert np.abs(np.einsum("ni,ij,nj->n", n, E, m)).max() < 1e-14
-    assert pytest.approx(np.cross(np.eye(3), t) @ matrix_from_quaternion(q)) == E
 
 
 def test_the_sampson_error_is_the_angle_off_the_epipolar_plane():

@@ -1,4 +1,4 @@
-"""The decorators of the compiled projection."""
+"""The decorators of the compiled loops of lenses."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from quest.jit import compiler_of
 
-#: The folder of the projection, for compilers of loops that call it.
+#: The folder, for the compilers of loops that call these.
 FOLDER = Path(__file__).parent
 compiled = compiler_of(FOLDER)
 #: For what only other loops call.

@@ -2,7 +2,7 @@
 
 A :class:`LensModel` is a profile, which maps rays of any angle to lens coordinates (u, v), and a distortion of these
 coordinates. The pixel is ``(fx u' + cx, fy v' + cy)`` with the distorted coordinates (u', v'). The inverse of the
-distortion is Newton's method for all models (:mod:`slam_init.types.lenses.undistortion`).
+distortion is Newton's method for all models (:mod:`slam_init.lenses.undistortion`).
 
 The field of ``pinhole``, ``radtan`` and a ``fisheye`` whose image ends before 89 degrees is a part of the plane z = 1:
 up to the radius at which the distorted radius stops growing. That of the others ends earlier, at the angle from which
@@ -67,8 +67,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from quest.algebra import Floats
 from slam_init.errors import CalibrationError
-from slam_init.types.arrays import Floats
 
 #: xi, a, b of a sphere; w of a field of view.
 Shape = tuple[float, float, float]
@@ -312,7 +312,7 @@ class LensModel:
 
     def _undistorted(self, distorted: Floats) -> Floats:
         """The lens coordinates, and the length of (u, v, 1), of distorted ones (N, 2): (N, 3)."""
-        from slam_init.types.lenses.undistortion import undistorted
+        from slam_init.lenses.undistortion import undistorted
 
         distorted, limit = np.ascontiguousarray(distorted), self.largest_radius * (1 + 1e-12)
         if self.bending == STRAIGHT:
@@ -344,7 +344,7 @@ class LensModel:
 
     @property
     def numbers(self) -> Floats:
-        """The lens for the compiled projection (:mod:`slam_init.types.projection.ray`).
+        """The lens for the compiled projection (:mod:`slam_init.lenses.ray`).
 
         Shapes: returns (20,).
         """

@@ -1,4 +1,4 @@
-"""The compiled projection of rays of any angle, with its derivatives, by a model of :mod:`slam_init.types.lenses.lens`.
+"""The compiled projection of rays of any angle, with its derivatives, by a model of :mod:`slam_init.lenses.lens`.
 
 A lens is a vector of twenty numbers: the profile, its three parameters, the thirteen coefficients of the bending, the
 two limits of the field, and the factor from a change of ``k1`` to one of ``n1``.
@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from slam_init.types.arrays import Floats
-from slam_init.types.projection.compiler import part
+from quest.algebra import Floats
+from slam_init.lenses.compiler import part
 
 
 @part

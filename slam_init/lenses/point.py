@@ -3,7 +3,7 @@
 The lens models are those of :class:`slam_init.types.camera.Camera`.
 
 A camera is a vector of numbers: the model (0 pinhole, 1 radtan, 2 fisheye, 3 a lens of
-:mod:`slam_init.types.projection.ray`), fx, fy, cx, cy, five coefficients of the distortion (0 where the model has
+:mod:`slam_init.lenses.ray`), fx, fy, cx, cy, five coefficients of the distortion (0 where the model has
 fewer), the largest ``|(x, y) / z|`` that the lens sees, and the numbers of the lens.
 """
 
@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from quest.algebra import Floats
 from quest.jit import inlined
-from slam_init.types.arrays import Floats
-from slam_init.types.projection.compiler import compiled
-from slam_init.types.projection.ray import project_ray
+from slam_init.lenses.compiler import compiled
+from slam_init.lenses.ray import project_ray
 
 
 @inlined

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slam_init.types.arrays import Floats
-from slam_init.types.projection.compiler import compiled
-from slam_init.types.projection.point import project_point
+from quest.algebra import Floats
+from slam_init.lenses.compiler import compiled
+from slam_init.lenses.point import project_point
 
 
 class Projection(NamedTuple):

@@ -1,15 +1,11 @@
-"""The compiled inverse of the distortion of a lens (:class:`slam_init.types.lenses.lens.Bending`)."""
+"""The compiled inverse of the distortion of a lens (:class:`slam_init.lenses.lens.Bending`)."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
-from quest.jit import compiler_of
-from slam_init.types.arrays import Floats
-
-compiled = compiler_of(Path(__file__).parent)
+from quest.algebra import Floats
+from slam_init.lenses.compiler import compiled
 
 #: Newton's method doubles the number of correct digits in each step, and ends where a step is smaller than this. Real
 #: lenses need 4 to 8 steps; pixels near the radius at which the lens polynomial stops growing need more.

@@ -1,0 +1,1 @@
+"""The lenses of cameras: their models, and the one projection with derivatives, compiled."""

@@ -1,1 +1,0 @@
-"""The lenses of cameras, and the compiled loop of one of them."""
