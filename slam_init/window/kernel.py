@@ -273,27 +273,15 @@ def _project(k: int, camera: Floats, layout: Layout, state: Unknowns, w: Floats,
 
 @part
 def _weigh(
-    n: int,
-    k: int,
-    observed: Observed,
-    known: Known,
-    layout: Layout,
-    state: Unknowns,
-    w: Floats,
-    out: Floats,
+    n: int, k: int, observed: Observed, known: Known, layout: Layout, state: Unknowns, w: Floats, out: Floats
 ) -> None:
     """Residuals of a block in view k in units of the noise, the roots of their weights, and the cost of each track.
 
     * ``n``: Row of the observations.
     """
     rows, field, lens, gate2 = observed.rows, state.field, state.lens, observed.gate2
-    cx, cy, readout_s, share = (
-        known.camera[3],
-        known.camera[4],
-        lens[2] - known.corrected_s,
-        1.0 / (TUKEY_GATES * gate2),
-    )
-    p0, p1 = lens[3], lens[4]
+    cx, cy, p0, p1 = known.camera[3], known.camera[4], lens[3], lens[4]
+    readout_s, share = lens[2] - known.corrected_s, 1.0 / (TUKEY_GATES * gate2)
     if layout.field == ZOOM_TERMS:
         p0, p1 = p0 + field[k, 1], p1 + field[k, 2]
     for lane in range(LANES):
@@ -339,15 +327,9 @@ def _differentiate(n: int, k: int, a: int, observed: Observed, layout: Layout, s
         x, y = p[at.BY_FOCAL[0] + lane], p[at.BY_FOCAL[1] + lane]
         c[at.OF_LENS[0] + lane], c[at.OF_LENS[0] + LANES + lane] = w0 * x + w1 * y, w1 * x + w2 * y
         x, y = p[at.BY_K1[0] + lane], p[at.BY_K1[1] + lane]
-        c[at.OF_LENS[1] + lane], c[at.OF_LENS[1] + LANES + lane] = (
-            w0 * x + w1 * y,
-            w1 * x + w2 * y,
-        )
+        c[at.OF_LENS[1] + lane], c[at.OF_LENS[1] + LANES + lane] = w0 * x + w1 * y, w1 * x + w2 * y
         x, y = rows[n, at.SWEEP[0] + lane], rows[n, at.SWEEP[1] + lane]
-        c[at.OF_LENS[2] + lane], c[at.OF_LENS[2] + LANES + lane] = (
-            w0 * x + w1 * y,
-            w1 * x + w2 * y,
-        )
+        c[at.OF_LENS[2] + lane], c[at.OF_LENS[2] + LANES + lane] = w0 * x + w1 * y, w1 * x + w2 * y
         c[at.OF_LENS[3] + lane], c[at.OF_LENS[3] + LANES + lane] = w0, w1
         c[at.OF_LENS[4] + lane], c[at.OF_LENS[4] + LANES + lane] = w1, w2
     for row in range(2):
@@ -430,11 +412,8 @@ def _list_columns(k: int, a: int, has_plane: bool, layout: Layout, room: Room) -
     for q in range(layout.field):
         # A zoom acts as the focal length does, and a shift as the principal point.
         zooming = at.LENS if q == 0 else at.LENS + 2 + q
-        slots[count], places[count], count = (
-            zooming if layout.field == ZOOM_TERMS else at.FIELD + q,
-            field + q,
-            count + 1,
-        )
+        slots[count] = zooming if layout.field == ZOOM_TERMS else at.FIELD + q
+        places[count], count = field + q, count + 1
     return count
 
 
