@@ -411,8 +411,8 @@ def _list_columns(k: int, a: int, has_plane: bool, layout: Layout, room: Room) -
     field = view + layout.pose if k > 0 else 0
     for q in range(layout.field):
         # A zoom acts as the focal length does, and a shift as the principal point.
-        zooming = at.LENS if q == 0 else at.LENS + 2 + q
-        slots[count] = zooming if layout.field == ZOOM_TERMS else at.FIELD + q
+        of_zoom = at.LENS if q == 0 else at.LENS + 2 + q
+        slots[count] = of_zoom if layout.field == ZOOM_TERMS else at.FIELD + q
         places[count], count = field + q, count + 1
     return count
 

@@ -19,7 +19,8 @@ GATE = 5.0
 def world(kind, seed=1, views=3, camera=None, drift_px=0.0, *, field=0):
     """Noisy tracks and a state off the truth by a few standard deviations of the noise."""
     scene = "wall" if kind == "plane" else "room"
-    window = make_window(scene, seed, views, 25, noise_px=1.0, baseline=0.3, turning=0.1, camera=camera)
+    # More tracks than a block has.
+    window = make_window(scene, seed, views, 50, noise_px=1.0, baseline=0.3, turning=0.1, camera=camera)
     # A track may start in a later view: hide some from the first one.
     seen = window.tracks.seen.copy()
     seen[0, ::4] = False
