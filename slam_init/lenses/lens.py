@@ -67,8 +67,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.algebra import Floats
 from slam_init.errors import CalibrationError
+
+Floats = NDArray[np.float64]
 
 #: xi, a, b of a sphere; w of a field of view.
 Shape = tuple[float, float, float]
@@ -312,12 +313,15 @@ class LensModel:
 
     def _undistorted(self, distorted: Floats) -> Floats:
         """The lens coordinates, and the length of (u, v, 1), of distorted ones (N, 2): (N, 3)."""
+        limit = self.largest_radius * (1 + 1e-12)
+        if self.bending == STRAIGHT:
+            square = np.einsum("nq,nq->n", distorted, distorted)
+            found = np.column_stack([distorted, np.sqrt(square + 1)])
+            found[~(square <= limit * limit)] = np.nan
+            return found
         from slam_init.lenses.undistortion import undistorted
 
-        distorted, limit = np.ascontiguousarray(distorted), self.largest_radius * (1 + 1e-12)
-        if self.bending == STRAIGHT:
-            return undistorted(distorted, distorted, np.zeros(0), limit)
-        return undistorted(distorted, self._start(distorted), np.array(self.bending), limit)
+        return undistorted(np.ascontiguousarray(distorted), self._start(distorted), np.array(self.bending), limit)
 
     def _start(self, distorted: Floats) -> Floats:
         """Where Newton's method begins: at the radius of the table, for the radial terms alone.

@@ -18,23 +18,21 @@ _SOLVED = 1e-10
 def undistorted(distorted: Floats, start: Floats, bending: Floats, limit: float) -> Floats:
     """Lens coordinates that the distortion moves to given places, by Newton's method.
 
-    Shapes: ``distorted`` (N, 2), ``start`` (N, 2), ``bending`` (13,) or (0,) without a distortion, returns (N, 3).
+    Shapes: ``distorted`` (N, 2), ``start`` (N, 2), ``bending`` (13,), returns (N, 3).
 
     * ``start``: Where the iteration begins.
     * ``limit``: Largest radius.
     * Returns: The coordinates, and the length of (u, v, 1); NaN beyond the limit, where another ray has the same pixel,
       and where the distortion moves the coordinates to another place.
     """
-    b, found, steps = np.zeros(13), np.empty((len(distorted), 3)), _STEPS + 1 if len(bending) else 0
-    for q in range(len(bending)):
-        b[q] = bending[q]
-    n1, n2, n3, n4, d1, d2, d3 = b[0], b[1], b[2], b[3], b[4], b[5], b[6]
-    p1, p2, s1, s2, s3, s4 = b[7], b[8], b[9], b[10], b[11], b[12]
+    n1, n2, n3, n4, d1, d2, d3 = bending[0], bending[1], bending[2], bending[3], bending[4], bending[5], bending[6]
+    p1, p2, s1, s2, s3, s4 = bending[7], bending[8], bending[9], bending[10], bending[11], bending[12]
+    found = np.empty((len(distorted), 3))
     is_ratio = d1 != 0.0 or d2 != 0.0 or d3 != 0.0
     for n in range(len(distorted)):
         x, y = start[n, 0], start[n, 1]
         last, left_x, left_y = 1.0, 0.0, 0.0
-        for _ in range(steps):
+        for _ in range(_STEPS + 1):
             r2 = x * x + y * y
             radial = 1 + r2 * (n1 + r2 * (n2 + r2 * (n3 + r2 * n4)))
             slope = n1 + r2 * (2 * n2 + r2 * (3 * n3 + r2 * 4 * n4))
