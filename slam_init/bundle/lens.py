@@ -75,6 +75,6 @@ def lens_derivatives(camera: Camera, problem: BundleProblem) -> Floats:
     )
     # The shortest move of the ray that takes the pixel back: a ray does not move along itself.
     seen: Bools = np.asarray(np.isfinite(found.pixels[:, 0]))
-    J, by_ray = np.where(seen[:, None, None], found.by_point, np.eye(2, 3)), np.empty((len(seen), 3, 2))
-    by_ray[:] = np.swapaxes(J, 1, 2) @ np.linalg.inv(J @ np.swapaxes(J, 1, 2))
-    return np.asarray(np.nan_to_num(across @ by_ray @ by_lens))
+    J = np.where(seen[:, None, None], found.by_point, np.eye(2, 3))
+    back = np.swapaxes(J, 1, 2) @ np.asarray(np.linalg.inv(J @ np.swapaxes(J, 1, 2)), np.float64)
+    return np.asarray(np.nan_to_num(across @ back @ by_lens))

@@ -17,7 +17,8 @@ from slam_init.window.arguments import (
     Room,
     Unknowns,
 )
-from slam_init.window.kernel import evaluate, gather, list_blocks
+from slam_init.window.blocks import gather, list_blocks
+from slam_init.window.kernel import evaluate
 from slam_init.window.optimizer import hold_length, optimize
 from slam_init.window.rows import LANES, OBSERVED_ROWS
 from slam_init.window.state import Priors, WindowState

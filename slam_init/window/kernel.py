@@ -1,4 +1,4 @@
-"""The compiled loop of the joint fit: residuals, their derivatives, and the elimination of the tracks.
+"""The compiled loop of the joint fit: residuals and their derivatives.
 
 It is written once for every hypothesis. A track is seen first by its anchor view ``a``. There it has a true unit ray
 ``d``, and an inverse distance ``rho`` along this ray, which is 0 at infinity. Its point times ``rho``, in the axes of
@@ -25,14 +25,14 @@ observations count as outliers then.
 Each observation has the robust cost ``g (1 - (1 - e^2 / 3g)^3)`` up to ``e^2 = 3g``, and g beyond (Tukey's biweight), g
 the squared outlier gate. Near 0 it is e^2, and 95 % of the information of Gaussian noise is kept at a gate of three
 standard deviations; the kernel of Geman and McClure with the same cost of an outlier keeps 57 %. Each track
-adds two or three unknowns of its own: two of its ray, and rho. They are taken out (Schur complement), so that a step
+adds two or three unknowns of its own: two of its ray, and rho. They are taken out (:mod:`.elimination`), so that a step
 solves for the views, the camera and the plane only. The order of the unknowns is: field of view 0; pose (rotation
 vector, translation) and field of views 1, 2, ...; logarithm of the focal scale; k1, which is added to the first
 coefficient of the radial distortion; readout, where it is unknown; principal point, where it is unknown; plane.
 
 Poses move in the axes of the world until all is summed. With the derivatives c of a residual by X, those by the pose of
 view k are ``(X x c, rho c)`` then, and those by the pose of the anchor are the same with the other sign.
-:func:`_turn_into_views` turns the sums into the axes of the views.
+:func:`.elimination.turn_into_views` turns the sums into the axes of the views.
 """
 
 from __future__ import annotations
@@ -40,80 +40,22 @@ from __future__ import annotations
 import numpy as np
 
 from quest.algebra import tangents
-from quest.jit import inlined
 from slam_init.lenses.point import project_point, radial_and_tangential
-from slam_init.types.arrays import Bools, Floats, Ints
+from slam_init.types.arrays import Floats
 from slam_init.window import rows as at
 from slam_init.window.arguments import FIELD_TERMS, ZOOM_TERMS, Equations, Known, Layout, Observed, Room, Unknowns
 from slam_init.window.compiler import compiled, part
+from slam_init.window.elimination import clear, couple, eliminate, list_columns, solve_tracks, turn_into_views
 from slam_init.window.levels import LARGEST_VOTE
 from slam_init.window.prior_equations import add_priors
 from slam_init.window.rows import LANES
-from slam_init.window.vectors import to_view, to_world, vector_of
+from slam_init.window.vectors import to_world, vector_of
 
 #: An observation whose square is this many squared gates has no influence. With 3 the cost of a small residual is its
 #: square.
 TUKEY_GATES = 3.0
 #: Cost of a track that leaves the plane: as much as a track may vote for or against a hypothesis.
 OFF_PLANE_COST = LARGEST_VOTE
-
-
-@compiled
-def list_blocks(anchor: Ints, views: int, tracks: Ints, anchors: Ints, counts: Ints) -> int:
-    """List the tracks that take part in blocks with one anchor view each.
-
-    Shapes: ``anchor`` (T,), ``tracks`` (B, LANES), ``anchors, counts`` (B,) of :class:`Observed`, with room for more.
-
-    * Returns: The number of blocks.
-    """
-    blocks = 0
-    for a in range(views):
-        count = LANES
-        for i in range(len(anchor)):
-            if anchor[i] != a:
-                continue
-            if count == LANES:
-                anchors[blocks] = a
-                for lane in range(LANES):
-                    tracks[blocks, lane] = i
-                blocks, count = blocks + 1, 0
-            tracks[blocks - 1, count] = i
-            count += 1
-            counts[blocks - 1] = count
-    return blocks
-
-
-@compiled
-def gather(
-    pixels: Floats,
-    sigma_px: Floats,
-    whitening: Floats,
-    sweep_px_s: Floats,
-    places: Floats,
-    seen: Bools,
-    tracks: Ints,
-    counts: Ints,
-    has_fields: bool,
-    out: Floats,
-) -> None:
-    """Gather the observations of blocks of tracks.
-
-    Shapes: those of :class:`slam_init.window.tracks.WindowTracks` and of :class:`slam_init.window.arguments.Observed`.
-    """
-    for b in range(len(tracks)):
-        for k in range(len(seen)):
-            n = b * len(seen) + k
-            for lane in range(LANES):
-                i = tracks[b, lane]
-                inverse = 1.0 / sigma_px[k, i]
-                out[n, at.SEEN + lane] = 1.0 if lane < counts[b] and seen[k, i] else 0.0
-                out[n, at.PIXEL[0] + lane], out[n, at.PIXEL[1] + lane] = pixels[k, i, 0], pixels[k, i, 1]
-                out[n, at.SWEEP[0] + lane], out[n, at.SWEEP[1] + lane] = sweep_px_s[k, i, 0], sweep_px_s[k, i, 1]
-                out[n, at.WHITEN[0] + lane] = whitening[k, i, 0, 0] * inverse
-                out[n, at.WHITEN[1] + lane] = whitening[k, i, 0, 1] * inverse
-                out[n, at.WHITEN[2] + lane] = whitening[k, i, 1, 1] * inverse
-                for q in range(6 if has_fields else 0):
-                    out[n, at.PLACES[q] + lane] = places[k, i, q] * sigma_px[k, i]
 
 
 @compiled
@@ -138,7 +80,7 @@ def evaluate(
     off_plane = OFF_PLANE_COST if has_plane else 0.0
     total, views, w = 0.0, len(state.R), room.tracks
     if fill:
-        _clear(equations)
+        clear(equations)
     for b in range(len(observed.tracks)):
         _load(b, observed, known, state, w)
         for k in range(views):
@@ -157,30 +99,18 @@ def evaluate(
                     equations.residuals[k, i, 1] = room.projected[place + LANES] if sees else np.inf
             if fill:
                 _differentiate(n, k, observed.anchors[b], observed, layout, state, room)
-                count = _list_columns(k, observed.anchors[b], has_plane, layout, room)
-                _couple(b, count, room, equations)
+                count = list_columns(k, observed.anchors[b], has_plane, layout, room)
+                couple(b, count, room, equations)
         for lane in range(observed.counts[b]):
-            cost = w[at.COST + lane] + off_plane * (1.0 - w[at.FLAT + lane])
+            cost = w[at.COST + lane] + off_plane * (1.0 - w[at.ON_PLANE + lane])
             equations.costs[observed.tracks[b, lane]] = cost
             total += cost
         if fill:
-            _solve_tracks(b, hold, observed, w, equations)
-            _eliminate(b, w, equations, room.halves)
+            solve_tracks(b, hold, observed, w, equations)
+            eliminate(b, w, equations, room.halves)
     if fill:
-        _turn_into_views(layout, state.R, equations)
+        turn_into_views(layout, state.R, equations)
     return total + add_priors(known, state, layout, equations, fill)
-
-
-@part
-def _clear(equations: Equations) -> None:
-    """Set all sums over the tracks to zero."""
-    for g in range(len(equations.gradient)):
-        equations.gradient[g] = 0.0
-        for m in range(len(equations.gradient)):
-            equations.normal[g, m] = 0.0
-    for n in range(len(equations.coupled)):
-        for q in range(4 * LANES):
-            equations.coupled[n, q] = 0.0
 
 
 @part
@@ -218,8 +148,8 @@ def _load(b: int, observed: Observed, known: Known, state: Unknowns, w: Floats) 
         w[at.RHO + lane], w[at.BY_TANGENTS[0] + lane], w[at.BY_TANGENTS[1] + lane] = rho, by_x, by_y
         w[at.TANGENT_X[0] + lane], w[at.TANGENT_X[1] + lane], w[at.TANGENT_X[2] + lane] = x0, x1, x2
         w[at.TANGENT_Y[0] + lane], w[at.TANGENT_Y[1] + lane], w[at.TANGENT_Y[2] + lane] = y0, y1, y2
-        w[at.FLAT + lane] = 1.0 if state.on_plane[i] else 0.0
-        w[at.DEEP + lane] = 0.0 if state.on_plane[i] or known.at_infinity else 1.0
+        w[at.ON_PLANE + lane] = 1.0 if state.on_plane[i] else 0.0
+        w[at.FREE + lane] = 0.0 if state.on_plane[i] or known.at_infinity else 1.0
         w[at.AHEAD + lane] = 0.0 if state.on_plane[i] and rho <= 0.0 else 1.0
 
 
@@ -303,7 +233,7 @@ def _weigh(
         left = left if left > 0.0 else 0.0
         left = left * sees
         w[at.COST + lane] += seen * gate2 * (1.0 - left * left * left)
-        out[at.LEFT + lane] = left * seen
+        out[at.ROOT_WEIGHT + lane] = left * seen
         out[at.RESIDUAL[0] + lane], out[at.RESIDUAL[1] + lane] = e0, e1
 
 
@@ -319,7 +249,7 @@ def _differentiate(n: int, k: int, a: int, observed: Observed, layout: Layout, s
     a0, a1, a2 = to_world(R, a, vector_of(t, a))
     s0, s1, s2 = (s0 - a0, s1 - a1, s2 - a2) if k != a else (0.0, 0.0, 0.0)
     for lane in range(LANES):
-        left = p[at.LEFT + lane]
+        left = p[at.ROOT_WEIGHT + lane]
         w0, w1 = left * rows[n, at.WHITEN[0] + lane], left * rows[n, at.WHITEN[1] + lane]
         w2 = left * rows[n, at.WHITEN[2] + lane]
         c[at.OF_RESIDUALS + lane] = left * p[at.RESIDUAL[0] + lane]
@@ -334,7 +264,7 @@ def _differentiate(n: int, k: int, a: int, observed: Observed, layout: Layout, s
         c[at.OF_LENS[4] + lane], c[at.OF_LENS[4] + LANES + lane] = w1, w2
     for row in range(2):
         for lane in range(LANES):
-            o, left = row * LANES + lane, p[at.LEFT + lane]
+            o, left = row * LANES + lane, p[at.ROOT_WEIGHT + lane]
             g0, g1 = left * rows[n, at.WHITEN[row] + lane], left * rows[n, at.WHITEN[row + 1] + lane]
             # By the point in the axes of the view, then in those of the world.
             x = g0 * p[at.X_BY_POINT[0] + lane] + g1 * p[at.Y_BY_POINT[0] + lane]
@@ -348,12 +278,12 @@ def _differentiate(n: int, k: int, a: int, observed: Observed, layout: Layout, s
             by_y = x * w[at.TANGENT_Y[0] + lane] + y * w[at.TANGENT_Y[1] + lane] + z * w[at.TANGENT_Y[2] + lane]
             c[at.OF_TRACK[0] + o] = by_x + by_rho * w[at.BY_TANGENTS[0] + lane]
             c[at.OF_TRACK[1] + o] = by_y + by_rho * w[at.BY_TANGENTS[1] + lane]
-            c[at.OF_TRACK[2] + o] = by_rho * w[at.DEEP + lane]
+            c[at.OF_TRACK[2] + o] = by_rho * w[at.FREE + lane]
             # By the pose of the view, by that of the anchor, and by the plane.
             x, y, z, u, v, q = Y * z - Z * y, Z * x - X * z, X * y - Y * x, rho * x, rho * y, rho * z
             c[at.OF_VIEW[0] + o], c[at.OF_VIEW[1] + o], c[at.OF_VIEW[2] + o] = x, y, z
             c[at.OF_VIEW[3] + o], c[at.OF_VIEW[4] + o], c[at.OF_VIEW[5] + o] = u, v, q
-            by_rho *= w[at.FLAT + lane]
+            by_rho *= w[at.ON_PLANE + lane]
             c[at.OF_ANCHOR[0] + o] = by_rho * w[at.BY_ANCHOR[0] + lane] - x
             c[at.OF_ANCHOR[1] + o] = by_rho * w[at.BY_ANCHOR[1] + lane] - y
             c[at.OF_ANCHOR[2] + o] = by_rho * w[at.BY_ANCHOR[2] + lane] - z
@@ -369,7 +299,7 @@ def _differentiate(n: int, k: int, a: int, observed: Observed, layout: Layout, s
         for row in range(2):
             of = at.WHITEN[row + q // half]
             for lane in range(LANES):
-                column = p[at.LEFT + lane] * rows[n, of + lane] * rows[n, place + lane]
+                column = p[at.ROOT_WEIGHT + lane] * rows[n, of + lane] * rows[n, place + lane]
                 room.table[at.FIELD + q, row * LANES + lane] = column
     for lane in range(LANES):
         x0, x1 = c[at.OF_TRACK[0] + lane], c[at.OF_TRACK[0] + LANES + lane]
@@ -388,181 +318,3 @@ def _differentiate(n: int, k: int, a: int, observed: Observed, layout: Layout, s
         # The residual across the epipolar line is that along the derivative by rho, turned by a right angle.
         w[at.SLOPE + lane] += z0 * e1 - z1 * e0
         w[at.CURVATURE + lane] += z0 * z0 + z1 * z1
-
-
-@part
-def _list_columns(k: int, a: int, has_plane: bool, layout: Layout, room: Room) -> int:
-    """List the columns of an observation, and the common unknowns that they are by.
-
-    * Returns: The number of columns.
-    """
-    slots, places, count = room.slots, room.places, 0
-    view, anchor = layout.field + layout.block * (k - 1), layout.field + layout.block * (a - 1)
-    for q in range(layout.pose if k != a else 0):
-        if k > 0:
-            slots[count], places[count], count = at.VIEW + q, view + q, count + 1
-        if a > 0:
-            slots[count], places[count], count = at.ANCHOR + q, anchor + q, count + 1
-    for q in range(3 if has_plane and k != a else 0):
-        slots[count], places[count], count = at.PLANE + q, layout.plane + q, count + 1
-    for q in range(layout.lens):
-        of = q if q < 2 or layout.readout else q + 1
-        slots[count], places[count], count = at.LENS + of, layout.focal + q, count + 1
-    field = view + layout.pose if k > 0 else 0
-    for q in range(layout.field):
-        # A zoom acts as the focal length does, and a shift as the principal point.
-        of_zoom = at.LENS if q == 0 else at.LENS + 2 + q
-        slots[count] = of_zoom if layout.field == ZOOM_TERMS else at.FIELD + q
-        places[count], count = field + q, count + 1
-    return count
-
-
-@part
-def _couple(b: int, count: int, room: Room, equations: Equations) -> None:
-    """Add the products of the columns of a block in a view to the equations, and the coupling of its tracks."""
-    c, slots, places, normal, coupled, size = (
-        room.table, room.slots, room.places, equations.normal, equations.coupled, len(equations.gradient)
-    )  # fmt: skip
-    x, y, z = at.TRACK, at.TRACK + 1, at.TRACK + 2
-    for n in range(count):
-        slot, place = slots[n], b * size + places[n]
-        for lane in range(LANES):
-            j0, j1 = c[slot, lane], c[slot, LANES + lane]
-            coupled[place, lane] += c[x, lane] * j0 + c[x, LANES + lane] * j1
-            coupled[place, LANES + lane] += c[y, lane] * j0 + c[y, LANES + lane] * j1
-            coupled[place, 2 * LANES + lane] += c[z, lane] * j0 + c[z, LANES + lane] * j1
-            coupled[place, 3 * LANES + lane] += c[at.RESIDUALS, lane] * j0 + c[at.RESIDUALS, LANES + lane] * j1
-        for m in range(0, n + 1, 4):
-            m1, m2, m3 = min(m + 1, n), min(m + 2, n), min(m + 3, n)
-            p0, p1, p2, p3 = _products(c, 2 * LANES, slot, slots[m], slots[m1], slots[m2], slots[m3])
-            _add_to_lower(normal, places[n], places[m], p0)
-            if m < n:
-                _add_to_lower(normal, places[n], places[m1], p1)
-            if m + 1 < n:
-                _add_to_lower(normal, places[n], places[m2], p2)
-            if m + 2 < n:
-                _add_to_lower(normal, places[n], places[m3], p3)
-
-
-@inlined
-def _add_to_lower(normal: Floats, row: int, column: int, value: float) -> None:
-    normal[max(row, column), min(row, column)] += value
-
-
-@part
-def _products(
-    rows: Floats, length: int, row: int, first: int, second: int, third: int, fourth: int
-) -> tuple[float, float, float, float]:
-    """The products of a row with four others: its numbers are read once for all of them."""
-    p0, p1, p2, p3 = 0.0, 0.0, 0.0, 0.0
-    for q in range(length):
-        value = rows[row, q]
-        p0 += value * rows[first, q]
-        p1 += value * rows[second, q]
-        p2 += value * rows[third, q]
-        p3 += value * rows[fourth, q]
-    return p0, p1, p2, p3
-
-
-@part
-def _solve_tracks(b: int, hold: bool, observed: Observed, w: Floats, equations: Equations) -> None:
-    """Invert the equations of the tracks of a block; with ``hold`` tracks at infinity stay there."""
-    for lane in range(LANES):
-        held = hold and w[at.RHO + lane] == 0.0 and w[at.FLAT + lane] == 0.0 and w[at.GRADIENT[2] + lane] > 0.0
-        deep = 0.0 if held else w[at.DEEP + lane]
-        a00, a11 = w[at.OWN[0] + lane] * (1 + 1e-9) + 1e-9, w[at.OWN[3] + lane] * (1 + 1e-9) + 1e-9
-        a10, a20, a21 = (
-            w[at.OWN[1] + lane],
-            deep * w[at.OWN[2] + lane],
-            deep * w[at.OWN[4] + lane],
-        )
-        a22 = deep * (w[at.OWN[5] + lane] * (1 + 1e-9) + 1e-9) + (1.0 - deep)
-        i0 = 1.0 / np.sqrt(a00)
-        l10, l20 = a10 * i0, a20 * i0
-        i1 = 1.0 / np.sqrt(a11 - l10 * l10)
-        l21 = (a21 - l20 * l10) * i1
-        i2 = deep / np.sqrt(a22 - l20 * l20 - l21 * l21)
-        w[at.DEEP + lane] = deep
-        w[at.GRADIENT[2] + lane] *= deep
-        w[at.ROOT[0] + lane], w[at.ROOT[1] + lane], w[at.ROOT[2] + lane] = i0, l10, i1
-        w[at.ROOT[3] + lane], w[at.ROOT[4] + lane], w[at.ROOT[5] + lane] = l20, l21, i2
-    for lane in range(observed.counts[b]):
-        i, slope, curvature = observed.tracks[b, lane], w[at.SLOPE + lane], w[at.CURVATURE + lane]
-        equations.across[i] = slope * slope / curvature if curvature > 0.0 else 0.0
-        equations.free[i] = w[at.DEEP + lane] > 0.0
-        i0, l10, i1 = w[at.ROOT[0] + lane], w[at.ROOT[1] + lane], w[at.ROOT[2] + lane]
-        l20, l21, i2 = w[at.ROOT[3] + lane], w[at.ROOT[4] + lane], w[at.ROOT[5] + lane]
-        # The rows of the inverse of the root; the inverse is the sum of their outer products.
-        m10 = -l10 * i0 * i1
-        m20, m21 = -(l20 * i0 + l21 * m10) * i2, -l21 * i1 * i2
-        inverse = equations.inverses[i]
-        inverse[0, 0], inverse[1, 1], inverse[2, 2] = i0 * i0 + m10 * m10 + m20 * m20, i1 * i1 + m21 * m21, i2 * i2
-        inverse[0, 1] = inverse[1, 0] = m10 * i1 + m20 * m21
-        inverse[0, 2] = inverse[2, 0] = m20 * i2
-        inverse[1, 2] = inverse[2, 1] = m21 * i2
-        for q in range(3):
-            equations.own[i, q] = w[at.GRADIENT[q] + lane]
-
-
-@part
-def _eliminate(b: int, w: Floats, equations: Equations, halves: Floats) -> None:
-    """Take the tracks of a block out of the common equations (Schur complement).
-
-    * ``halves``: Room (G + 1, 3 * LANES) for couplings and gradients over a root of the equations of the tracks.
-    """
-    normal, gradient, coupled, size = equations.normal, equations.gradient, equations.coupled, len(equations.gradient)
-    for g in range(size + 1):
-        n = b * size + g
-        for lane in range(LANES):
-            if g < size:
-                first, second, third = coupled[n, lane], coupled[n, LANES + lane], coupled[n, 2 * LANES + lane]
-            else:
-                first, second = w[at.GRADIENT[0] + lane], w[at.GRADIENT[1] + lane]
-                third = w[at.GRADIENT[2] + lane]
-            first = w[at.ROOT[0] + lane] * first
-            second = w[at.ROOT[2] + lane] * (second - w[at.ROOT[1] + lane] * first)
-            third -= w[at.ROOT[3] + lane] * first + w[at.ROOT[4] + lane] * second
-            halves[g, lane], halves[g, LANES + lane] = first, second
-            halves[g, 2 * LANES + lane] = w[at.ROOT[5] + lane] * third
-    for g in range(size):
-        n, total = b * size + g, 0.0
-        for lane in range(LANES):
-            of_tracks = halves[g, lane] * halves[size, lane]
-            of_tracks += halves[g, LANES + lane] * halves[size, LANES + lane]
-            of_tracks += halves[g, 2 * LANES + lane] * halves[size, 2 * LANES + lane]
-            coupled[n, 3 * LANES + lane] -= of_tracks
-        for lane in range(LANES):
-            total += coupled[n, 3 * LANES + lane]
-        gradient[g] += total
-    for m in range(0, size, 4):
-        m1, m2, m3 = min(m + 1, size), min(m + 2, size), min(m + 3, size)
-        for g in range(m, size):
-            p0, p1, p2, p3 = _products(halves, 3 * LANES, g, m, m1, m2, m3)
-            normal[g, m] -= p0
-            if m < g:
-                normal[g, m1] -= p1
-            if m + 1 < g:
-                normal[g, m2] -= p2
-            if m + 2 < g:
-                normal[g, m3] -= p3
-
-
-@part
-def _turn_into_views(layout: Layout, R: Floats, equations: Equations) -> None:
-    """Complete the equations, and turn them from the axes of the world into those of the views."""
-    normal, gradient, size = equations.normal, equations.gradient, len(equations.gradient)
-    for g in range(size):
-        for m in range(g):
-            normal[m, g] = normal[g, m]
-    for k in range(1, len(R)):
-        for first in range(
-            layout.field + layout.block * (k - 1), layout.field + layout.block * (k - 1) + layout.pose, 3
-        ):
-            for g in range(size):
-                x, y, z = to_view(R, k, (normal[g, first], normal[g, first + 1], normal[g, first + 2]))
-                normal[g, first], normal[g, first + 1], normal[g, first + 2] = x, y, z
-            for g in range(size):
-                x, y, z = to_view(R, k, (normal[first, g], normal[first + 1, g], normal[first + 2, g]))
-                normal[first, g], normal[first + 1, g], normal[first + 2, g] = x, y, z
-            x, y, z = to_view(R, k, (gradient[first], gradient[first + 1], gradient[first + 2]))
-            gradient[first], gradient[first + 1], gradient[first + 2] = x, y, z

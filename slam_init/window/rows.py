@@ -34,7 +34,7 @@ POINT, RHO = _rows(0, 3), 3 * LANES
 #: The tangents of the ray in the axes of the world, and how the inverse distance follows them on a plane.
 TANGENT_X, TANGENT_Y, BY_TANGENTS = _rows(4, 3), _rows(7, 3), _rows(10, 2)
 #: Whether the track is on the plane, has a distance of its own, and lies ahead of its anchor: 1 or 0.
-FLAT, DEEP, AHEAD = _rows(12, 3)
+ON_PLANE, FREE, AHEAD = _rows(12, 3)
 #: Derivatives of the inverse distance by the plane and by the pose of the anchor.
 BY_PLANE, BY_ANCHOR = _rows(15, 3), _rows(18, 6)
 #: The equations of the track (xx, xy, xz, yy, yz, zz), and its gradient.
@@ -56,7 +56,7 @@ BY_FOCAL, BY_K1 = _rows(3, 2), _rows(5, 2)
 #: Derivatives of its two coordinates by the point.
 X_BY_POINT, Y_BY_POINT = _rows(7, 3), _rows(10, 3)
 #: Residual in units of the noise, and the root of its weight.
-RESIDUAL, LEFT = _rows(13, 2), 15 * LANES
+RESIDUAL, ROOT_WEIGHT = _rows(13, 2), 15 * LANES
 PROJECTED_ROWS = 16
 
 # Columns of slam_init.window.arguments.Room.columns: two rows each, for the two residuals of an observation, times the

@@ -84,10 +84,8 @@ def read_data_set(name: str, source: TimedSource, limit: int, step: int | None =
 
 
 def _parallax(pairs: Iterable[ImagePair]) -> float:
-    medians = [
-        np.median(2 * np.arcsin(0.5 * np.linalg.norm(p.bearings1 @ p.cam2_from_cam1.R.T - p.bearings2, axis=1)))
-        for p in pairs
-    ]
+    chords = (np.linalg.norm(p.bearings1 @ p.cam2_from_cam1.R.T - p.bearings2, axis=1) for p in pairs)
+    medians = [2 * np.arcsin(0.5 * np.median(chord)) for chord in chords]
     return float(np.nanmedian(medians)) if medians else 0.0
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import quest
+import quest.jit
 
 pytestmark = pytest.mark.process
 
@@ -70,10 +70,7 @@ def test_without_a_writable_folder_each_process_compiles(copied_package):
 
 def test_a_person_who_waits_gets_one_notice_that_loops_compile_and_nothing_where_machine_code_is_on_disk(tmp_path):
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    code = (
-        "import numpy as np; from quest.algebra import tangents;"
-        "tangents(np.eye(3)[2]); tangents(np.eye(3, dtype=np.float32)[2])"
-    )
+    code = "import numpy as np; from quest.algebra import tangents as of; of(np.eye(3)[2]); of(np.float32([0, 0, 1]))"
     command = [sys.executable, "-c", code]
     said = [subprocess.run(command, env=environment, capture_output=True, check=True).stderr for _ in range(2)]
     assert said[0].startswith(b"compiling") and [one.count(b"\n") for one in said] == [1, 0]
@@ -111,3 +108,12 @@ def test_portable_machine_code_serves_a_processor_without_its_own_and_may_be_cal
     assert run(code, env=environment).split() == [*portable[:-1], "1"]
     assert portable[-1] == "0" and portable[5] == portable[6]
     assert sorted(tmp_path.rglob("*.code")) == kept
+
+
+def test_numba_compiles_the_loops_of_others_as_before_after_one_of_ours_that_fails():
+    from numba.core import codegen, errors
+
+    before = dict(vars(codegen.CPUCodeLibrary))
+    with pytest.raises(errors.TypingError):
+        quest.jit.compiled(lambda x: x.nothing)(1.0)
+    assert vars(codegen.CPUCodeLibrary) == before

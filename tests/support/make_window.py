@@ -194,21 +194,7 @@ def focal_sigma(fit: JointFit) -> float:
     return float(np.sqrt(np.linalg.inv(fit.information)[column, column]))
 
 
-@dataclass(frozen=True, eq=False)
-class Equations:
-    """The equations of a step at a state: see :func:`slam_init.window.kernel.accumulate`."""
-
-    cost: float
-    costs: np.ndarray
-    squares: np.ndarray
-    normal: np.ndarray
-    gradient: np.ndarray
-    shares: np.ndarray
-    inverses: np.ndarray
-    couplings: np.ndarray
-
-
-def equations(tracks: WindowTracks, state: WindowState, gate: float, **unknowns: bool) -> Equations:
+def equations(tracks: WindowTracks, state: WindowState, gate: float, **unknowns: bool) -> WindowEquations:
     """The equations at a state, by the compiled loop, without any prior; ``unknowns`` are those of a layout."""
     field = unknowns.get("field", 0)
     priors = replace(
@@ -218,19 +204,16 @@ def equations(tracks: WindowTracks, state: WindowState, gate: float, **unknowns:
     )  # fmt: skip
     made = WindowEquations(tracks, state, priors)
     made._known.weights[:] = 0.0
-    for array in (*made._equations[:3], *made._equations[5:], *made._room[:5]):
+    for array in (*made._equations[:2], *made._equations[5:], *made._room[:5]):
         array[:] = np.nan  # all that is read must have been written
-    cost = made.build(state, hold=False)
-    couplings = np.stack([made.coupling_along(np.tile(axis, (len(made.costs), 1))) for axis in np.eye(3)], axis=1)
-    return Equations(
-        cost, made.costs, made.squares, made.normal, made.gradient, made.shares, made.track_covariances, couplings
-    )
+    made.build(state, hold=False)
+    return made
 
 
 def moved(
     state: WindowState,
     step: np.ndarray,
-    found: Equations,
+    found: WindowEquations,
     *,
     field: int = 0,
     readout: bool = False,
@@ -259,7 +242,8 @@ def moved(
     x, y = state.lens.principal_px + (next_unknowns(2) if principal else np.zeros(2))
     lens = Lens(log_scale, k1, readout_s, (float(x), float(y)))
     plane = None if state.plane is None else state.plane + next_unknowns(3)
-    local = -np.einsum("tpq,tqg,g->tp", found.inverses, found.couplings, step)
+    pulls = [found.coupling_along(np.tile(axis, (len(state.rays), 1))) @ step for axis in np.eye(3)]
+    local = -np.einsum("tpq,qt->tp", found.track_covariances, pulls)
     tangents = np.array([np.reshape(algebra.tangents(ray), (2, 3)) for ray in state.rays])
     rays = state.rays + np.einsum("tq,tqj->tj", local[:, :2], tangents)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)

@@ -14,7 +14,7 @@ from slam_init.window.tracks import WindowTracks
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """What :func:`slam_init.window.kernel.accumulate` gives, after the elimination; without any prior."""
+    """What :func:`slam_init.window.kernel.evaluate` gives, after the elimination; without any prior."""
 
     cost: float
     normal: np.ndarray
