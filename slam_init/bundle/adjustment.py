@@ -21,14 +21,13 @@ The two-view stage comes before bundle adjustment. Its bearings are always those
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
 from slam_init.bundle.covariances import LENS, MapCovariances, covariances
 from slam_init.bundle.focal import adjust_focal, camera_with_focal_factor
-from slam_init.bundle.graph import build_graph
+from slam_init.bundle.graph import GraphRecipe
 from slam_init.bundle.least_squares import fit_points, minimize, with_lenses
 from slam_init.bundle.lens import at_projections, lens_prior
 from slam_init.bundle.noise import estimate_noise, least_squares_noise, min_parallax_rad
@@ -145,7 +144,7 @@ def _solution(stated: _Stated, start: BundleProblem, expected: Camera, lens: Len
         noise_px=stated.noise_px,
         rmse_px=float(np.sqrt(np.mean(np.sum(stated.residuals**2, axis=1)))),
         errors=stated.fit.errors,
-        make_graph=partial(build_graph, camera, final, stated.noise_of_graph_px, prior=variable, stated=expected),
+        recipe=GraphRecipe(camera, final, stated.noise_of_graph_px, variable, expected),
         overdispersion=stated.errors.overdispersion,
         pose_covariances=found.poses,
         point_covariances=found.points,

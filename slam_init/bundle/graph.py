@@ -4,12 +4,13 @@ Variables: ``X(frame)`` are poses world_from_cam, ``L(track)`` are landmarks, ``
 has a prior; otherwise the calibration is held.
 
 Gauge: a tight prior holds the first pose. A range factor holds the distance between the first camera and the one
-farthest from it.
+farthest from it. A projection does not know the unit; in metres, the range is the known distance with its deviation.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import gtsam
@@ -34,6 +35,10 @@ _GAUGE_SIGMA = 1e-6
 #: But a stiff range is a curved constraint along which the optimizer makes only small steps: with 1e-6 it stopped at 2
 #: to 4 px from starts 3 px off.
 _SCALE_SIGMA = 1e-3
+#: The prior of a further pose states a direction, and the range states the length. In a known unit the deviation of
+#: such a prior along the baseline is so many times that of the unit, so that ten of them change the latter by a
+#: twentieth.
+_LOOSE = 10.0
 #: Relative standard deviation of fy / fx if the focal length is adjusted. The data determine this ratio to a thousandth
 #: at best. With a smaller value, rounding in the elimination destroys the information about the common focal length.
 _ASPECT_SIGMA = 1e-5
@@ -64,40 +69,78 @@ def landmark_key(track_id: int) -> int:
     return int(gtsam.symbol("l", track_id))
 
 
-def build_graph(
-    camera: Camera,
-    problem: BundleProblem,
-    noise_px: float,
-    *,
-    prior: LensPrior | None = None,
-    stated: Camera | None = None,
-) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
-    """Build the factor graph of a problem: reprojection factors, gauge, baseline range, and the priors that there are.
+@dataclass(frozen=True, eq=False)
+class GraphRecipe:
+    """What the factor graph of a map is built from, when somebody asks for it."""
 
-    * ``prior``: If given, the calibration is a variable with this prior; its value is that of ``camera``.
-    * ``stated``: The camera that the prior expects; by default ``camera``.
-    """
-    noise = gtsam.noiseModel.Isotropic.Sigma(2, noise_px)
-    factor = projection(camera, problem.pixels, noise, adjusted=prior is not None)
-    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    pose_keys = [pose_key(frame) for frame in problem.frames]
-    point_keys = [landmark_key(track) for track in problem.track_ids.tolist()]
-    for key, pose in zip(pose_keys, problem.world_from_cam, strict=True):
-        values.insert(key, gtsam.Pose3(gtsam.Rot3(pose.R), pose.t))
-    for key, point in zip(point_keys, problem.points, strict=True):
-        values.insert(key, point)
-    observed = zip(problem.views.tolist(), problem.landmarks.tolist(), strict=True)
-    for number, (k, landmark) in enumerate(observed):
-        if (made := factor(number, pose_keys[k], point_keys[landmark])) is not None:
-            graph.add(made)
-    graph.push_back(_pose_factors(problem))
-    if prior is not None:
-        values.insert(calibration_key(), gtsam_calibration(camera, adjusted=True))
-        graph.add(_calibration_prior(stated or camera, prior))
-    return graph, values
+    camera: Camera
+    #: At its optimum.
+    problem: BundleProblem
+    #: Standard deviation of a coordinate of an observation.
+    noise_px: float
+    #: If given, the calibration is a variable with this prior; its value is that of ``camera``.
+    prior: LensPrior | None = None
+    #: The camera that the prior expects; by default ``camera``.
+    stated: Camera | None = None
+    #: Relative standard deviation of a known unit; None for a map in its own one.
+    scale_sigma: float | None = None
+
+    @cached_property
+    def graph_and_values(self) -> tuple[gtsam.NonlinearFactorGraph, gtsam.Values]:
+        """Graph and optimum: reprojection factors, gauge, baseline range, and the priors that there are."""
+        camera, problem, adjusted = self.camera, self.problem, self.prior is not None
+        noise = gtsam.noiseModel.Isotropic.Sigma(2, self.noise_px)
+        factor = projection(camera, problem.pixels, noise, adjusted=adjusted)
+        graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+        pose_keys = [pose_key(frame) for frame in problem.frames]
+        point_keys = [landmark_key(track) for track in problem.track_ids.tolist()]
+        for key, pose in zip(pose_keys, problem.world_from_cam, strict=True):
+            values.insert(key, gtsam.Pose3(gtsam.Rot3(pose.R), pose.t))
+        for key, point in zip(point_keys, problem.points, strict=True):
+            values.insert(key, point)
+        observed = zip(problem.views.tolist(), problem.landmarks.tolist(), strict=True)
+        for number, (k, landmark) in enumerate(observed):
+            if (made := factor(number, pose_keys[k], point_keys[landmark])) is not None:
+                graph.add(made)
+        graph.push_back(_pose_factors(problem, self.scale_sigma))
+        if self.prior is not None:
+            values.insert(calibration_key(), gtsam_calibration(camera, adjusted=True))
+            graph.add(_calibration_prior(self.stated or camera, self.prior))
+        return graph, values
+
+    @property
+    def graph(self) -> gtsam.NonlinearFactorGraph:
+        """The factor graph."""
+        return self.graph_and_values[0]
+
+    @property
+    def values(self) -> gtsam.Values:
+        """Its optimum."""
+        return self.graph_and_values[1]
+
+    def in_unit(self, factor: float, sigma: float) -> GraphRecipe:
+        """That of the map in a known unit.
+
+        The range is the prior of the scale then, so that whoever goes on with the graph keeps what is known of it.
+
+        * ``factor``: The known unit over that of the map.
+        * ``sigma``: Relative standard deviation of the factor.
+        """
+        return replace(self, problem=self.problem.scaled(factor), scale_sigma=sigma)
+
+    def enlarged(self, factor: int, camera: Camera, stated: Camera) -> GraphRecipe:
+        """That of the map in images that are larger by a whole factor. Each residual over its deviation stays.
+
+        * ``camera, stated``: Of the larger images.
+        """
+        pixels, prior = factor * (self.problem.pixels + 0.5) - 0.5, self.prior
+        if prior is not None:
+            prior = replace(prior, principal_sigma_px=factor * prior.principal_sigma_px)
+        problem, noise_px = replace(self.problem, pixels=pixels, lenses=None), factor * self.noise_px
+        return replace(self, camera=camera, problem=problem, noise_px=noise_px, prior=prior, stated=stated)
 
 
-def _pose_factors(problem: BundleProblem) -> gtsam.NonlinearFactorGraph:
+def _pose_factors(problem: BundleProblem, scale_sigma: float | None = None) -> gtsam.NonlinearFactorGraph:
     """The factors of poses alone: gauge, baseline range, and the priors that there are."""
     graph = gtsam.NonlinearFactorGraph()
     keys = [pose_key(frame) for frame in problem.frames]
@@ -106,11 +149,12 @@ def _pose_factors(problem: BundleProblem) -> gtsam.NonlinearFactorGraph:
     graph.add(gtsam.PriorFactorPose3(keys[0], gtsam.Pose3(gtsam.Rot3(first.R), first.t), fixed))
     baselines = [float(np.linalg.norm(pose.t - first.t)) for pose in problem.world_from_cam]
     far = int(np.argmax(baselines))
-    range_noise = gtsam.noiseModel.Isotropic.Sigma(1, _SCALE_SIGMA * baselines[far])
+    range_sigma = _SCALE_SIGMA if scale_sigma is None else scale_sigma
+    range_noise = gtsam.noiseModel.Isotropic.Sigma(1, range_sigma * baselines[far])
     graph.add(gtsam.RangeFactorPose3(keys[0], keys[far], baselines[far], range_noise))
     if problem.prior is not None:
         for key, pose in zip(keys[1:], problem.expected[1:], strict=True):
-            graph.add(_pose_prior(problem.prior, key, pose, float(np.linalg.norm(pose.t - first.t))))
+            graph.add(_pose_prior(problem.prior, key, pose, pose.t - first.t, scale_sigma))
     return graph
 
 
@@ -158,9 +202,17 @@ class PoseTerms:
         return values
 
 
-def _pose_prior(prior: PosePrior, key: int, mean: Pose, baseline: float) -> gtsam.NonlinearFactor:
-    sigmas = np.repeat([prior.rotation_sigma_rad, prior.direction_sigma_rad * baseline], 3)
-    noise = gtsam.noiseModel.Diagonal.Sigmas(np.maximum(sigmas, _GAUGE_SIGMA))
+def _pose_prior(
+    prior: PosePrior, key: int, mean: Pose, baseline: Floats, scale_sigma: float | None
+) -> gtsam.NonlinearFactor:
+    """A prior of a pose; in a known unit it leaves the length of its baseline to the range."""
+    length = float(np.linalg.norm(baseline))
+    sigmas = np.repeat([prior.rotation_sigma_rad, prior.direction_sigma_rad * length], 3)
+    covariance = np.diag(np.maximum(sigmas, _GAUGE_SIGMA) ** 2)
+    if scale_sigma is not None:
+        along = _LOOSE * scale_sigma * (mean.R.T @ baseline)
+        covariance[3:, 3:] += np.outer(along, along)
+    noise = gtsam.noiseModel.Gaussian.Covariance(covariance)
     factor: gtsam.NonlinearFactor = gtsam.PriorFactorPose3(key, gtsam.Pose3(gtsam.Rot3(mean.R), mean.t), noise)
     return factor
 

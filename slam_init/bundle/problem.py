@@ -5,9 +5,7 @@ A failure is a value with its cause, not an exception.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -163,8 +161,8 @@ class BundleSolution:
     #: Root mean square residual in pixels at the start and after each iteration. In the robust stage these are the
     #: residuals after the robust kernel.
     errors: tuple[float, ...]
-    #: Builds the final factor graph and its optimum. Most adjusted maps are dropped before anybody asks for it.
-    make_graph: Callable[[], tuple[Any, Any]]
+    #: Of the final factor graph (:class:`slam_init.bundle.graph.GraphRecipe`).
+    recipe: Any
     #: Standard deviation of the noise of the graph over ``noise_px`` (:mod:`slam_init.bundle.shared_errors`).
     overdispersion: float
     #: (K, 6, 6) In gtsam's tangent order (rotation, translation), in the camera frame.
@@ -191,21 +189,6 @@ class BundleSolution:
 
     def __bool__(self) -> bool:
         return True
-
-    @cached_property
-    def graph_and_values(self) -> tuple[Any, Any]:
-        """The final factor graph and its optimum."""
-        return self.make_graph()
-
-    @property
-    def graph(self) -> Any:
-        """The final factor graph."""
-        return self.graph_and_values[0]
-
-    @property
-    def values(self) -> Any:
-        """Its optimum."""
-        return self.graph_and_values[1]
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slam_init.bundle.enlarging import enlarged_graph
 from slam_init.bundle.virtual_cameras import needs_virtual_cameras
 from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
@@ -105,15 +104,13 @@ class Reduction:
         n, camera = self.factor, replace(self.original, source=map_.camera.source)
         if map_.camera != self.camera:  # its focal length or its distortion was estimated
             camera = replace(map_.camera.scaled(n), width=camera.width, height=camera.height)
-        if map_.graph is None:  # that of an external program: poses only
+        if map_.recipe is None:  # that of an external program: poses only
             return replace(map_, camera=camera)
-        graph, values = enlarged_graph(map_.graph, map_.values, camera, self.original, n)
         return replace(
             map_,
             observation_pixels=n * (map_.observation_pixels + 0.5) - 0.5,
             open_tracks=replace(map_.open_tracks, pixels=n * (map_.open_tracks.pixels + 0.5) - 0.5),
-            graph=graph,
-            values=values,
+            recipe=map_.recipe.enlarged(n, camera, self.original),
             bundle_errors=tuple(n * error for error in map_.bundle_errors),
             reprojection_rmse_px=n * map_.reprojection_rmse_px,
             noise_px=n * map_.noise_px,

@@ -7,7 +7,6 @@ from numbers import Real
 
 import numpy as np
 
-from slam_init.bundle.metric_graph import metric_graph
 from slam_init.errors import SlamInitError, check_type
 from slam_init.types.arrays import Floats
 from slam_init.types.initial_map import InitialMap, Keyframe
@@ -43,15 +42,13 @@ def in_metres(map_: InitialMap, scale: Scale) -> InitialMap:
     poses = [keyframe.world_from_cam for keyframe in map_.keyframes]
     moved = np.array([factor * pose.R.T @ (pose.t - poses[0].t) for pose in poses])
     pose_covariances[:, 3:, 3:] += _of_scale(scale.sigma, moved)
-    graph, values = metric_graph(map_.graph, map_.values, factor, scale.sigma)
     return replace(
         map_,
         keyframes=scaled_keyframes(map_.keyframes, factor),
         points=factor * map_.points,
         points_before=factor * map_.points_before,
         keyframes_before=tuple(Pose(pose.R, factor * pose.t) for pose in map_.keyframes_before),
-        graph=graph,
-        values=values,
+        recipe=map_.recipe and map_.recipe.in_unit(factor, scale.sigma),
         pose_covariances=pose_covariances,
         point_covariances=factor**2 * (map_.point_covariances + _of_scale(scale.sigma, map_.points)),
         depth_sigmas=np.sqrt(np.maximum(map_.depth_sigmas**2 + scale.sigma**2 - _HELD_SIGMA**2, 0.0)),

@@ -128,12 +128,8 @@ class InitialMap(Described, Savable):
         map. Their bearings are by ``camera``, not corrected for a rolling shutter.
     gauge : str
         The quantities that were held fixed, in words.
-    graph, values
-        ``gtsam.NonlinearFactorGraph`` and ``gtsam.Values``: keys ``X(frame)`` for poses (world_from_cam),
-        ``L(track_id)`` for landmarks, and ``K(0)`` for the lens, whose prior is what the calibration leaves open. The
-        lens is held where gtsam has no calibration for it, and with ``map.lens_uncertainty = 0``. The noise of the
-        reprojection factors is larger than ``noise_px``, so that the marginals cover errors that are not independent.
-        None for the map of an external program, which has no landmarks.
+    recipe : slam_init.bundle.graph.GraphRecipe or None
+        What :attr:`graph` is built from. None for the map of an external program, which has no landmarks.
     points_before : (L, 3) float
         The landmarks as triangulated, before bundle adjustment, in the same frame and scale.
     keyframes_before : tuple of K Pose
@@ -180,8 +176,7 @@ class InitialMap(Described, Savable):
     scale_uncertainty: ScaleUncertainty = field(default_factory=ScaleUncertainty)
     open_tracks: Observations
     gauge: str
-    graph: Any = None
-    values: Any = None
+    recipe: Any = None
     points_before: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     keyframes_before: tuple[Pose, ...]
     bundle_errors: tuple[float, ...] = ()
@@ -195,6 +190,22 @@ class InitialMap(Described, Savable):
     scale: Scale | None = None
     model_risk: float | None = None
     gravity: Gravity | None = None
+
+    @property
+    def graph(self) -> Any:
+        """The ``gtsam.NonlinearFactorGraph``, built when it is first asked for; None for a map without a recipe.
+
+        Its keys are ``X(frame)`` for poses (world_from_cam), ``L(track_id)`` for landmarks, and ``K(0)`` for the lens,
+        whose prior is what the calibration leaves open. The lens is held where gtsam has no calibration for it, and
+        with ``map.lens_uncertainty = 0``. The noise of the reprojection factors is larger than ``noise_px``, so that
+        the marginals cover errors that are not independent.
+        """
+        return None if self.recipe is None else self.recipe.graph
+
+    @property
+    def values(self) -> Any:
+        """The ``gtsam.Values`` at the optimum of :attr:`graph`."""
+        return None if self.recipe is None else self.recipe.values
 
     @property
     def risk(self) -> float | None:

@@ -234,7 +234,7 @@ def all_of(result):
     map_ = result.map
     graph = map_.graph.serialize() if map_ is not None else ""
     values = map_.values.serialize() if map_ is not None else ""
-    plain = None if map_ is None else replace(map_, graph=None, values=None)
+    plain = None if map_ is None else replace(map_, recipe=None)
     return pickle.dumps((graph, values, plain, result.reason, result.frames_read, result.attempts))
 
 

@@ -1,9 +1,10 @@
 """A small exact map with everything that belongs to a run: cameras on an arc, points ahead, pixels, attempts."""
 
-import gtsam
 import numpy as np
 
 from quest.geometry.quaternion import rotation_from_vector
+from slam_init.bundle.graph import GraphRecipe
+from slam_init.bundle.problem import BundleProblem
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import PreviewEvidence, WindowEvidence
 from slam_init.types.frame import Frame, Observations
@@ -42,7 +43,7 @@ def make_map(model: str = "pinhole", keyframes: int = 4, points: int = 60, noise
     k, i = np.array(seen).T
     pixels = np.array([camera.project(poses[a].inverse().apply(xyz[b]))[0] for a, b in seen])
     noisy = pixels + rng.normal(0, noise_px, pixels.shape)
-    graph, values = make_graph(camera, views, xyz, k, i, noisy)
+    problem = BundleProblem(tuple(frames), poses, xyz, 3 * np.arange(points), k, i, noisy)
     return InitialMap(
         keyframes=views,
         points=xyz,
@@ -64,8 +65,7 @@ def make_map(model: str = "pinhole", keyframes: int = 4, points: int = 60, noise
             camera.bearings(np.array([[10.0, 20.0], [300.0, 20.0], [10.0, 400.0], [300.0, 400.0]])),
         ),
         gauge="first pose and the distance to the second",
-        graph=graph,
-        values=values,
+        recipe=GraphRecipe(camera, problem, 1.0),
         points_before=xyz + rng.normal(0, 0.01, xyz.shape),
         keyframes_before=poses,
         bundle_errors=(900.0, 120.0, 60.5, 60.1),
@@ -75,34 +75,6 @@ def make_map(model: str = "pinhole", keyframes: int = 4, points: int = 60, noise
         scene="general",
         camera=camera,
     )
-
-
-def make_graph(camera, keyframes, points, observation_keyframes, observation_landmarks, pixels):
-    """A factor graph of the map: robust projection factors on raw pixels; a prior and a range fix the gauge."""
-    factor = {
-        "pinhole": gtsam.GenericProjectionFactorCal3_S2,
-        "radtan": gtsam.GenericProjectionFactorCal3DS2,
-        "fisheye": gtsam.GenericProjectionFactorCal3Fisheye,
-    }[camera.model]
-    calibration = {"pinhole": gtsam.Cal3_S2, "radtan": gtsam.Cal3DS2, "fisheye": gtsam.Cal3Fisheye}[camera.model]
-    K = calibration(camera.fx, camera.fy, 0.0, camera.cx, camera.cy, *camera.distortion[:4])
-    noise = gtsam.noiseModel.Robust.Create(
-        gtsam.noiseModel.mEstimator.Cauchy.Create(1.0), gtsam.noiseModel.Isotropic.Sigma(2, 1.0)
-    )
-    X, L = gtsam.symbol_shorthand.X, gtsam.symbol_shorthand.L
-    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    for keyframe in keyframes:
-        pose = keyframe.world_from_cam
-        values.insert(X(keyframe.frame), gtsam.Pose3(gtsam.Rot3(pose.R), pose.t))
-    for i, point in enumerate(points):
-        values.insert(L(3 * i), point)
-    first, second = (X(keyframe.frame) for keyframe in keyframes[:2])
-    baseline = float(np.linalg.norm(keyframes[1].world_from_cam.t))
-    graph.push_back(gtsam.PriorFactorPose3(first, gtsam.Pose3(), gtsam.noiseModel.Isotropic.Sigma(6, 1e-6)))
-    graph.push_back(gtsam.RangeFactorPose3(first, second, baseline, gtsam.noiseModel.Isotropic.Sigma(1, 1e-6)))
-    for k, i, pixel in zip(observation_keyframes, observation_landmarks, pixels, strict=True):
-        graph.push_back(factor(pixel, noise, X(keyframes[k].frame), L(3 * int(i)), K))
-    return graph, values
 
 
 def make_observations(map_: InitialMap, model: str = "pinhole") -> list[Observations]:

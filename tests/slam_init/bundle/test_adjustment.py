@@ -72,7 +72,7 @@ def test_a_tight_prior_keeps_the_poses_and_a_loose_one_has_no_effect():
         adjust(CAMERA, one, MAP)
         for one in (start, start.with_prior(PosePrior(1e-5, 1e-5)), start.with_prior(PosePrior(1.0, 1.0)))
     )
-    assert tight.graph.size() == len(tight.problem.pixels) + 2 + len(start.frames) - 1
+    assert tight.recipe.graph.size() == len(tight.problem.pixels) + 2 + len(start.frames) - 1
     for k in range(1, len(start.frames)):
         mean = start.world_from_cam[k].R
         assert rotation_angle(tight.problem.world_from_cam[k].R.T @ mean) < 1e-4
@@ -94,9 +94,9 @@ def test_errors_that_tracks_share_do_not_outweigh_a_prior_and_the_graph_is_at_it
     start = stretched()
     prior = PosePrior(5e-4, 5e-3)
     alone, both = (adjust(CAMERA, one, MAP, poses_known=True) for one in (start, start.with_prior(prior)))
-    again = gtsam.LevenbergMarquardtOptimizer(both.graph, both.values).optimize()
+    again = gtsam.LevenbergMarquardtOptimizer(both.recipe.graph, both.recipe.values).optimize()
     assert both.overdispersion > 2
-    assert both.graph.error(again) == pytest.approx(both.graph.error(both.values), rel=1e-3)
+    assert both.recipe.graph.error(again) == pytest.approx(both.recipe.graph.error(both.recipe.values), rel=1e-3)
     last = start.world_from_cam[-1].R
     from_prior = [rotation_angle(one.problem.world_from_cam[-1].R.T @ last) for one in (alone, both)]
     assert from_prior[1] < 0.5 * from_prior[0]
@@ -110,7 +110,7 @@ def test_held_poses_keep_the_covariance_of_what_is_known_of_them():
     stated = restated(held, prior, MAP)
     assert stated.problem.world_from_cam == held.problem.world_from_cam
     np.testing.assert_array_equal(stated.problem.points, held.problem.points)
-    assert stated.graph.size() == held.graph.size()
+    assert stated.recipe.graph.size() == held.recipe.graph.size()
     assert (
         np.trace(stated.pose_covariances[1:], axis1=1, axis2=2) > np.trace(held.pose_covariances[1:], axis1=1, axis2=2)
     ).all()

@@ -28,13 +28,15 @@ def test_the_graph_with_calibration_is_at_its_optimum_and_only_the_focal_length_
     noisy = problem(CAMERAS[model], cloud(rng), ROTATING, 0.5, rng)
     stated = camera_with_focal_factor(CAMERAS[model], 1.05)
     solution = adjust(stated, noisy, FOCAL)
-    assert solution.graph.size() == len(solution.problem.pixels) + 3  # priors of pose and calibration, range
-    at = getattr(solution.values, f"at{type(gtsam_calibration(stated, adjusted=True)).__name__}")
+    assert solution.recipe.graph.size() == len(solution.problem.pixels) + 3  # priors of pose and calibration, range
+    at = getattr(solution.recipe.values, f"at{type(gtsam_calibration(stated, adjusted=True)).__name__}")
     np.testing.assert_allclose(
         at(calibration_key()).vector(), gtsam_calibration(solution.camera, adjusted=True).vector()
     )
-    again = gtsam.LevenbergMarquardtOptimizer(solution.graph, solution.values).optimize()
-    assert solution.graph.error(again) == pytest.approx(solution.graph.error(solution.values), rel=1e-3)
+    again = gtsam.LevenbergMarquardtOptimizer(solution.recipe.graph, solution.recipe.values).optimize()
+    assert solution.recipe.graph.error(again) == pytest.approx(
+        solution.recipe.graph.error(solution.recipe.values), rel=1e-3
+    )
     moved = getattr(again, f"at{type(gtsam_calibration(stated, adjusted=True)).__name__}")(calibration_key()).vector()
     vector = gtsam_calibration(solution.camera, adjusted=True).vector()
     # The noise of the graph is larger than that of the adjustment, by errors that tracks share: the prior counts more.

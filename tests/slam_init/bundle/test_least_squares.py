@@ -11,7 +11,7 @@ from make_scene import CAMERA, cloud, problem
 
 from quest.geometry.quaternion import rotation_angle
 from slam_init.bundle.covariances import LENS, SharedErrors, covariances
-from slam_init.bundle.graph import build_graph, landmark_key, pose_key
+from slam_init.bundle.graph import GraphRecipe, landmark_key, pose_key
 from slam_init.bundle.least_squares import fit_points, minimize, with_lenses
 from slam_init.bundle.problem import PosePrior
 
@@ -27,7 +27,7 @@ def noisy_problem(model, rng, prior=None, share=0.8):
 
 def optimum_of_gtsam(camera, start, robust=False, poses_held=False):
     """gtsam's graph of a problem, and its optimum."""
-    graph, values = build_graph(camera, start, 0.5)
+    graph, values = GraphRecipe(camera, start, 0.5).graph_and_values
     if robust:
         graph = with_kernel(graph, len(start.views))
     held = gtsam.noiseModel.Isotropic.Sigma(6, 1e-8)

@@ -91,7 +91,7 @@ def test_the_graph_has_the_covariances_of_its_noise_and_its_lens(model):
     errors = error_model(camera, projected, measured, noise_px, lens_prior(camera, LENS))
     shared = errors.shared._replace(correlated_px=0.0, excess=1.0, lens_fitted=np.ones(4, bool))
     found = covariances(projected, solution.overdispersion * noise_px, shared)
-    marginals = gtsam.Marginals(solution.graph, solution.values)
+    marginals = gtsam.Marginals(solution.recipe.graph, solution.recipe.values)
     expected = np.array([marginals.marginalCovariance(pose_key(frame)) for frame in measured.frames])
     assert_same(found.poses, expected)
     tracks = measured.track_ids[::10].tolist()
@@ -144,8 +144,8 @@ def test_an_exact_lens_is_held_and_a_tight_prior_gives_the_same():
     held, tight, wide = (
         adjust(CAMERA, seen, replace(MAP, lens_uncertainty=share), poses_known=True) for share in (0.0, 1e-4, 1.0)
     )
-    assert not held.values.exists(calibration_key())
-    assert tight.values.exists(calibration_key())
+    assert not held.recipe.values.exists(calibration_key())
+    assert tight.recipe.values.exists(calibration_key())
     for solution in (tight, wide):
         assert np.array_equal(solution.problem.points, held.problem.points)  # the lens stays as stated
     np.testing.assert_allclose(tight.pose_covariances, held.pose_covariances, rtol=1e-3, atol=1e-12)

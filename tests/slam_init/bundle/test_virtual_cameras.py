@@ -10,7 +10,7 @@ from make_lenses import LENSES, directions
 from make_scene import problem
 
 from slam_init.bundle.adjustment import adjust
-from slam_init.bundle.graph import build_graph
+from slam_init.bundle.graph import GraphRecipe
 
 
 def problem_around(camera, noise_px, rng, poses=ROTATING, count=150):
@@ -27,7 +27,7 @@ def test_the_errors_of_gtsam_are_the_residuals_of_the_raw_pixels(model):
     camera, rng = LENSES[model], np.random.default_rng(4)
     around = problem_around(camera, 0.1, rng, ROTATING[:2], 40)
     residuals = around.residuals(camera)
-    graph, values = build_graph(camera, around, 1.0)
+    graph, values = GraphRecipe(camera, around, 1.0).graph_and_values
     theirs = np.array([graph.at(i).error(values) for i in range(len(residuals))])
     ours = 0.5 * np.sum(residuals**2, axis=1)
     if model == "thin-prism":  # its factors measure undistorted pixels
@@ -49,8 +49,8 @@ def test_a_map_with_rays_behind_the_image_plane_is_adjusted_to_the_truth(model):
     assert (solution.problem.points[:, 2] < 0).sum() >= 5
     assert solution.rmse_px < 0.2
     again = gtsam.NonlinearFactorGraph()
-    again.deserialize(solution.graph.serialize())
-    assert again.error(solution.values) == pytest.approx(solution.graph.error(solution.values))
+    again.deserialize(solution.recipe.graph.serialize())
+    assert again.error(solution.recipe.values) == pytest.approx(solution.recipe.graph.error(solution.recipe.values))
 
 
 def test_a_focal_length_that_gtsam_cannot_adjust_stays_at_the_estimate_of_the_window():

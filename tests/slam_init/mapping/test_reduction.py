@@ -68,15 +68,15 @@ def test_the_enlarged_graph_has_the_same_residuals_by_the_camera_of_the_original
     solution = adjust(small, noisy, config)
     large = replace(small.scaled(3), width=3 * small.width + 2, height=3 * small.height + 1)
     map_ = replace(
-        make_map(model), graph=solution.graph, values=solution.values, camera=solution.camera,
+        make_map(model), recipe=solution.recipe, camera=solution.camera,
         noise_px=solution.noise_px, observation_pixels=solution.problem.pixels,
     )  # fmt: skip
     given = Reduction(large, 3, small).enlarged(result_with(map_)).map
     assert given.camera.width == large.width
     assert given.camera.focal_px == pytest.approx(3 * solution.camera.focal_px)
-    assert given.graph.size() == solution.graph.size()
+    assert given.graph.size() == solution.recipe.graph.size()
     for number in range(given.graph.size()):
-        expected = solution.graph.at(number).error(solution.values)
+        expected = solution.recipe.graph.at(number).error(solution.recipe.values)
         assert given.graph.at(number).error(given.values) == pytest.approx(expected, rel=1e-5, abs=1e-6)
     residuals = (
         given.camera.project(np.array([[0.1, -0.2, 1.5]])),

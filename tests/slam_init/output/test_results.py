@@ -97,10 +97,10 @@ def test_an_adjusted_focal_length_is_in_all_files(tmp_path, model):
     assert read.compute_mean_reprojection_error() == pytest.approx(np.mean(by_point), abs=1e-6)
 
     graph, values = load_graph(tmp_path)
-    assert graph.equals(solution.graph, 1e-12)
-    assert values.equals(solution.values, 1e-12)
+    assert graph.equals(solution.recipe.graph, 1e-12)
+    assert values.equals(solution.recipe.values, 1e-12)
     assert values.exists(calibration_key())
-    assert graph.error(values) == solution.graph.error(solution.values)
+    assert graph.error(values) == solution.recipe.graph.error(solution.recipe.values)
 
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["camera"]["fx"] == pytest.approx(stated.fx)
