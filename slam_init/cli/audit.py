@@ -39,12 +39,12 @@ def add_audit(commands: Commands) -> None:
 
 def _audit(arguments: argparse.Namespace) -> int:
     """``slam-init audit``."""
+    from slam_init.auditing.audit import audit
+    from slam_init.auditing.readings import fitting_reading
     from slam_init.calibration.files import load_camera
     from slam_init.config import Config
     from slam_init.datasets import open_source
     from slam_init.datasets.map_files import moves_otherwise, open_map, tracked_by
-    from slam_init.decision.audit import audit
-    from slam_init.decision.readings import fitting_reading
     from slam_init.output.plain_json import json_text
     from slam_init.types.audit import AuditVerdict
 

@@ -13,7 +13,6 @@ from slam_init.bundle.adjustment import restated
 from slam_init.bundle.problem import BundleFailure, BundleSolution, PosePrior
 from slam_init.config import Config
 from slam_init.decision.evaluated_window import EvaluatedWindow
-from slam_init.decision.map_posterior import differences_deg
 from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.mapping.candidate import map_of_poses
 from slam_init.mapping.map_building import MapWithViews, map_with_views
@@ -100,7 +99,7 @@ class WindowMaps:
     def _differences_deg(self, bundle: BundleSolution) -> dict[int, tuple[float, float]]:
         """Differences of rotation and direction between map and window, for each frame of a map but the reference."""
         problem = bundle.problem
-        return differences_deg(dict(zip(problem.frames, problem.world_from_cam, strict=True)), self._window.best)
+        return self._window.best.differences_deg(dict(zip(problem.frames, problem.world_from_cam, strict=True)))
 
     def _true_to_motion(self, of_view: float, of_pair: float) -> tuple[BundleSolution | BundleFailure, TrackTable]:
         """The map of the best motion, which bundle adjustment has not moved away from the motion.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -97,6 +98,15 @@ class FittedMotion:
         """Angles between the rotations and between the directions of the pair."""
         return difference_deg(self.cam2_from_cam1, other.cam2_from_cam1)
 
+    def differences_deg(self, world_from_cam: Mapping[int, Pose]) -> dict[int, tuple[float, float]]:
+        """Angles of rotation and direction to the poses of a map, for each of its frames but the reference."""
+        reference, motion = world_from_cam[self.frames[0]], self.motion.cam_from_world
+        return {
+            frame: difference_deg(motion[frame], world_from_cam[frame].inverse() @ reference)
+            for frame in self.frames[1:]
+            if frame in world_from_cam
+        }
+
 
 @dataclass(frozen=True, eq=False)
 class OtherMotion:
@@ -122,14 +132,9 @@ def difference_deg(a: Pose, b: Pose) -> tuple[float, float]:
 
 def farthest_deg(one: Motion, other: Motion) -> tuple[float, float]:
     """Largest angles between the rotations and the directions of two motions, over the views that both know."""
-    apart = [(0.0, 0.0), *_differences_deg(one, other).values()]
-    return max(rotation for rotation, _ in apart), max(direction for _, direction in apart)
-
-
-def _differences_deg(one: Motion, other: Motion) -> dict[int, tuple[float, float]]:
-    """Angles of rotation and direction between two motions, for the views that both know but the reference."""
     known = [frame for frame in one.cam_from_world if frame in other.cam_from_world][1:]
-    return {frame: difference_deg(one.cam_from_world[frame], other.cam_from_world[frame]) for frame in known}
+    apart = [difference_deg(one.cam_from_world[frame], other.cam_from_world[frame]) for frame in known]
+    return max((rotation for rotation, _ in apart), default=0.0), max((aside for _, aside in apart), default=0.0)
 
 
 def fit_motion(

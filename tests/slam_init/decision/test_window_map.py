@@ -10,7 +10,7 @@ from slam_init.types.refusal import Verdict
 
 def test_a_map_that_bundle_adjustment_moves_away_is_refused_with_the_risk_that_this_makes(monkeypatch):
     monkeypatch.setattr(
-        window_map, "differences_deg", lambda map_, fitted: dict.fromkeys(fitted.frames[1:], (0.0, 30.0))
+        window_map.FittedMotion, "differences_deg", lambda fitted, _: dict.fromkeys(fitted.frames[1:], (0.0, 30.0))
     )
     source = point_source("room", 2, baseline=0.1)
     initializer, risks = Initializer(source.camera, WINDOW_CONFIG), []
@@ -34,12 +34,12 @@ def test_a_map_that_the_adjustment_bends_holds_the_poses_of_the_window(monkeypat
         priors.append(prior)
         return adjusted(camera, config, table, poses, threshold_rad, prior, focal_factor)
 
-    def differences_deg(map_, fitted):
+    def differences_deg(fitted, _):
         held = len(priors) >= 2 and None not in priors[-2:] and priors[-1].direction_sigma_rad < np.radians(0.5)
         return dict.fromkeys(fitted.frames[1:], (0.0, 0.1) if held else (0.0, 7.0))
 
     monkeypatch.setattr(window_map, "map_of_poses", bent)
-    monkeypatch.setattr(window_map, "differences_deg", differences_deg)
+    monkeypatch.setattr(window_map.FittedMotion, "differences_deg", differences_deg)
     result = finished(source)
     assert result, result.reason
     assert is_right(source, result.map)

@@ -2,7 +2,7 @@
 
 The tracks and further views make a window, as for a map of our own. Its hypotheses are the motions that quest proposes
 from the pair, the motion of the map, and the camera that only rotates. The risk of the map is its probability to be
-wrong over all of them (:mod:`slam_init.decision.map_posterior`).
+wrong over all of them (:mod:`slam_init.auditing.posterior`).
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from quest.estimate import RelativePose
+from slam_init.auditing.posterior import MapPosterior, is_near, posterior_of
 from slam_init.config import Config
 from slam_init.decision.evaluated_window import EvaluatedWindow
 from slam_init.decision.lens import priors_of
-from slam_init.decision.map_posterior import MapPosterior, differences_deg, is_near, posterior_of
 from slam_init.decision.two_views import MatchedPair, match_pair, pose_at_fitting_threshold
 from slam_init.errors import ConfigError, SlamInitError, check_type
 from slam_init.frontend.conventions import check_rays
@@ -198,7 +198,7 @@ def _chosen(known: Mapping[int, Pose], history: History, config: Config) -> tupl
 def _stated(known: Mapping[int, Pose], window: EvaluatedWindow, terms: MapPosterior, max_risk: float) -> Audit:
     """The verdict on the map, and what would decide."""
     risk, best = window.risk, window.best
-    rotation_deg, direction_deg = differences_deg(known, best)[best.frames[1]]
+    rotation_deg, direction_deg = best.differences_deg(known)[best.frames[1]]
     verdict = AuditVerdict.WRONG if terms.total > WRONG else AuditVerdict.DOUBTFUL
     verdict = AuditVerdict.SOUND if terms.total <= max_risk else verdict
     is_best = is_near(known, best)

@@ -28,7 +28,7 @@ from slam_init.types.pose import Pose
 from slam_init.window.competing import competing_odds
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses
 from slam_init.window.levels import EVEN_ODDS, FLOOR, SHORTEST_BASELINE, WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
-from slam_init.window.motion import FittedMotion, difference_deg
+from slam_init.window.motion import FittedMotion
 from slam_init.window.risk import WindowRisk, risk_of, with_zooming_rotation
 from slam_init.window.tails import three_directions
 from slam_init.window.tracker_errors import with_lasting_errors
@@ -98,26 +98,16 @@ def posterior_of(hypotheses: WindowHypotheses, risk: WindowRisk, world_from_cam:
     )
 
 
-def differences_deg(world_from_cam: Mapping[int, Pose], fitted: FittedMotion) -> dict[int, tuple[float, float]]:
-    """Angles of rotation and direction between a map and a motion, for each frame of the map but the reference."""
-    reference, motion = fitted.frames[0], fitted.motion.cam_from_world
-    return {
-        frame: difference_deg(motion[frame], world_from_cam[frame].inverse() @ world_from_cam[reference])
-        for frame in fitted.frames[1:]
-        if frame in world_from_cam
-    }
-
-
 def is_near(world_from_cam: Mapping[int, Pose], fitted: FittedMotion) -> bool:
     """Whether the pair of a map would be right if this motion were."""
-    rotation_deg, direction_deg = differences_deg(world_from_cam, fitted)[fitted.frames[1]]
+    rotation_deg, direction_deg = fitted.differences_deg(world_from_cam)[fitted.frames[1]]
     return rotation_deg <= WRONG_ROTATION_DEG and direction_deg <= WRONG_DIRECTION_DEG
 
 
 def _wrong_if_competing(hypotheses: WindowHypotheses, k: int, world_from_cam: Mapping[int, Pose]) -> float:
     """Probability that the map is wrong if a competing motion is right."""
     competing = hypotheses.motions[k]
-    rotation_deg, direction_deg = differences_deg(world_from_cam, competing)[competing.frames[1]]
+    rotation_deg, direction_deg = competing.differences_deg(world_from_cam)[competing.frames[1]]
     if rotation_deg > 2 * WRONG_ROTATION_DEG or direction_deg > 2 * WRONG_DIRECTION_DEG:
         return 1.0
     others = (one for one in hypotheses.motions if one is not competing)
@@ -134,7 +124,7 @@ def _wrong(hypotheses: WindowHypotheses, risk: WindowRisk, world_from_cam: Mappi
     tail = min(max(risk.direction - rotated, math.exp(-0.5 * _PLACES[-1] ** 2)), 1.0)
     stated_deg = WRONG_DIRECTION_DEG / max(math.sqrt(-2 * math.log(tail)), 1e-9)
     at_fit, at_map = 0.0, 0.0
-    for frame, (rotation_deg, direction_deg) in differences_deg(world_from_cam, best).items():
+    for frame, (rotation_deg, direction_deg) in best.differences_deg(world_from_cam).items():
         view = best.frames.index(frame)
         if view > 1 and lengths[view] < SHORTEST_BASELINE * lengths.max():
             continue

@@ -13,9 +13,9 @@ import numpy as np
 
 from quest.geometry.epipolar import depths_from_pose
 from quest.geometry.quaternion import rotation_angle
+from slam_init.auditing.audit import audit
 from slam_init.config import Config
 from slam_init.datasets.posed_images import AXES, with_axes
-from slam_init.decision.audit import audit
 from slam_init.decision.evaluated_window import off_plane
 from slam_init.errors import SlamInitError
 from slam_init.types.arrays import evenly_spaced

@@ -1,0 +1,1 @@
+"""The audit of maps from anywhere: whether the tracks agree with their poses."""
