@@ -1,10 +1,10 @@
 # The public names, each in one line; __init__.py loads a name from its module when it is first used.
+from slam_init.auditing.audit import audit as audit
 from slam_init.calibration.files import load_camera as load_camera
 from slam_init.calibration.files import prior_camera as prior_camera
 from slam_init.config import Config as Config
 from slam_init.config import load_config as load_config
 from slam_init.datasets.opening import open_source as open_source
-from slam_init.auditing.audit import audit as audit
 from slam_init.errors import CalibrationError as CalibrationError
 from slam_init.errors import ConfigError as ConfigError
 from slam_init.errors import OutputError as OutputError

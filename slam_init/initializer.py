@@ -350,8 +350,7 @@ class Initializer:
     def provisional(self) -> ProvisionalMap | None:
         """The map of the best motion of the last evaluated window, with its risk; the accepted map once there is one.
 
-        It is built when it is asked for, which takes as long as a bundle adjustment. None where no motion is known, or
-        where its frames are forgotten.
+        It is built when it is asked for, which takes as long as a bundle adjustment. None where no motion is known.
         """
         if self.map is not None and self.map.risk is not None:
             return ProvisionalMap(self.map)

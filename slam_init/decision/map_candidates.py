@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 from slam_init.config import Config
@@ -33,8 +34,8 @@ class Outcome:
     attempt: Attempt
     #: A map that passed all gates.
     accepted: MapWithViews | None = None
-    #: The maps of two motions that the tracks do not decide between, the better one first.
-    hypotheses: tuple[InitialMap, ...] = ()
+    #: Builds the maps of two motions that the tracks do not decide between, the better one first; None without two.
+    undecided: Callable[[], tuple[InitialMap, ...]] | None = None
     #: The vote between the best motion and its nearest competing motion; None without one.
     margin: Margin | None = None
     #: The poses of the cameras of the evaluated window; None where no window was evaluated.
@@ -49,9 +50,8 @@ class MapCandidates:
     Two maps are undecided where they are those of both motions of a plane, or of the scene at rest and a large object.
     An accepted map may grow by further frames. At the end of its growth it is final.
 
-    * ``recorder``: Receives a report when a map is accepted or has grown, and when the undecided maps change.
+    * ``recorder``: Receives a report when a map is accepted or has grown, and at the end two undecided maps.
     * ``frames``: Number of frames since the start.
-    * ``hypotheses``: The accepted map, or the two undecided ones.
     * ``margin``: The vote of the accepted map, if it had one. Before that, the last vote between two maps.
     """
 
@@ -65,7 +65,7 @@ class MapCandidates:
         self._first: int | None = None
         self.frames = 0
         self.accepted: InitialMap | None = None
-        self.hypotheses: tuple[InitialMap, ...] = ()
+        self._undecided: Callable[[], tuple[InitialMap, ...]] = tuple
         self.margin: Margin | None = None
 
     def count(self, frame: int) -> None:
@@ -97,10 +97,15 @@ class MapCandidates:
             self._accept(outcome.accepted)
             return
         # Two undecided maps are kept until two other maps replace them, or a vote decides.
-        decided = outcome.margin is not None and outcome.margin.decides()
-        if outcome.hypotheses or decided:
-            self.hypotheses = outcome.hypotheses
-            self._recorder.undecided(self.hypotheses)
+        if outcome.undecided is not None:
+            self._undecided = cache(outcome.undecided)
+        elif outcome.margin is not None and outcome.margin.decides():
+            self._undecided = tuple
+
+    @property
+    def hypotheses(self) -> tuple[InitialMap, ...]:
+        """The accepted map, or the two undecided ones, which are built when they are asked for."""
+        return self._undecided() if self.accepted is None else (self.accepted,)
 
     @property
     def is_final(self) -> bool:
@@ -128,7 +133,9 @@ class MapCandidates:
         return located
 
     def finalize(self) -> None:
-        """Take the accepted map, if there is one, as it has grown."""
+        """Take the accepted map as it has grown; without one, report the undecided maps."""
+        if self.accepted is None and self.hypotheses:
+            self._recorder.undecided(self.hypotheses)
         if self._refinement is not None and not self._refinement.done:
             self._refinement.end()
             self._replace(self._refinement.map)
@@ -160,7 +167,7 @@ class MapCandidates:
 
     def _replace(self, map_: InitialMap) -> None:
         if map_ is not self.accepted:
-            self.accepted, self.hypotheses = map_, (map_,)
+            self.accepted = map_
             self._recorder.refined(map_)
 
     def _accept(self, built: MapWithViews) -> None:
@@ -168,5 +175,4 @@ class MapCandidates:
 
         self._refinement = Refinement(built.map, self._config)
         self.accepted = built.map
-        self.hypotheses = (built.map,)
         self._recorder.initialized(built.map, built.views)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -33,15 +34,17 @@ _HELD = 0.1
 
 
 class WindowMaps:
-    """Builds the maps of an evaluated window.
+    """Builds the maps of an evaluated window, from its frames as they were when it was evaluated.
 
-    * ``history``: Holds the frames of the window.
+    * ``history``: Holds the frames of the window now.
     * ``shutter``: Has corrected their rays.
     """
 
     def __init__(self, window: EvaluatedWindow, config: Config, history: History, shutter: RollingShutter) -> None:
-        self._window, self._config = window, config
-        self._history, self._readout_s = history, shutter.readout_s
+        self.window, self._config = window, config
+        self._views = {frame: history[frame] for frame in window.hypotheses.tracks.frames}
+        self._gravities = {frame: one for frame, one in history.gravities.items() if frame in self._views}
+        self._readout_s = shutter.readout_s
 
     def candidate(self) -> tuple[BundleSolution | BundleFailure, TrackTable]:
         """The map of the best motion, in the views that add little risk; it has not passed the gates yet.
@@ -51,38 +54,40 @@ class WindowMaps:
         max_risk = self._config.acceptance.max_risk
         return self._true_to_motion(RISK_OF_A_VIEW * max_risk, max_risk)
 
-    def undecided(self, reason: Verdict) -> tuple[InitialMap, ...]:
-        """The maps of the two motions that the tracks do not decide between, the best first; none where one has no map.
+    def undecided(self, reason: Verdict) -> Callable[[], tuple[InitialMap, ...]] | None:
+        """What builds the maps of the two motions that the tracks do not decide between, the best first.
 
         These are both motions of a plane, or those of the scene and of a moving object that holds many tracks.
+
+        * Returns: None where there are no two such motions. It gives no maps where one motion has none.
         """
-        hypotheses = self._window.hypotheses
-        motions: list[FittedMotion] = []
+        motions, risk = self.window.hypotheses.motions, self.window.risk
         if reason == Verdict.AMBIGUOUS_PLANE:
-            motions = list(hypotheses.motions[:2])
-        elif reason == Verdict.MOVING_OBJECTS and self._window.risk.other.probability:
-            other = self._window.risk.other.fitted
-            motions = [hypotheses.motions[0], other] if other is not None and other.rows[1] == 1 else []
+            return partial(self._both, motions[:2])
+        other = risk.other.fitted if reason == Verdict.MOVING_OBJECTS and risk.other.probability else None
+        return None if other is None or other.rows[1] != 1 else partial(self._both, (motions[0], other))
+
+    def _both(self, motions: Sequence[FittedMotion]) -> tuple[InitialMap, ...]:
         both = [self._adjusted(motion)[0] for motion in motions]
         maps = tuple(self.built(one).map for one in both if isinstance(one, BundleSolution))
         return maps if len(maps) == 2 else ()
 
     def provisional(self) -> ProvisionalMap | None:
         """The map of the best motion with its risk; None where it cannot be built."""
-        bundle, _ = self._true_to_motion(self._window.risk.total, EVEN_ODDS)
+        bundle, _ = self._true_to_motion(self.window.risk.total, EVEN_ODDS)
         if not isinstance(bundle, BundleSolution):
             return None
         return ProvisionalMap(self.built(bundle, self.risk_of(bundle).total).map)
 
     def built(self, bundle: BundleSolution, risk: float | None = None) -> MapWithViews:
         """The map of an adjusted bundle, with what the window knows of its camera."""
-        lens, hypotheses = self._window.lens, self._window.hypotheses
-        built = map_with_views(self._history, bundle, "planar" if hypotheses.planar else "general")
+        lens, hypotheses = self.window.lens, self.window.hypotheses
+        built = map_with_views(self._views, self._gravities, bundle, "planar" if hypotheses.planar else "general")
         map_, camera = built.map, built.map.camera
         if lens.camera.readout_s is None and self._readout_s:
             camera = camera.with_readout(self._readout_s)
         if lens.is_unknown:
-            sigma = min(self._window.focal_sigma, 1.0)
+            sigma = min(self.window.focal_sigma, 1.0)
             camera = replace(camera, source="estimated", focal_sigma=sigma)
             factor = camera.fx / lens.stated.fx
             map_ = replace(map_, focal_factor=factor, focal_factor_sigma=factor * sigma)
@@ -94,12 +99,12 @@ class WindowMaps:
         Bundle adjustment holds the lens of a calibration, and does not know that points lie on a plane, nor the error
         fields.
         """
-        return self._window.risk.of_map(*self._differences_deg(bundle)[self._window.best.frames[1]])
+        return self.window.risk.of_map(*self._differences_deg(bundle)[self.window.best.frames[1]])
 
     def _differences_deg(self, bundle: BundleSolution) -> dict[int, tuple[float, float]]:
         """Differences of rotation and direction between map and window, for each frame of a map but the reference."""
         problem = bundle.problem
-        return self._window.best.differences_deg(dict(zip(problem.frames, problem.world_from_cam, strict=True)))
+        return self.window.best.differences_deg(dict(zip(problem.frames, problem.world_from_cam, strict=True)))
 
     def _true_to_motion(self, of_view: float, of_pair: float) -> tuple[BundleSolution | BundleFailure, TrackTable]:
         """The map of the best motion, which bundle adjustment has not moved away from the motion.
@@ -112,7 +117,7 @@ class WindowMaps:
         are held where even the priors leave the risk too large. Where the map is as likely wrong as right, the tracks
         contradict the motion.
         """
-        frames, risk = self._window.certain_frames(of_view), self._window.risk
+        frames, risk = self.window.certain_frames(of_view), self.window.risk
         bundle, table = self._without_moved_views(frames, of_view)
         if not isinstance(bundle, BundleSolution) or self.risk_of(bundle).total <= of_pair:
             return bundle, table
@@ -131,7 +136,7 @@ class WindowMaps:
         A further view that sees too few of the landmarks is left out too.
         """
         while True:
-            bundle, table = self._adjusted(self._window.best, frames, prior)
+            bundle, table = self._adjusted(self.window.best, frames, prior)
             if isinstance(bundle, BundleSolution):
                 differences = self._differences_deg(bundle)
                 left = [frame for frame in frames[2:] if self._risk_of_view(frame, differences) <= of_view]
@@ -146,15 +151,15 @@ class WindowMaps:
         """The risk that a further view of a map adds."""
         if frame not in differences_deg:  # bundle adjustment has left it out
             return 0.0
-        view, risk = self._window.best.frames.index(frame) - 1, self._window.risk
+        view, risk = self.window.best.frames.index(frame) - 1, self.window.risk
         return risk.directions.of_views[view] + risk.directions.added_by_map(view, *differences_deg[frame])
 
     def _adjusted(
         self, motion: FittedMotion, frames: Sequence[int] | None = None, prior: PosePrior | None = None
     ) -> tuple[BundleSolution | BundleFailure, TrackTable]:
         """The bundle-adjusted map of a fitted motion, in the given frames. Its landmarks are tracks of the pair."""
-        pair, lens, threshold_rad = self._window.pair, self._window.lens, self._window.threshold_rad
-        views = [self._history[frame] for frame in (motion.frames if frames is None else frames)[2:]]
+        pair, lens, threshold_rad = self.window.pair, self.window.lens, self.window.threshold_rad
+        views = [self._views[frame] for frame in (motion.frames if frames is None else frames)[2:]]
         table = table_of(pair.reference, pair.current, views)
         if self._readout_s:
             table = replace(table, pixels=np.array([lens.camera.project(bearings) for bearings in table.bearings]))
@@ -166,7 +171,7 @@ class WindowMaps:
         options = self._config.map
         # A focal length that is certain to be off would bend the map. An estimate within its own standard deviation is
         # no reason to leave a calibration: errors that neighbouring tracks share pull it by a tenth on a board.
-        sigma = self._window.risk.lens.focal_sigma
+        sigma = self.window.risk.lens.focal_sigma
         if abs(state.lens.log_scale) > max(CALIBRATED_SIGMA, GATE_SIGMAS * sigma):
             options = replace(options, refine_focal=True, focal_sigma=CALIBRATED_SIGMA)
         config, factor = replace(self._config, map=options), math.exp(state.lens.log_scale)

@@ -98,7 +98,8 @@ class WindowRule:
         self._threshold_rad = config.two_view.threshold_px / history.camera.focal_px
         self._reference: int | None = None
         self._only_rotated = False
-        self._last: EvaluatedWindow | None = None
+        # The maps of the last evaluated window.
+        self._last: WindowMaps | None = None
         # The motion of other tracks in the last window that was searched for one.
         self._other = OtherMotion()
 
@@ -122,7 +123,8 @@ class WindowRule:
           this frame cannot be enough. It is also so where no pair was chosen and no known motion can go on: there is
           none, the window holds the pair alone, or its last reference is no candidate now.
         """
-        if self._skipper.count_and_skip(max((pair.direction_score for pair in pairs), default=0.0), self._last):
+        last = None if self._last is None else self._last.window
+        if self._skipper.count_and_skip(max((pair.direction_score for pair in pairs), default=0.0), last):
             return None
         preview = chosen or next((pair for pair in pairs if pair.reference == self._reference), None)
         # Without further views, an earlier motion has only the reference in common with the window.
@@ -145,20 +147,14 @@ class WindowRule:
     def provisional(self) -> ProvisionalMap | None:
         """Build the map of the best motion of the last window.
 
-        * Returns: None where there is no motion, where its map cannot be built, or where the history has dropped its
-          frames or sees them through another lens.
+        * Returns: None where there is no motion, or where its map cannot be built.
         """
-        last = self._last
-        if last is None or last.lens is not self._history.lens:
-            return None
-        if any(frame not in self._history for frame in last.best.frames):
-            return None
-        return self._maps(last).provisional()
+        return None if self._last is None else self._last.provisional()
 
     @property
     def motion(self) -> tuple[dict[int, Pose], Camera] | None:
         """The poses (cam_from_world) of the best motion of the last window, and the camera that was fitted with it."""
-        last = self._last
+        last = None if self._last is None else self._last.window
         return None if last is None else (last.best.motion.cam_from_world, last.lens_of_best.camera)
 
     # -- parts of the evaluation -------------------------------------------------------------------
@@ -199,8 +195,11 @@ class WindowRule:
         pair = self._adopt_readout(views.pair, risk)
         window = EvaluatedWindow(pair, hypotheses, risk, self._history.lens, self._threshold_rad)
         # A camera that merely rotates is evaluated again once a pair shows parallax.
-        self._last, self._only_rotated = window, window.only_rotates
-        outcome = self._accept_or_refuse(window, window.with_evidence(attempt))
+        self._last, self._only_rotated = (
+            WindowMaps(window, self._config, self._history, self._shutter),
+            window.only_rotates,
+        )
+        outcome = self._accept_or_refuse(self._last, window.with_evidence(attempt))
         free = self._focal_check.check(window, accepted=outcome.accepted is not None)
         outcome = replace(outcome, attempt=replace(outcome.attempt, free_focal=free))
         if outcome.accepted is not None and free is not None and free.contradicts:
@@ -236,13 +235,14 @@ class WindowRule:
             self._other = risk.other
         return hypotheses, risk
 
-    def _accept_or_refuse(self, window: EvaluatedWindow, attempt: Attempt) -> Outcome:
+    def _accept_or_refuse(self, maps: WindowMaps, attempt: Attempt) -> Outcome:
         """Refuse a window by its gates, or build its map."""
+        window = maps.window
         gates = window.gates(self._config.acceptance.max_risk)
-        attempt, maps = attempt.with_gates(gates), self._maps(window)
+        attempt = attempt.with_gates(gates)
         if not all(gate.passes() for gate in gates):
             refused = attempt.refused_by(Stage.MAP, gates)
-            return Outcome(refused, hypotheses=maps.undecided(refused.verdict), lens=window.next_lens)
+            return Outcome(refused, undecided=maps.undecided(refused.verdict), lens=window.next_lens)
         bundle, table = maps.candidate()
         attempt = replace(attempt, frames=table.frames)
         # The frames after the map see through its lens.
@@ -271,9 +271,6 @@ class WindowRule:
         limits, landmarks = self._config.acceptance, len(bundle.problem.points)
         enough = at_least(GateName.LANDMARKS, landmarks, limits.min_landmarks, Verdict.TOO_FEW_LANDMARKS)
         return [*depth_gates(bundle, limits), enough]
-
-    def _maps(self, window: EvaluatedWindow) -> WindowMaps:
-        return WindowMaps(window, self._config, self._history, self._shutter)
 
     def _views(self, preview: PairPreview, current: Observations) -> _Views:
         """The matches of a pair and the further views, without tracks that lie on the image and not in the scene."""

@@ -11,7 +11,6 @@ from quest.tails import poisson_tail
 from slam_init.bundle.graph import GAUGE
 from slam_init.bundle.problem import BundleSolution
 from slam_init.types.frame import Observations
-from slam_init.types.history import History
 from slam_init.types.inertial import Gravity
 from slam_init.types.initial_map import InitialMap, Keyframe
 
@@ -29,11 +28,16 @@ class MapWithViews:
     views: tuple[Observations, ...]
 
 
-def map_with_views(history: History, bundle: BundleSolution, scene: str) -> MapWithViews:
-    """Build the map of an adjusted bundle, with the observations of its keyframes."""
-    views = tuple(history[frame] for frame in bundle.problem.frames)
+def map_with_views(
+    observed: Mapping[int, Observations], gravities: Mapping[int, Gravity], bundle: BundleSolution, scene: str
+) -> MapWithViews:
+    """Build the map of an adjusted bundle, with the observations of its keyframes.
+
+    * ``observed, gravities``: By frame.
+    """
+    views = tuple(observed[frame] for frame in bundle.problem.frames)
     map_ = initial_map(bundle, views, scene)
-    return MapWithViews(replace(map_, gravity=mean_gravity(map_.keyframes, history.gravities)), views)
+    return MapWithViews(replace(map_, gravity=mean_gravity(map_.keyframes, gravities)), views)
 
 
 def mean_gravity(keyframes: Sequence[Keyframe], gravities: Mapping[int, Gravity]) -> Gravity | None:

@@ -48,10 +48,7 @@ class Recorder:
         """Report an accepted map."""
 
     def undecided(self, maps: Sequence[InitialMap]) -> None:
-        """Report the maps that the views could not decide between.
-
-        * ``maps``: The better one first. Empty if the earlier ones are no longer kept.
-        """
+        """Report, at the end, the two maps that the views could not decide between, the better one first."""
 
     def continued(self, keyframe: Keyframe) -> None:
         """Report a frame after the initialization that was located in the map."""

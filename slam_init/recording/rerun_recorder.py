@@ -121,7 +121,6 @@ class RerunRecorder(Recorder):
         self._frames = 0
         self.story = StoryRecorder()
         self._tails: deque[Observations] = deque(maxlen=_TAIL_FRAMES + 1)
-        self._hypotheses = 0
         self._attempt: Attempt | None = None
         self._moving = False
         self._end, self._rolling = End.MAP, False
@@ -218,19 +217,15 @@ class RerunRecorder(Recorder):
             f"{map_.reprojection_rmse_px:.2f} px, {map_.scene} scene"
         )
         self.story.initialized(map_, observations)
-        self.undecided(())
         self._end, self._rolling = End.MAP, False
         self._camera = map_.camera
         self._map_view.log(map_)
 
     def undecided(self, maps: Sequence[InitialMap]) -> None:
-        """Draw both maps with their paths, and clear those shown before."""
-        if self._hypotheses or maps:
-            views.log_undecided(self._rec, maps)
-            evidence = text.conjugate_maps_markdown(self._attempt) if maps else "decided"
-            self._log_text(f"{layout.CANDIDATES}/evidence", evidence)
-        self._hypotheses = len(maps)
-        self._end = End.CANDIDATES if len(maps) == len(views.CONJUGATE_NAMES) else End.MAP
+        """Draw both maps with their paths."""
+        views.log_undecided(self._rec, maps)
+        self._log_text(f"{layout.CANDIDATES}/evidence", text.conjugate_maps_markdown(self._attempt))
+        self._end = End.CANDIDATES
 
     def continued(self, keyframe: Keyframe) -> None:
         """Move the camera, and extend both trajectories."""

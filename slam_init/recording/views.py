@@ -59,15 +59,11 @@ def dashes(positions: Floats) -> list[Floats]:
 
 
 def log_undecided(rec: Any, maps: Sequence[InitialMap]) -> None:
-    """Log the paths of up to two maps, and each map in a space of its own; clear those of maps that do not exist."""
+    """Log the paths of two maps, and each map in a space of its own."""
     thick = rr.Radius.ui_points(1.5)
-    for k, (name, color) in enumerate(zip(CONJUGATE_NAMES, _COLORS, strict=True)):
+    for k, (map_, name, color) in enumerate(zip(maps, CONJUGATE_NAMES, _COLORS, strict=True)):
         hypothesis, candidate = f"world/trajectory/hypothesis{k + 1}", f"{layout.CANDIDATES}/{name}"
-        if k >= len(maps):
-            rec.log(hypothesis, rr.Clear(recursive=False))
-            rec.log(candidate, rr.Clear(recursive=True))
-            continue
-        map_, label = maps[k], f"map {name.upper()}"
+        label = f"map {name.upper()}"
         path = [np.array([keyframe.world_from_cam.t for keyframe in map_.keyframes])]
         rec.log(hypothesis, rr.LineStrips3D(path, colors=[color], radii=thick, labels=[label], show_labels=True))
         rec.log(candidate, rr.ViewCoordinates.RIGHT_HAND_Y_DOWN, static=True)
