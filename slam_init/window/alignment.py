@@ -40,7 +40,7 @@ def align_with_first(bearings: Floats, R: Floats) -> None:
         for start in range(2 if count >= 3 else 0):
             _copy(proposal if start == 1 else none, tried)
             for scale_rad in _SCALES_RAD:
-                refine_rotation(m[:count], n[:count], tried, scale_rad, _STEPS)
+                refine_rotation(m[:count], n[:count], tried, scale_rad, int(_STEPS))  # not the constant: compiled once
             for i in range(count):
                 square = 0.0
                 for q in range(3):
