@@ -151,9 +151,8 @@ class Initializer:
         mask : (H, W) uint8 or bool, optional
             Pixels that are 0 are ignored: neither an attempt nor the map uses them. By default a frame's own mask.
         gravity : Gravity, optional
-            Direction of gravity in the camera, as of an accelerometer at rest or a robot. It proposes motions and is a
-            measurement of two of the three angles of a rotation, but no map is accepted because of it: a wrong one
-            only costs time. By default a frame's own gravity; without one nothing changes.
+            Direction of gravity in the camera, as of an accelerometer at rest or a robot. The map states it in its
+            world, and no map is accepted because of it. By default a frame's own gravity.
         rotation : (3, 3) array_like, optional
             How the camera turned since the last frame, by a gyroscope or a robot: it maps directions in the last camera
             to this one. The joint fit takes it as a measurement; without it nothing changes.

@@ -183,8 +183,10 @@ def _check_method(arguments: argparse.Namespace, method: str) -> None:
         raise UsageError("--continue needs landmarks, which an external program does not give: leave --continue out")
     if external and arguments.matcher is not None:
         raise UsageError("--matcher gives tracks, which an external program does not take: leave --matcher out")
-    if arguments.gravity is not None and not has_window:
-        raise UsageError(f"--gravity is a measurement of the window, which {method} has not: leave it out")
+    if external and arguments.gravity is not None:
+        raise UsageError(
+            "--gravity is stated by a map of our own, which an external program does not make: leave it out"
+        )
 
 
 def _stream(arguments: argparse.Namespace) -> LiveSource:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from quest.estimate import NoPose, RelativePose, estimate_relative_pose
 from quest.geometry.quaternion import rotation_angle
-from quest.gravity import estimate_upright_pose
 from slam_init.config import Config
 from slam_init.frontend.keyframes import PairPreview, difference_gate
 from slam_init.types.arrays import Floats, Ints
@@ -17,7 +16,6 @@ from slam_init.types.camera import Camera
 from slam_init.types.evidence import TwoViewEvidence
 from slam_init.types.frame import Observations
 from slam_init.types.history import History, common_tracks
-from slam_init.types.inertial import Gravity
 from slam_init.types.refusal import GateName, Stage, Verdict, at_least
 from slam_init.types.result import Attempt
 
@@ -27,12 +25,6 @@ from slam_init.types.result import Attempt
 #: of 0.7 px to the value for a noise of 2 px.
 #: Class: level.
 _TOO_NOISY_SIGMAS, _WIDER = 2.0, 3.0
-
-
-#: Where a motion explains half of the matches, one sample of five in 32 is free of outliers, and the best motion is
-#: found. Of a third it is one in 240, and one sample of three in 27.
-#: Class: geometry.
-_ENOUGH_INLIERS = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,20 +89,6 @@ def pose_at_fitting_threshold(camera: Camera, config: Config, pair: MatchedPair)
         if isinstance(again, RelativePose) and again.kind != "rotation":
             return again, wider_rad
     return pose, threshold_rad
-
-
-def upright_or(
-    pose: RelativePose | NoPose, pair: MatchedPair, gravities: Mapping[int, Gravity], threshold_rad: float, seed: int
-) -> RelativePose | NoPose:
-    """The pose of samples of three matches and gravity, where both views have it and it explains more matches."""
-    down1, down2 = gravities.get(pair.reference.frame), gravities.get(pair.current.frame)
-    explained = int(pose.inliers.sum()) if isinstance(pose, RelativePose) else 0
-    if down1 is None or down2 is None or explained > _ENOUGH_INLIERS * len(pair.rays1):
-        return pose
-    upright = estimate_upright_pose(
-        pair.rays1, pair.rays2, down1.down, down2.down, threshold_rad=threshold_rad, seed=seed
-    )
-    return upright if isinstance(upright, RelativePose) and upright.inliers.sum() > explained else pose
 
 
 def pose_evidence(camera: Camera, pose: RelativePose | NoPose) -> TwoViewEvidence:

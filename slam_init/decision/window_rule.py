@@ -31,7 +31,6 @@ from slam_init.decision.two_views import (
     pose_at_fitting_threshold,
     pose_evidence,
     refuse_rotation,
-    upright_or,
 )
 from slam_init.decision.window_map import WindowMaps
 from slam_init.frontend.keyframes import PairPreview
@@ -167,8 +166,6 @@ class WindowRule:
             self._reference = chosen.reference
             with stopwatch("two_view"):
                 pose, self._threshold_rad = self._propose_pose(self._history.camera, self._config, views.pair)
-                gravities = self._history.gravities
-                pose = upright_or(pose, views.pair, gravities, self._threshold_rad, self._config.seed)
             attempt = self._proposed(views.pair, pose, attempt)
             if not self._live:
                 self._last = None
@@ -212,8 +209,7 @@ class WindowRule:
         """The hypotheses of a window and the risk of the best one; None without hypotheses."""
         lens, history = self._history.lens, self._history
         measured = [history.relative_rotation(view.frame) for view in views.all]
-        gravities = [history.gravities.get(view.frame) for view in views.all]
-        hypotheses = self._live.fitted(lens.camera, priors_of(lens, self._config), views.all, measured, gravities)
+        hypotheses = self._live.fitted(lens.camera, priors_of(lens, self._config), views.all, measured)
         if hypotheses is None:
             return None
         hypotheses = replace(hypotheses, overlay=views.overlay)
@@ -224,12 +220,6 @@ class WindowRule:
         risk = _complete_risk(hypotheses, max_risk)
         if risk.total <= max_risk and (better := self._live.with_better_motion(hypotheses)) is not None:
             hypotheses, risk = better, _complete_risk(better, max_risk)
-            self._live.keep(hypotheses)
-        if risk.total <= max_risk and hypotheses.tracks.down_weights.any():
-            alone = self._live.without_gravity(hypotheses)
-            if alone is None:
-                return None
-            hypotheses, risk = alone, _complete_risk(alone, max_risk)
             self._live.keep(hypotheses)
         if risk.seeks_objects:
             self._other = risk.other

@@ -69,9 +69,6 @@ class Known(NamedTuple):
     #: variances, rad^-2; 0 where nothing was measured.
     turned: Floats
     turned_weights: Floats
-    #: down, down_weights: (V, 3), (V,) Measured directions of gravity in the views, and one over their variances.
-    down: Floats
-    down_weights: Floats
 
 
 class Layout(NamedTuple):

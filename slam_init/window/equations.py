@@ -62,7 +62,7 @@ def unknowns_of(state: WindowState) -> Unknowns:
 def _known_of(tracks: WindowTracks, priors: Priors, weights: Floats, *, at_infinity: bool) -> Known:
     """What is known before the tracks are seen."""
     lens = np.array([priors.mean.log_scale, priors.mean.k1, 0.0, 0.0, 0.0])
-    turned = (tracks.turned, tracks.turned_weights, tracks.down, tracks.down_weights)
+    turned = tracks.turned, tracks.turned_weights
     return Known(tracks.camera.numbers, float(tracks.readout_s), at_infinity, weights, lens, *turned)
 
 

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from quest.estimate import RelativePose
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
-from slam_init.types.inertial import Gravity, RelativeRotation
+from slam_init.types.inertial import RelativeRotation
 from slam_init.types.lens import CurrentLens
 from slam_init.window.hypotheses import (
     WindowHypotheses,
@@ -93,13 +91,10 @@ class LiveHypotheses:
         priors: Priors,
         views: Sequence[Observations],
         measured: Sequence[RelativeRotation | None] = (),
-        gravities: Sequence[Gravity | None] = (),
     ) -> WindowHypotheses | None:
         """Fit all motions to the views of a window, and keep those that are not hopeless."""
         with single_threaded():
-            tracks = gather_tracks(
-                camera, views, self._noise_px, self._least_noise_px, measured=measured, gravities=gravities
-            )
+            tracks = gather_tracks(camera, views, self._noise_px, self._least_noise_px, measured=measured)
             # Where no turning is known, the readout moves no pixel.
             priors = priors if tracks.sweep_px_s.any() else replace(priors, readout_sigma_s=0.0)
             hypotheses = fit_hypotheses(tracks, [*self._motions, *self._proposed], priors, self._rotations)
@@ -116,14 +111,6 @@ class LiveHypotheses:
         self.keep(hypotheses)
         self._proposed = []
         return hypotheses
-
-    def without_gravity(self, hypotheses: WindowHypotheses) -> WindowHypotheses | None:
-        """The same hypotheses by the tracks alone: a wrong gravity would make a wrong motion certain."""
-        with single_threaded():
-            tracks = replace(hypotheses.tracks, down_weights=np.zeros(len(hypotheses.tracks.frames)))
-            motions = [fitted.motion for fitted in hypotheses.motions]
-            alone = fit_hypotheses(tracks, motions, hypotheses.priors, hypotheses.rotations)
-            return None if alone is None else hypotheses.beside(alone)
 
     def with_better_motion(self, hypotheses: WindowHypotheses) -> WindowHypotheses | None:
         """The hypotheses with the motions of the pair at the noise of the window, where one explains the tracks better.

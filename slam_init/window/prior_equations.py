@@ -1,4 +1,4 @@
-"""The compiled equations of the priors: of the lens, of fields of correlated errors, of rotations, of gravity."""
+"""The compiled equations of the priors: of the lens, of fields of correlated errors, of measured rotations."""
 
 from __future__ import annotations
 
@@ -8,12 +8,7 @@ from quest.jit import inlined
 from slam_init.types.arrays import Floats
 from slam_init.window.arguments import Equations, Known, Layout, Unknowns
 from slam_init.window.compiler import part
-from slam_init.window.vectors import Vector, cross, dot, to_view, vector_of
-
-#: Degrees of freedom of Student's distribution of measured gravity: an accelerometer that is not at rest, or a mount
-#: that is not known, is off by many deviations.
-#: Class: assumption.
-_GRAVITY_TAIL = 3.0
+from slam_init.window.vectors import Vector, dot, to_view
 
 
 @part
@@ -27,33 +22,12 @@ def add_priors(known: Known, unknowns: Unknowns, layout: Layout, equations: Equa
     for k in range(len(field)):
         for q in range(layout.field):
             cost += _pulled(layout.block * k + q, field[k, q], known, equations, fill)
-    return cost + add_measured_rotations(known, unknowns, layout, equations, fill)
-
-
-@part
-def add_measured_rotations(known: Known, unknowns: Unknowns, layout: Layout, equations: Equations, fill: bool) -> float:
-    """The part of rotations and directions of gravity that were measured; see :func:`add_priors`."""
-    cost, R, normal, gradient = 0.0, unknowns.R, equations.normal, equations.gradient
-    for k in range(1, len(R)):
-        at = layout.field + layout.block * (k - 1)
+    for k in range(1, len(field)):
         if known.turned_weights[k] > 0.0:
-            pull = turn_between(R, known.turned, k)
+            at, pull = layout.field + layout.block * (k - 1), turn_between(unknowns.R, known.turned, k)
             cost += _pulled(at, pull[0], known, equations, fill)
             cost += _pulled(at + 1, pull[1], known, equations, fill)
             cost += _pulled(at + 2, pull[2], known, equations, fill)
-        if known.down_weights[k] > 0.0:
-            # A view that is turned about gravity sees it as before: two of three angles are measured. A measurement may
-            # be wrong, so that its weight falls with the angle that it is off by.
-            seen = to_view(R, k, vector_of(known.down, 0))
-            off = cross(vector_of(known.down, k), seen)
-            square = known.down_weights[k] * dot(off, off)
-            cost += (_GRAVITY_TAIL + 2.0) * np.log1p(square / _GRAVITY_TAIL)
-            weight = known.down_weights[k] * (_GRAVITY_TAIL + 2.0) / (_GRAVITY_TAIL + square)
-            for p in range(3 if fill else 0):
-                gradient[at + p] += weight * off[p]
-                normal[at + p, at + p] += weight
-                for q in range(3):
-                    normal[at + p, at + q] -= weight * seen[p] * seen[q]
     return cost
 
 

@@ -13,7 +13,7 @@ from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.correlated_errors import orthonormal_polynomials
 from slam_init.types.frame import Observations
-from slam_init.types.inertial import Gravity, RelativeRotation
+from slam_init.types.inertial import RelativeRotation
 from slam_init.types.lens import Lens
 
 #: A decision needs a well-spread subset of the tracks, not all of them: the standard deviation of the direction falls
@@ -93,14 +93,10 @@ class WindowTracks:
     turned: Floats
     #: (V,) One over the variances of these rotations, rad^-2; 0 where there is no measurement.
     turned_weights: Floats
-    #: (V, 3) Measured direction of gravity in the views; any where there is no measurement.
-    down: Floats
-    #: (V,) One over the variance of each of its angles against the first view, rad^-2; 0 where there is no measurement.
-    down_weights: Floats
 
     def __post_init__(self) -> None:
         # The loops are compiled for each layout of an array: some seconds, where a choice of tracks transposes one.
-        turned = ("turned", "turned_weights", "down", "down_weights")
+        turned = ("turned", "turned_weights")
         for name in ("pixels", "seen", "rays", "anchor", "sigma_px", "whitening", "places", "sweep_px_s", *turned):
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name)))
 
@@ -116,7 +112,6 @@ class WindowTracks:
         least_noise_px: float = 0.0,
         drifts: Floats | None = None,
         measured: Sequence[RelativeRotation | None] = (),
-        gravities: Sequence[Gravity | None] = (),
     ) -> WindowTracks:
         """Prepare tracks for the fit.
 
@@ -158,7 +153,6 @@ class WindowTracks:
             readout.times_s,
             least_noise_px,
             *_turned_from_first(measured or [None] * len(frames)),
-            *_down_in_views(gravities or [None] * len(frames)),
         )
 
     @cached_property
@@ -227,8 +221,6 @@ class WindowTracks:
             least_noise_px=self.least_noise_px,
             turned=self.turned[chosen],
             turned_weights=self.turned_weights[chosen] * (chosen[0] == 0),
-            down=self.down[chosen],
-            down_weights=self.down_weights[chosen] * (chosen[0] == 0),
         )
 
     def of_tracks(self, chosen: Ints) -> WindowTracks:
@@ -256,7 +248,6 @@ def gather_tracks(
     noise_px: float,
     least_noise_px: float = 0.1,
     measured: Sequence[RelativeRotation | None] = (),
-    gravities: Sequence[Gravity | None] = (),
 ) -> WindowTracks:
     """Choose tracks that are seen in many views and spread over the image.
 
@@ -284,7 +275,6 @@ def gather_tracks(
         least_noise_px,
         since_anchor,
         measured,
-        gravities,
     )
 
 
@@ -309,26 +299,6 @@ def _turned_from_first(measured: Sequence[RelativeRotation | None]) -> tuple[Flo
             turned[k] = one.cam_from_start @ first.cam_from_start.T
             weights[k] = 1 / max(abs(one.variance_rad2 - first.variance_rad2), _LEAST_VARIANCE_RAD2)
     return turned, weights
-
-
-def _down_in_views(gravities: Sequence[Gravity | None]) -> tuple[Floats, Floats]:
-    """Measured directions of gravity (V, 3) in the views, and their weights against the first view (V,).
-
-    The error of the first view is in the differences of all views. It counts in each as often as there are views, so
-    that all of them know the rotation no better than the first one.
-    """
-    down, weights = np.tile([0.0, 1.0, 0.0], (len(gravities), 1)), np.zeros(len(gravities))
-    first = gravities[0]
-    known = [k for k, one in enumerate(gravities) if one is not None]
-    for k in known if first is not None else ():
-        one = gravities[k]
-        assert one is not None
-        assert first is not None
-        down[k] = one.down
-        if k:
-            variance_deg2 = one.sigma_deg**2 + (len(known) - 1) * first.sigma_deg**2
-            weights[k] = 1 / np.radians(np.sqrt(variance_deg2)) ** 2
-    return down, weights
 
 
 def _common_readout(views: Sequence[Observations]) -> float:

@@ -15,12 +15,6 @@ def dot(a: Vector, b: Vector) -> float:
 
 
 @inlined
-def cross(a: Vector, b: Vector) -> Vector:
-    """``a x b``."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@inlined
 def vector_of(rows: Floats, i: int) -> Vector:
     """Row i of an array (N, 3)."""
     return rows[i, 0], rows[i, 1], rows[i, 2]
