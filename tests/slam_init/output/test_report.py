@@ -51,7 +51,7 @@ def test_the_risk_of_the_last_window_is_reported_with_the_depths_of_the_landmark
     zeros = WindowEvidence(**{field.name: 0 for field in fields(WindowEvidence)})
     window = replace(zeros, risk=0.00321, direction_sigma_deg=3.14, depth_sigma=29321.0)
     result = replace(result, attempts=(*result.attempts[:-1], replace(result.attempts[-1], window=window)))
-    told = "0.0092 that the map is wrong (0.0032 by the model, 0.006 by what it lacks)"
+    told = "0.012 that the map is wrong (0.0032 by the model, 0.009 by what it lacks)"
     assert lines_of(result)[1]["risk"] == f"{told}, direction +- 3.1 deg, depths +- 2.0%"
 
 
