@@ -208,7 +208,7 @@ class WindowRule:
     def _hypotheses_and_risk(self, views: _Views) -> tuple[WindowHypotheses, WindowRisk] | None:
         """The hypotheses of a window and the risk of the best one; None without hypotheses."""
         lens, history = self._history.lens, self._history
-        measured = [history.relative_rotation(view.frame) for view in views.all]
+        measured = [history.relative_rotations.get(view.frame) for view in views.all]
         hypotheses = self._live.fitted(lens.camera, priors_of(lens, self._config), views.all, measured)
         if hypotheses is None:
             return None

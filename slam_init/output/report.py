@@ -66,10 +66,11 @@ def _run_facts(summary: Summary) -> list[tuple[str, str]]:
         errors = [f"{name} {value:.3g}{unit}" for name, value, unit in named if value is not None]
         if truth.scale_error is not None:
             errors.append(f"scale {truth.scale_error:+.1%}")
-        known = ""
-        if truth.direction_may_be_right:
+        known, error, sigma = "", truth.direction_error_deg, truth.true_direction_sigma_deg
+        # The accuracy of the ground truth explains the error: within two deviations.
+        if error is not None and sigma is not None and sigma >= 1 and error <= 2 * sigma:
             baseline = f"baseline of {100 * (truth.true_baseline or 0.0):.2g} cm"
-            known = f"; the true direction is known to about {truth.true_direction_sigma_deg:.2g} deg ({baseline})"
+            known = f"; the true direction is known to about {sigma:.2g} deg ({baseline})"
         facts.append(("ground truth", ", ".join(errors) + known or "too little motion to compare with"))
     return [*facts, *(_segment_fact(segment) for segment in summary.segments)]
 

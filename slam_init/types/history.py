@@ -40,7 +40,8 @@ class History:
         self.lens = CurrentLens.of(camera)
         self._limit = limit
         self._frames: dict[int, Observations] = {}
-        self._relative_rotations: dict[int, RelativeRotation] = {}
+        #: Measured rotations of the frames.
+        self.relative_rotations: dict[int, RelativeRotation] = {}
         #: Gravity in the frames that have it, from elsewhere.
         self.gravities: dict[int, Gravity] = {}
 
@@ -66,10 +67,6 @@ class History:
     def __iter__(self) -> Iterator[Observations]:
         return iter([observations for _, observations in sorted(self._frames.items())])
 
-    def relative_rotation(self, frame: int) -> RelativeRotation | None:
-        """The measured rotation of a frame."""
-        return self._relative_rotations.get(frame)
-
     def turned(self, frame: int, rotation: Floats, sigma_rad: float) -> None:
         """Take the measured rotation of the newest frame since the frame before.
 
@@ -78,8 +75,8 @@ class History:
         last = max((one for one in self._frames if one < frame), default=None)
         if last is None:
             return
-        before = self._relative_rotations.setdefault(last, RelativeRotation(np.eye(3), 0.0, last))
-        self._relative_rotations[frame] = before.after(rotation, sigma_rad)
+        before = self.relative_rotations.setdefault(last, RelativeRotation(np.eye(3), 0.0, last))
+        self.relative_rotations[frame] = before.after(rotation, sigma_rad)
 
     def put(self, observations: Observations) -> None:
         """Add a frame, or replace its observations."""
@@ -120,7 +117,7 @@ class History:
 
     def _drop(self, frame: int) -> None:
         del self._frames[frame]
-        for measured in (self._relative_rotations, self.gravities):
+        for measured in (self.relative_rotations, self.gravities):
             measured.pop(frame, None)
 
     def between(self, first: int, last: int) -> list[Observations]:

@@ -62,10 +62,6 @@ class Lens(NamedTuple):
         """The same lens with the stated principal point, of which one window has little information."""
         return self._replace(principal_px=(0.0, 0.0))
 
-    def from_moved(self, log_scale: float, k1: float) -> Lens:
-        """The same lens, as it differs from a camera that has moved by so much."""
-        return self._replace(log_scale=self.log_scale - log_scale, k1=self.k1 - k1)
-
 
 #: The lens of the camera itself, without a readout.
 SAME_LENS = Lens()

@@ -154,12 +154,6 @@ class GroundTruthErrors:
     #: The true baseline of that keyframe, in units of the ground truth.
     true_baseline: float | None = None
 
-    @property
-    def direction_may_be_right(self) -> bool:
-        """Whether the accuracy of the ground truth explains the error of the direction: within two deviations."""
-        error, sigma = self.direction_error_deg, self.true_direction_sigma_deg
-        return error is not None and sigma is not None and sigma >= 1 and error <= 2 * sigma
-
 
 @dataclass(frozen=True, eq=False)
 class ProvisionalMap:

@@ -75,11 +75,13 @@ class LiveHypotheses:
         if new is old:
             return
         log_scale, k1 = new.log_scale - old.log_scale, new.k1 - old.k1
-        self._motions, rotations = (
-            [replace(one, lens=one.lens.from_moved(log_scale, k1)) for one in ones]
-            for ones in (self._motions, self._rotations)
-        )
-        self._rotations = tuple(rotations)
+
+        def through_new(motion: Motion) -> Motion:
+            lens = motion.lens
+            return replace(motion, lens=lens._replace(log_scale=lens.log_scale - log_scale, k1=lens.k1 - k1))
+
+        self._motions = [through_new(one) for one in self._motions]
+        self._rotations = tuple(through_new(one) for one in self._rotations)
 
     def forget(self) -> None:
         """Drop all motions."""

@@ -60,4 +60,4 @@ def test_a_frame_without_a_measurement_breaks_the_chain():
     rotations = steps_of(source)
     rotations[2] = None
     history = windows(source, source.camera, rotations)[1].history
-    assert [history.relative_rotation(frame).start for frame in range(4)] == [0, 0, 2, 2]
+    assert [history.relative_rotations[frame].start for frame in range(4)] == [0, 0, 2, 2]
