@@ -31,7 +31,7 @@ from slam_init.window.levels import EVEN_ODDS, FLOOR, SHORTEST_BASELINE, WRONG_D
 from slam_init.window.motion import FittedMotion
 from slam_init.window.risk import WindowRisk, risk_of, with_zooming_rotation
 from slam_init.window.tails import three_directions
-from slam_init.window.tracker_errors import with_lasting_errors
+from slam_init.window.tracks import with_lasting_errors
 from slam_init.window.uncertainty import direction_uncertainty
 
 #: Probability that the camera of a map only rotates, before any track is seen. Of .5, .2 and .1 the last one stated

@@ -26,7 +26,7 @@ from slam_init.window.motion import Motion
 from slam_init.window.other_motion import bearings_of_best
 from slam_init.window.risk import likely_lens
 from slam_init.window.state import Priors
-from slam_init.window.tracker_errors import gain_of_shared_errors
+from slam_init.window.tracks import gain_of_shared_errors
 
 #: Standard deviation of the logarithm of the focal length about a stated one that may be wrong: half or twice as long
 #: is off by two deviations. Where the tracks have no information, the free fit stays at the stated focal length.

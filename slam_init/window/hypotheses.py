@@ -34,8 +34,7 @@ from slam_init.window.locating import MIN_RESECTED, align_views, locate_views
 from slam_init.window.motion import FittedMotion, Motion, OtherMotion, fit_motion, noise_factor_at
 from slam_init.window.planarity import is_plane, plane_of_motion
 from slam_init.window.state import Priors, WindowState, start_at
-from slam_init.window.tracker_errors import gain_of_lasting_errors, gain_of_shared_errors, gain_of_turning_errors
-from slam_init.window.tracks import WindowTracks
+from slam_init.window.tracks import WindowTracks, gain_of_lasting_errors, gain_of_shared_errors, gain_of_turning_errors
 from slam_init.window.uncertainty import ExpandedFit, expand
 
 #: The window is fitted again where the noise was off by more than this factor (as a logarithm): the standard deviations

@@ -1,17 +1,32 @@
-"""A motion of the camera through the views of a window, and its joint fit."""
+"""A motion of the camera through the views of a window, and its joint fit.
+
+Warm start: a window differs from the one before it by a frame, so the answer of its fit is near that of the last fit. A
+start from measured rays and linear triangulation would need a dozen steps to come there again. The points are
+homogeneous, so that points at infinity are kept too.
+
+Rolling shutter: the turning of the camera is known for each frame (:mod:`slam_init.frontend.rolling_shutter`). It was
+found as the rotation between neighbouring frames that aligns all tracks best, so it contains what a rotation can
+explain of the parallax. What the parallax of a single track differs from that depends on its distance and on the
+velocity of the camera. Both are known once a window has been fitted. With the velocity ``v`` of the points in the
+camera frame and the inverse distance ``rho`` along the unit ray ``d``, the ray moves by ``rho v`` and the best rotation
+by ``m`` ::
+
+    m = (sum (I - d d^T))^-1  sum rho d x v
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from quest.geometry.quaternion import rotation_angle
-from slam_init.types.arrays import Floats, Ints
+from slam_init.frontend.rolling_shutter import readout_places
+from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.lens import SAME_LENS, Lens
 from slam_init.types.pose import Pose
 from slam_init.window.joint_fit import MAX_STEPS, JointFit, fit_window, start_noise_factor
@@ -21,10 +36,14 @@ from slam_init.window.levels import (
     SAME_DIRECTION_DEG,
     SAME_ROTATION_DEG,
 )
-from slam_init.window.row_motion import with_translation
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
-from slam_init.window.warm_start import WarmStart
+
+#: A point at infinity is put at this many median distances where a point is needed: a baseline moves it by less than
+#: a ten thousandth of the median parallax.
+_FAR = 1e4
+#: Least number of tracks of a view: three directions determine a rotation.
+_LEAST_TRACKS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,3 +190,125 @@ def _part_of(tracks: WindowTracks, motion: Motion) -> tuple[WindowTracks, Floats
     rows = tuple(row for row, frame in enumerate(tracks.frames) if frame in motion.cam_from_world)
     poses = [motion.cam_from_world[tracks.frames[row]] for row in rows]
     return tracks.of_views(rows), np.array([pose.R for pose in poses]), np.array([pose.t for pose in poses]), rows
+
+
+# -- warm start --------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class WarmStart:
+    """The points of the tracks of a fit."""
+
+    #: (T,) In ascending order.
+    track_ids: Ints
+    #: (T, 4) Homogeneous, in the world of the motion.
+    points: Floats
+    #: (T,) Tracks whose point lies on the plane of the fit, and those that the fit explains.
+    on_plane: Bools
+    explained: Bools
+
+    @staticmethod
+    def of(tracks: WindowTracks, state: WindowState, explained: Bools) -> WarmStart:
+        """The points of a state.
+
+        Shapes: ``explained`` (T,).
+        """
+        used = tracks.anchor >= 0
+        anchor, rays = tracks.anchor[used], state.rays[used]
+        R, t, rho = state.R[anchor], state.t[anchor], state.distances_by_plane(tracks.anchor)[used]
+        on_plane = state.on_plane[used] & (state.plane is not None)
+        points = np.einsum("tji,tj->ti", R, rays - rho[:, None] * t)
+        return WarmStart(tracks.track_ids[used], np.column_stack([points, rho]), on_plane, explained[used])
+
+    def moved(self, new_from_old: Pose) -> WarmStart:
+        """The same points in another world."""
+        X, w = self.points[:, :3], self.points[:, 3]
+        moved = X @ new_from_old.R.T + w[:, None] * new_from_old.t
+        return replace(self, points=np.column_stack([moved, w]))
+
+    def start(self, tracks: WindowTracks, state: WindowState) -> WindowState:
+        """A state with the rays and the distances of the points that are known; the others as they are."""
+        if not len(self.track_ids):
+            return state
+        at = np.minimum(np.searchsorted(self.track_ids, tracks.track_ids), len(self.track_ids) - 1)
+        anchor = np.maximum(tracks.anchor, 0)
+        X, w = self.points[at, :3], self.points[at, 3]
+        v = np.einsum("tij,tj->ti", state.R[anchor], X) + w[:, None] * state.t[anchor]
+        lengths = np.linalg.norm(v, axis=1)
+        known = (self.track_ids[at] == tracks.track_ids) & (tracks.anchor >= 0) & (lengths > 0)
+        lengths = np.where(known, lengths, 1.0)
+        return replace(
+            state,
+            rays=np.where(known[:, None], v / lengths[:, None], state.rays),
+            inverse_distances=np.where(known, w / lengths, state.inverse_distances),
+            on_plane=np.where(known, self.on_plane[at], state.on_plane) & (state.plane is not None),
+        )
+
+    def of_tracks(self, track_ids: Ints) -> Floats:
+        """The points of some tracks in the world.
+
+        Shapes: ``track_ids`` (N,), returns (N, 3).
+
+        * Returns: NaN for a track that is not known, or that the fit does not explain.
+        """
+        found = np.full((len(track_ids), 3), np.nan)
+        if not self.explained.any():
+            return found
+        at = np.minimum(np.searchsorted(self.track_ids, track_ids), len(self.track_ids) - 1)
+        known = (self.track_ids[at] == track_ids) & self.explained[at]
+        X, w = self.points[at[known], :3], self.points[at[known], 3]
+        near = np.linalg.norm(self.points[self.explained, :3], axis=1)
+        distances = near / np.maximum(self.points[self.explained, 3], 1e-300)
+        least = np.linalg.norm(X, axis=1) / (_FAR * float(np.median(distances)))
+        found[known] = X / np.maximum(w, np.maximum(least, 1e-300))[:, None]
+        return found
+
+
+# -- what a translation moves while a rolling shutter reads ------------------------------------------------------------
+
+
+def with_translation(tracks: WindowTracks, state: WindowState) -> WindowTracks:
+    """Add what the translation of the camera moves to the sweeps of the tracks, and correct their pixels for it.
+
+    * ``tracks``: In the views of the state. Their sweeps are those of the turning.
+    * ``state``: The velocity is that of its poses, the distances are its own.
+    * Returns: The same tracks where the time stamps do not increase or no turning is known.
+    """
+    order = np.argsort(tracks.times_s, kind="stable")
+    times = tracks.times_s[order]
+    if not tracks.sweep_px_s.any() or (np.diff(times) <= 0).any():
+        return tracks
+    centres = -np.einsum("kji,kj->ki", state.R, state.t)
+    velocity = np.empty_like(centres)
+    velocity[order] = np.gradient(centres[order], times, axis=0)
+    known = tracks.sweep_px_s.any(axis=2) & tracks.seen & (tracks.anchor >= 0)
+    known &= (known.sum(axis=1) >= _LEAST_TRACKS)[:, None]
+    flow = _flow_of_translation(tracks, state, np.einsum("kij,kj->ki", state.R, velocity), known)
+    added = flow * readout_places(tracks.camera, tracks.pixels)[..., None]
+    # The pixels were corrected for the turning alone.
+    return replace(tracks, pixels=tracks.pixels - tracks.readout_s * added, sweep_px_s=tracks.sweep_px_s + added)
+
+
+def _flow_of_translation(tracks: WindowTracks, state: WindowState, velocity: Floats, known: Bools) -> Floats:
+    """How the pixels move with the translation of the camera, but for what a rotation explains.
+
+    Shapes: ``velocity`` (V, 3), ``known`` (V, T), returns (V, T, 2).
+
+    * ``velocity``: Of the camera in the axes of the views.
+    * ``known``: Observations that turn with the camera.
+    * Returns: In pixels per second; 0 for the others, and for points that the lens does not see.
+    """
+    R, t, anchor = state.R, state.t, np.maximum(tracks.anchor, 0)
+    rho = state.distances_by_plane(tracks.anchor)[:, None]
+    points = np.einsum("tji,tj->ti", R[anchor], state.rays - rho * t[anchor])
+    d = points @ np.swapaxes(R, 1, 2) + rho * t[:, None]
+    inverse = 1 / np.sqrt(np.maximum(np.einsum("kti,kti->kt", d, d), 1e-300))[..., None]
+    d, by_velocity = d * inverse, -rho * inverse
+    used = d * known[..., None]
+    # A little more than the information of the rays, which has no inverse where all of them agree.
+    information = (known.sum(axis=1) + 1e-9)[:, None, None] * np.eye(3) - np.swapaxes(used, 1, 2) @ used
+    pull = np.cross(np.einsum("kto,kti->ki", by_velocity, used), velocity)
+    turn = np.linalg.solve(information, pull[..., None])[..., 0]
+    moves = by_velocity * velocity[:, None] + d @ np.cross(np.eye(3), turn[:, None])
+    flow = tracks.camera.moved_pixels(d.reshape(-1, 3), moves.reshape(-1, 3)).reshape(*known.shape, 2)
+    return flow * known[..., None]

@@ -16,12 +16,11 @@ from slam_init.types.arrays import Floats
 from slam_init.types.lens import LensPrior
 from slam_init.window.hypotheses import CERTAIN_SIGMAS, EXPLAINED_BY_FIELDS, WindowHypotheses, with_rotation_refitted
 from slam_init.window.levels import CHANCE_GAIN, FLOOR, LENS_ZOOMS, SHARE_OF_OBJECTS, ZOOM_LEAVES
-from slam_init.window.linearization import linearize_with_fields
-from slam_init.window.marginal import marginalize_fields
+from slam_init.window.linearization import linearize_with_fields, marginalize_fields
 from slam_init.window.motion import fit_motion
 from slam_init.window.other_motion import explained_tracks
 from slam_init.window.tails import at_any_time, chi_square_as_gaussian
-from slam_init.window.tracker_errors import (
+from slam_init.window.tracks import (
     gain_of_lasting_errors,
     gain_of_shared_errors,
     gain_of_turning_errors,

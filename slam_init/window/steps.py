@@ -9,7 +9,7 @@ from slam_init.lenses.point import project_point
 from slam_init.types.arrays import Floats
 from slam_init.window.arguments import Equations, Known, Layout, Observed, Room, Unknowns
 from slam_init.window.compiler import compiled, part
-from slam_init.window.prior_equations import place_in_lens
+from slam_init.window.kernel import place_in_lens
 from slam_init.window.rows import LANES
 from slam_init.window.vectors import to_world
 

@@ -33,8 +33,13 @@ from slam_init.types.correlated_errors import FIELD_PRIOR
 from slam_init.types.lens import LensPrior
 from slam_init.window.joint_fit import JointFit
 from slam_init.window.levels import DOUBTFUL_SIGMAS, REGIONS, TURNING_FACTOR
-from slam_init.window.linearization import Linearization, information_by_chance, linearize_with_fields
-from slam_init.window.marginal import ErrorMarginal, marginalize_fields
+from slam_init.window.linearization import (
+    ErrorMarginal,
+    Linearization,
+    information_by_chance,
+    linearize_with_fields,
+    marginalize_fields,
+)
 from slam_init.window.motion import FittedMotion
 from slam_init.window.state import WindowState
 

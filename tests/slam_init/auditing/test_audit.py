@@ -39,7 +39,7 @@ def of_truth(room):
 def test_a_true_map_is_sound(of_truth):
     assert of_truth and of_truth.verdict is AuditVerdict.SOUND
     assert of_truth.better is None and of_truth.reason is None and of_truth.advice == ""
-    assert str(of_truth).startswith("sound: risk 0.00")
+    assert str(of_truth).startswith("sound: risk 0.01 ")
 
 
 def test_the_terms_add_up(of_truth):

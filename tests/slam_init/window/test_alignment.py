@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.window.alignment import align_with_first
+from slam_init.window.locating import align_with_first
 
 
 def views_of(seed, outliers, *, tracks=80, views=4, largest_rad=0.5):

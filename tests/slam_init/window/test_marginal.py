@@ -8,8 +8,7 @@ from make_window import PRIORS, make_window, point_source
 
 from slam_init.types.correlated_errors import FIELD_SCALES_PX
 from slam_init.window.joint_fit import fit_window
-from slam_init.window.linearization import linearize_with_fields
-from slam_init.window.marginal import marginalize_fields
+from slam_init.window.linearization import linearize_with_fields, marginalize_fields
 from slam_init.window.state import start_at
 from slam_init.window.tracks import gather_tracks
 

@@ -9,8 +9,8 @@ from make_window import PRIORS, make_window
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.window.arguments import Equations, Limits, Room
 from slam_init.window.equations import WindowEquations
+from slam_init.window.kernel import turn_between
 from slam_init.window.optimizer import solve_damped
-from slam_init.window.prior_equations import turn_between
 
 
 def window_and_start(views, *, measured=False):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from make_window import fitted_window
 
-from slam_init.window.residual_correlation import residual_agreement, variance_by_correlation
+from slam_init.window.direction_term import residual_agreement, variance_by_correlation
 
 
 def factor(fit, residuals):

@@ -6,7 +6,7 @@ from make_window import point_source
 from slam_init.frontend.rolling_shutter import RollingShutter
 from slam_init.types.history import History
 from slam_init.types.lens import SAME_LENS
-from slam_init.window.row_motion import with_translation
+from slam_init.window.motion import with_translation
 from slam_init.window.state import WindowState
 from slam_init.window.tracks import gather_tracks
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from make_window import make_window
 
-from slam_init.window.tracker_errors import gain_of_lasting_errors, gain_of_shared_errors, gain_of_turning_errors
+from slam_init.window.tracks import gain_of_lasting_errors, gain_of_shared_errors, gain_of_turning_errors
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,7 @@ from quest.geometry.quaternion import rotation_angle, vector_from_rotation
 from slam_init.types.camera import Camera
 from slam_init.types.lens import SAME_LENS
 from slam_init.window.joint_fit import fit_window
-from slam_init.window.linearization import information_by_chance, linearize_with_fields
-from slam_init.window.marginal import marginalize_fields
+from slam_init.window.linearization import information_by_chance, linearize_with_fields, marginalize_fields
 from slam_init.window.state import Priors
 from slam_init.window.uncertainty import (
     ExpandedFit,
