@@ -184,9 +184,7 @@ def _check_method(arguments: argparse.Namespace, method: str) -> None:
     if external and arguments.matcher is not None:
         raise UsageError("--matcher gives tracks, which an external program does not take: leave --matcher out")
     if external and arguments.gravity is not None:
-        raise UsageError(
-            "--gravity is stated by a map of our own, which an external program does not make: leave it out"
-        )
+        raise UsageError("--gravity is stated by a map of our own, which an external program does not make")
 
 
 def _stream(arguments: argparse.Namespace) -> LiveSource:

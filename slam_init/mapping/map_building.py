@@ -11,6 +11,7 @@ from quest.tails import poisson_tail
 from slam_init.bundle.graph import GAUGE
 from slam_init.bundle.problem import BundleSolution
 from slam_init.types.frame import Observations
+from slam_init.types.history import History
 from slam_init.types.inertial import Gravity
 from slam_init.types.initial_map import InitialMap, Keyframe
 
@@ -29,7 +30,7 @@ class MapWithViews:
 
 
 def map_with_views(
-    observed: Mapping[int, Observations], gravities: Mapping[int, Gravity], bundle: BundleSolution, scene: str
+    observed: History | Mapping[int, Observations], gravities: Mapping[int, Gravity], bundle: BundleSolution, scene: str
 ) -> MapWithViews:
     """Build the map of an adjusted bundle, with the observations of its keyframes.
 

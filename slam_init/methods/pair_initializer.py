@@ -202,5 +202,4 @@ class PairInitializer:
         if not landmarks.passes():
             self._reference = None
             return Outcome(attempt.refused_at(Verdict.TOO_FEW_LANDMARKS))
-        views = {frame: self.history[frame] for frame in bundle.problem.frames}
-        return Outcome(attempt, map_with_views(views, self.history.gravities, bundle, scene))
+        return Outcome(attempt, map_with_views(self.history, self.history.gravities, bundle, scene))
