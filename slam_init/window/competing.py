@@ -8,34 +8,45 @@ scene fills a region. What the fields of correlated errors explain of the compet
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from quest.robust.spatial_blocks import regions_of
 from slam_init.types.arrays import Floats
+from slam_init.types.correlated_errors import FIELD_PRIOR, FIELD_SCALES_PX
 from slam_init.types.evidence import Margin
 from slam_init.window.hypotheses import FAR_BEHIND, WindowHypotheses
-from slam_init.window.levels import (
-    OBJECTS_MOVE,
-    WRONG_DIRECTION_DEG,
-    WRONG_ROTATION_DEG,
-)
+from slam_init.window.joint_fit import fit_window
+from slam_init.window.levels import OBJECTS_MOVE, UNDECIDED, WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
 from slam_init.window.motion import FittedMotion
+from slam_init.window.state import Priors
 from slam_init.window.tails import at_any_time
-from slam_init.window.uncertainty import expand_for_evidence, places_of
+from slam_init.window.uncertainty import ExpandedFit, expand_for_evidence, places_of
 
+#: A scale of the fields with a smaller probability changes nothing.
+#: Class: level.
+_UNLIKELY = 0.01
+#: Largest number of Gauss-Newton steps from a fit without fields to one with fields: they converge quadratically.
+_STEPS_WITH_FIELDS = 5
 #: A competing motion that is further behind than this is not looked at with fields of correlated errors: they explain
 #: less.
 _FAR_BEHIND_NATS = 0.5 * FAR_BEHIND
 
 
-def competing_term(hypotheses: WindowHypotheses, spread_deg: float) -> tuple[float, Margin | None]:
-    """The probability that a competing motion is right, and the vote against the nearest one."""
+def competing_term(
+    hypotheses: WindowHypotheses, spread_deg: float, *, with_fits: bool = True
+) -> tuple[float, Margin | None]:
+    """The probability that a competing motion is right, and the vote against the nearest one.
+
+    * ``with_fits``: Whether the motions are fitted with fields too, which only raises the probability.
+    """
     best, *others = hypotheses.motions
     margins = [_margin(hypotheses, best, other) for other in others]
 
     probability = sum(
-        _competing_probability(hypotheses, other, margin) * _wrong_if_right(best, other, spread_deg)
+        _competing_probability(hypotheses, other, margin, with_fits=with_fits)
+        * _wrong_if_right(best, other, spread_deg)
         for other, margin in zip(others, margins, strict=True)
     )
     return min(1.0, probability), min(margins, key=Margin.decision_ratio, default=None)
@@ -70,7 +81,9 @@ def _margin(hypotheses: WindowHypotheses, best: FittedMotion, other: FittedMotio
     return Margin(ahead, ahead / max(float(np.linalg.norm(against)), 1e-9))
 
 
-def _competing_probability(hypotheses: WindowHypotheses, other: FittedMotion, margin: Margin) -> float:
+def _competing_probability(
+    hypotheses: WindowHypotheses, other: FittedMotion, margin: Margin, *, with_fits: bool = True
+) -> float:
     """Probability that the competing motion is right: the odds of the votes, less what correlated errors explain."""
     behind = margin.log_likelihood
     if behind <= 0.0 or behind > _FAR_BEHIND_NATS:
@@ -85,7 +98,19 @@ def _competing_probability(hypotheses: WindowHypotheses, other: FittedMotion, ma
     # motion: the motions are compared at each scale that is likely with both.
     both = np.sqrt(of_best.scale_weights * of_other.scale_weights)
     explained = of_other.marginal.log_evidence - of_best.marginal.log_evidence
-    return float(both @ _odds(margin, 1 - explained / ahead))
+    probability = float(both @ _odds(margin, 1 - explained / ahead))
+    if probability > UNDECIDED or not with_fits:
+        return probability
+    # Fields may move a fit so far that its expansion does not hold: the fits are repeated with the likeliest fields.
+    scales = [(np.argmax(of_best.scale_weights), np.argmax(of_other.scale_weights), 1.0)]
+    if both.max() > _UNLIKELY:
+        scales.append((np.argmax(both), np.argmax(both), float(both.max())))
+    for scale_of_best, scale_of_other, weight in scales:
+        cost = _cost_with_fields(best, hypotheses.priors, of_best, float(FIELD_SCALES_PX[scale_of_best]))
+        other_cost = _cost_with_fields(other, hypotheses.priors, of_other, float(FIELD_SCALES_PX[scale_of_other]))
+        left = 0.5 * (other_cost + outliers - cost) / ahead
+        probability = max(probability, weight * float(_odds(margin, np.array([left]))[0]))
+    return probability
 
 
 def _odds(margin: Margin, left: Floats) -> Floats:
@@ -93,6 +118,16 @@ def _odds(margin: Margin, left: Floats) -> Floats:
     left = np.clip(left, 0.0, 1.0)
     equal = np.array([at_any_time(float(margin.z * share)) for share in left])
     return np.asarray(np.maximum(1 / (1 + np.exp(margin.log_likelihood * left)), equal))
+
+
+def _cost_with_fields(motion: FittedMotion, priors: Priors, expanded: ExpandedFit, scale_px: float) -> float:
+    """The cost of a motion that is fitted with fields of a scale, with the cost of that many unknowns and the scale."""
+    unknowns = float(np.log1p(scale_px**2 * expanded.marginal.fields.strength).sum())
+    unknowns -= 2 * math.log(float(FIELD_PRIOR[scale_px == FIELD_SCALES_PX][0]))
+    if not scale_px:
+        return unknowns + motion.fit.cost
+    with_fields = replace(priors, field_sigma_px=scale_px)
+    return unknowns + fit_window(motion.tracks, motion.fit.state, with_fields, max_steps=_STEPS_WITH_FIELDS).cost
 
 
 def _wrong_if_right(best: FittedMotion, other: FittedMotion, sigma_deg: float) -> float:

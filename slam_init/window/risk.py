@@ -112,7 +112,8 @@ def _risk_of(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
         # Another motion is sought where the window has a map without it; one that was found before is followed.
         seeks = direction + rotation + FLOOR <= max_risk
         other = other_motion(hypotheses, directions.rotation_sigma_deg, directions.sigma_deg, seeks=seeks)
-    competing, nearest = competing_term(hypotheses, directions.sigma_deg)
+    # Fits with fields take half of a frame that waits: before a camera that turns, .36 s without this condition.
+    competing, nearest = competing_term(hypotheses, directions.sigma_deg, with_fits=not is_undecided)
     return WindowRisk(
         direction=direction,
         competing=competing,

@@ -186,11 +186,12 @@ def test_the_stated_size_of_the_error_fields_grows_with_that_of_the_tracks():
     assert large > 0.5
 
 
-def test_a_bound_does_not_change_the_decision():
-    """Above it no moving object is sought."""
+def test_above_a_bound_the_term_of_the_competing_motions_is_a_lower_one():
+    """Fits with fields of correlated errors only raise it, so that the decision is the same."""
     for seed in range(3):
         found = hypotheses("nadir", seed, 6, baseline=0.06)
         whole, bounded = risk_of(found), risk_of(found, 0.005)
+        assert bounded.competing <= whole.competing
         assert (bounded.total <= 0.005) == (whole.total <= 0.005)
         if bounded.total <= 0.005:
             assert bounded.total == whole.total
