@@ -40,18 +40,18 @@ def resect(
     if len(points) < 6:
         return None
     points, bearings = np.ascontiguousarray(points, np.float64), np.ascontiguousarray(bearings, np.float64)
-    best = None if guess is None else refined(guess, points, bearings, threshold_rad)
+    best = None if guess is None else _refined(guess, points, bearings, threshold_rad)
     if best is not None and best[1].sum() >= _EXPLAINED * len(points):
         return best
     if (minimal := _minimal_pose(points, bearings, threshold_rad)) is not None:
-        sampled = refined(minimal, points, bearings, threshold_rad)
+        sampled = _refined(minimal, points, bearings, threshold_rad)
         if best is None or (sampled is not None and sampled[1].sum() > best[1].sum()):
             return sampled
     return best
 
 
-def refined(start: Pose, points: Floats, bearings: Floats, threshold_rad: float) -> tuple[Pose, Bools] | None:
-    """The pose of :func:`resect` from one start, and its inliers; None for fewer than six."""
+def _refined(start: Pose, points: Floats, bearings: Floats, threshold_rad: float) -> tuple[Pose, Bools] | None:
+    """The refined pose and its inliers; None for fewer than six."""
     from slam_init.mapping.resection_kernel import refine_absolute_pose
 
     R, t = start.R.copy(), start.t.copy()

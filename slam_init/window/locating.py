@@ -9,7 +9,7 @@ import numpy as np
 
 from quest.algebra import median_in_place
 from quest.robust.kernels.refinement import refine_rotation
-from slam_init.mapping.resection import refined
+from slam_init.mapping.resection import resect
 from slam_init.mapping.triangulation import triangulate
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.pose import Pose
@@ -91,7 +91,7 @@ def _resected(tracks: WindowTracks, motion: Motion, bearings: Floats, rotations:
             continue
         nearest = min(rows, key=lambda one: abs(tracks.frames[one] - tracks.frames[row]))
         turned = Pose(rotations[row] @ rotations[nearest].T, np.zeros(3)) @ known[nearest]
-        resected = refined(turned, points[visible], bearings[row, visible], threshold_rad)
+        resected = resect(points[visible], bearings[row, visible], threshold_rad, turned)
         if resected is not None and resected[1].sum() >= MIN_RESECTED:
             known[row] = resected[0]
     return known

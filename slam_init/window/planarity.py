@@ -1,4 +1,8 @@
-"""The plane that the matches of a motion lie on, and whether the points of a window do."""
+"""The plane that the matches of a motion lie on, and whether the points of a window do.
+
+A plane is assumed only where it is observable: a depth variation would show in the tracks, and no depth variation
+shows.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +12,17 @@ from dataclasses import replace
 import numpy as np
 
 from slam_init.types.arrays import Floats
-from slam_init.window.joint_fit import costs_off_plane
+from slam_init.window.joint_fit import costs_off_plane, information_off_plane
 from slam_init.window.kernel import OFF_PLANE_COST
-from slam_init.window.levels import LEAST_ON_PLANE, LEAST_TRACKS, PLANE_SIGMAS, VARIATION_SIGMAS
+from slam_init.window.levels import (
+    LARGEST_GAIN,
+    LEAST_ON_PLANE,
+    LEAST_TRACKS,
+    OBSERVABLE_SIGMAS,
+    OBSERVABLE_VARIATION,
+    PLANE_SIGMAS,
+    VARIATION_SIGMAS,
+)
 from slam_init.window.motion import FittedMotion, fit_motion
 from slam_init.window.state import Priors
 from slam_init.window.tracks import WindowTracks
@@ -42,21 +54,31 @@ def plane_of_motion(R: Floats, t: Floats, m: Floats, n: Floats) -> Floats:
 
 
 def is_plane(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> bool:
-    """Whether the points of a fit lie on its plane: distances of their own gain nothing beyond chance.
+    """Whether the points of a fit lie on its plane.
 
-    Neither at the poses of the fit, nor where the poses follow.
+    * Returns: True if a depth variation would show, and distances of their own gain nothing: neither at the poses of
+      the fit, nor where the poses follow.
     """
     return _fits_plane(tracks, fitted) and not _leaves_plane(tracks, fitted, priors)
 
 
 def _fits_plane(tracks: WindowTracks, fitted: FittedMotion) -> bool:
-    """Whether free distances gain nothing at the poses of a fit."""
+    """Whether the points of a fit lie on its plane: a depth variation would show, and free distances gain nothing."""
     on_plane = fitted.fit.state.on_plane & (tracks.anchor >= 0)
     count = int(on_plane.sum())
     if count < max(LEAST_TRACKS, LEAST_ON_PLANE * float((tracks.anchor >= 0).sum())):
         return False
+    if not _observes_plane(fitted):
+        return False
     gain = fitted.fit.track_costs - costs_off_plane(fitted.fit)
-    return float(gain[on_plane].sum()) <= _chance(count, PLANE_SIGMAS)
+    return _is_chance(float(gain[on_plane].sum()), count, PLANE_SIGMAS)
+
+
+def _observes_plane(fitted: FittedMotion) -> bool:
+    """Whether a depth variation of a fifth of the distances would lower the cost far beyond chance."""
+    information = information_off_plane(fitted.fit)
+    gains = np.minimum(OBSERVABLE_VARIATION**2 * information, LARGEST_GAIN)
+    return float(gains.sum()) >= OBSERVABLE_SIGMAS * math.sqrt(2 * max(int((information > 0).sum()), 1))
 
 
 def _leaves_plane(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> bool:
@@ -73,9 +95,15 @@ def _leaves_plane(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) ->
     # whether the gain exceeds chance is asked.
     start, chance = replace(fitted.motion, plane=None, points=None), _chance(count, VARIATION_SIGMAS)
     free = fit_motion(tracks, start, priors, hopeless=of_plane - chance)
-    return (of_plane - free.fit.cost) / max(free.fit.noise_factor, 1.0) ** 2 > chance
+    gain = of_plane - free.fit.cost
+    return not _is_chance(gain / max(free.fit.noise_factor, 1.0) ** 2, count, VARIATION_SIGMAS)
+
+
+def _is_chance(gain: float, count: int, sigmas: float) -> bool:
+    """Whether chance lowers the cost by as much where this number of tracks gets a distance each."""
+    return gain <= _chance(count, sigmas)
 
 
 def _chance(count: int, sigmas: float) -> float:
-    """The largest gain by chance where this number of tracks gets a distance each."""
+    """The largest gain that is chance."""
     return count + sigmas * math.sqrt(2 * count)
