@@ -69,7 +69,6 @@ BAD = {
     "video as camera": (["run", IMAGES, "--camera", "garbage.mp4"], "garbage.mp4"),
     "empty camera": (["run", IMAGES, "--camera", ""], "camera is empty"),
     # options that would have no effect
-    "gravity for other rules": (["run", IMAGES, "--gravity", "file", "--method", "stella"], "stella has not"),
     "matcher for a program": (["run", "--matcher", "sift", "--method", "command:true {images} {out}"], "--matcher"),
     "refine for a program": (["run", "--refine", "5", "--method", "command:true {images} {out}"], "--refine"),
     "drops of files": (["run", IMAGES, *WITH, "--no-drop"], "live sources"),

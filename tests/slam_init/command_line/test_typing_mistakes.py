@@ -28,7 +28,6 @@ def error_of(words, capsys):
         (["run", "synth:static?frames=2&width=96&height=64", "--topic", "/a"], "choose those of a ROS bag"),
         (["run", "synth:static?frames=2&width=96&height=64", "--imu"], "has no gyroscope"),
         (["run", "synth:static?frames=2&width=96&height=64", "--scale", "imu"], "has no accelerations"),
-        (["run", "x", "--gravity", "g.txt", "--method", "orb-slam3"], "which orb-slam3 has not: leave it out"),
         (["run", "synth:static?frames=2&width=96&height=64", "--gravity", "imu"], "has no accelerations"),
         (["run", "synth:static?frames=2&imu=1&cut=1"], "leave cut out"),
         (["synth:room"], "did you mean slam-init run synth:room? (see slam-init --help)"),
