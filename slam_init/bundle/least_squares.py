@@ -1,6 +1,6 @@
 """Bundle adjustment for a held camera, with the points eliminated (Schur complement).
 
-It minimizes the error of the graph that :func:`slam_init.bundle.graph.build_graph` makes, in least squares or with a
+It minimizes the error of the graph that :class:`slam_init.bundle.graph.GraphRecipe` makes, in least squares or with a
 robust kernel (Cauchy), of poses and points or of the points alone. gtsam takes 3 microseconds an observation for an
 iteration, the compiled loops take 0.4. The terms of the poses alone (gauge, baseline range, priors) are those of gtsam.
 

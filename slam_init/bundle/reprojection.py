@@ -76,19 +76,7 @@ def projection(camera: Camera, pixels: Floats, noise: gtsam.noiseModel.Base, *, 
     """
     if needs_virtual_cameras(camera) and not adjusted:
         return _virtual_projection(camera, pixels, noise)
-    return measured_projection(camera, measured_pixels(camera, pixels), noise, adjusted=adjusted)
-
-
-def measured_projection(
-    camera: Camera, measured: Floats, noise: gtsam.noiseModel.Base, *, adjusted: bool
-) -> Callable[[int, int, int], gtsam.NonlinearFactor]:
-    """Make a function that makes the reprojection factors of what :func:`measured_pixels` gives.
-
-    Shapes: ``measured`` (N, 2).
-
-    * ``adjusted``: Whether the calibration is the variable ``K(0)``; otherwise it is held.
-    * Returns: Position of the pixel, key of the pose, key of the landmark -> factor.
-    """
+    measured = measured_pixels(camera, pixels)
     calibration = gtsam_calibration(camera, adjusted=adjusted)
     name = type(calibration).__name__
     if adjusted:
