@@ -3,7 +3,7 @@
 Recipe: minimize with a robust kernel (Cauchy), remove the outliers, then minimize the least-squares error in the full
 model of the camera. Landmarks whose depths are unknown by the covariance of the optimum are left out, and the rest is
 minimized again. The map is scaled so that the median depth of the landmarks in the first view is 1. The covariances
-know that the lens is not exact (:mod:`slam_init.bundle.lens`), and that errors are not independent
+know that the lens is not exact (:mod:`slam_init.bundle.covariances`), and that errors are not independent
 (:mod:`slam_init.bundle.shared_errors`).
 
 A point with one view, a NaN and a point behind a camera are checked here. A failure is returned as a value with its
@@ -25,14 +25,26 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slam_init.bundle.covariances import LENS, MapCovariances, covariances
+from slam_init.bundle.covariances import (
+    LENS,
+    ErrorModel,
+    MapCovariances,
+    at_projections,
+    covariances,
+    lens_prior,
+)
 from slam_init.bundle.focal import adjust_focal, camera_with_focal_factor
 from slam_init.bundle.graph import GraphRecipe
 from slam_init.bundle.least_squares import fit_points, minimize, with_lenses
-from slam_init.bundle.lens import at_projections, lens_prior
-from slam_init.bundle.noise import estimate_noise, least_squares_noise, min_parallax_rad
-from slam_init.bundle.problem import BundleFailure, BundleFit, BundleProblem, BundleSolution, PosePrior
-from slam_init.bundle.shared_errors import ErrorModel, error_model
+from slam_init.bundle.problem import (
+    BundleFailure,
+    BundleFit,
+    BundleProblem,
+    BundleSolution,
+    PosePrior,
+    min_parallax_rad,
+)
+from slam_init.bundle.shared_errors import error_model
 from slam_init.bundle.virtual_cameras import needs_virtual_cameras
 from slam_init.config import MapConfig
 from slam_init.types.arrays import Bools, Floats
@@ -52,6 +64,18 @@ _WEIGHED, _WEIGHING_ROUNDS = 0.1, 4
 #: such a place: a large parallax. Of 80 simulated maps with two views and outliers, 11 had a landmark with a leverage
 #: above 0.5 that was an outlier (directions off by 2 to 7 degrees), and 2 one that was right.
 _LARGEST_LEVERAGE = 0.5
+
+
+class _UnsolvableError(Exception):
+    """The observations do not determine all unknowns; the view that sees too few landmarks, where this is the cause."""
+
+    def __init__(self, cause: str, frame: int | None = None) -> None:
+        super().__init__(cause)
+        self.frame = frame
+
+
+#: What ends an adjustment: too few observations, and how gtsam and numpy report singular systems.
+_FAILURES = (_UnsolvableError, RuntimeError, np.linalg.LinAlgError)
 
 
 def adjust(
@@ -78,26 +102,23 @@ def adjust(
 def _adjusted(
     camera: Camera, problem: BundleProblem, config: MapConfig, focal_factor: float, *, poses_known: bool
 ) -> BundleSolution | BundleFailure:
-    start = _scale_to_median_depth(problem)
-    if start is None:
-        return BundleFailure("no landmark lies in front of the first camera")
     # Where each observation has a camera of its own, there is no common calibration to adjust: the first estimate of
     # the focal length is held then. It is that of the joint fit of the window.
     held = config.refine_focal and needs_virtual_cameras(camera)
     refined, lens = config.refine_focal and not held, lens_prior(camera, config)
     try:
+        start = _with_unit_depth(problem)
         first = camera_with_focal_factor(camera, focal_factor) if config.refine_focal else camera
-        fit = fit_with_held_camera(first, start, config, poses_known=poses_known)
-        if refined and isinstance(fit, BundleFit):
-            fit = _with_unit_depth(adjust_focal(camera, fit, config))
-        if isinstance(fit, BundleFailure):
-            return fit
-        stated = _with_known_depths(fit, config, camera if refined else None, lens)
+        fit = _with_held_camera(first, start, config, poses_known=poses_known)
+        if refined:
+            fit = adjust_focal(camera, fit, config)
+            fit = fit._replace(problem=_with_unit_depth(fit.problem))
+        stated = _with_known_depths(_stated(fit, config, lens), config, camera if refined else None)
         if problem.prior is not None:
-            stated = _weighed_against_poses(stated, config, lens)
-        solution = _solution(stated, start, camera, lens)
-    except (RuntimeError, np.linalg.LinAlgError) as error:  # how gtsam and numpy report singular systems
-        return BundleFailure(" ".join(str(error).split())[:160])
+            stated = _weighed_against_poses(stated, config)
+        solution = _solution(stated, start, camera)
+    except _FAILURES as error:
+        return _failure(error)
     return replace(
         solution,
         focal_factor=solution.camera.fx / camera.fx if config.refine_focal else 1.0,
@@ -111,41 +132,34 @@ class _Stated(NamedTuple):
     fit: BundleFit
     #: (M, 2)
     residuals: Floats
-    noise_px: float
     errors: ErrorModel
     found: MapCovariances
-
-    @property
-    def noise_of_graph_px(self) -> float:
-        """The noise that the graph states, which covers errors that are not independent."""
-        return self.errors.overdispersion * self.noise_px
 
 
 def _stated(fit: BundleFit, config: MapConfig, lens: LensPrior) -> _Stated:
     residuals = fit.problem.residuals(fit.camera)
-    noise_px = least_squares_noise(fit.problem, residuals, config)
+    noise_px = fit.problem.noise_px(residuals, config)
     projected = at_projections(fit.camera, fit.problem)
     errors = error_model(fit.camera, projected, fit.problem, noise_px, lens)
-    found = covariances(projected, errors.by_tracks * noise_px, errors.shared)
-    return _Stated(fit, residuals, noise_px, errors, found)
+    return _Stated(fit, residuals, errors, covariances(fit.camera, projected, errors))
 
 
-def _solution(stated: _Stated, start: BundleProblem, expected: Camera, lens: LensPrior) -> BundleSolution:
+def _solution(stated: _Stated, start: BundleProblem, expected: Camera) -> BundleSolution:
     """The solution of a fit.
 
     * ``expected``: The camera that the prior of the lens expects.
     """
-    (final, camera), found = (stated.fit.problem, stated.fit.camera), stated.found
-    variable = lens if lens.sigmas.any() and not needs_virtual_cameras(camera) else None
+    (camera, final, *_), found, errors = stated.fit, stated.found, stated.errors
+    variable = errors.lens if errors.lens.sigmas.any() and not needs_virtual_cameras(camera) else None
     depth_sigmas = _depth_sigmas(final, found.in_newest)
     return BundleSolution(
         problem=final,
         before=_same_landmarks(start, final),
-        noise_px=stated.noise_px,
+        noise_px=errors.noise_px,
         rmse_px=float(np.sqrt(np.mean(np.sum(stated.residuals**2, axis=1)))),
         errors=stated.fit.errors,
-        recipe=GraphRecipe(camera, final, stated.noise_of_graph_px, variable, expected),
-        overdispersion=stated.errors.overdispersion,
+        recipe=GraphRecipe(camera, final, errors.noise_of_graph_px, variable, expected),
+        overdispersion=errors.overdispersion,
         pose_covariances=found.poses,
         point_covariances=found.points,
         depth_sigmas=depth_sigmas,
@@ -161,9 +175,13 @@ def solution_of(camera: Camera, problem: BundleProblem, config: MapConfig) -> Bu
     """The map of a problem that is at its optimum, in its own frame and unit, with its graph and covariances."""
     lens = lens_prior(camera, config)
     try:
-        return _solution(_stated(BundleFit(camera, problem, ()), config, lens), problem, camera, lens)
-    except (RuntimeError, np.linalg.LinAlgError) as error:  # how gtsam and numpy report singular systems
-        return BundleFailure(" ".join(str(error).split())[:160])
+        return _solution(_stated(BundleFit(camera, problem, ()), config, lens), problem, camera)
+    except _FAILURES as error:
+        return _failure(error)
+
+
+def _failure(error: Exception) -> BundleFailure:
+    return BundleFailure(" ".join(str(error).split())[:160], getattr(error, "frame", None))
 
 
 def restated(solution: BundleSolution, prior: PosePrior, config: MapConfig) -> BundleSolution | BundleFailure:
@@ -181,7 +199,7 @@ def restated(solution: BundleSolution, prior: PosePrior, config: MapConfig) -> B
     )
 
 
-def _with_known_depths(fit: BundleFit, config: MapConfig, expected: Camera | None, lens: LensPrior) -> _Stated:
+def _with_known_depths(stated: _Stated, config: MapConfig, expected: Camera | None) -> _Stated:
     """Leave the landmarks out whose depths are unknown, or that nothing tests, and minimize the rest.
 
     Where too few landmarks would be left to solve for the poses, all of them stay.
@@ -189,35 +207,38 @@ def _with_known_depths(fit: BundleFit, config: MapConfig, expected: Camera | Non
     * ``expected``: Where the focal length is adjusted: the stated camera.
     """
     while True:
-        stated, problem = _stated(fit, config, lens), fit.problem
+        fit, problem = stated.fit, stated.fit.problem
         known: Bools = np.asarray(_depth_sigmas(problem, stated.found.by_noise) <= config.max_depth_sigma)
         known &= stated.found.leverage <= _LARGEST_LEVERAGE
-        rest = problem.keep(known[problem.landmarks])
-        if known.all() or _cannot_be_solved(rest) is not None:
+        if known.all():
             return stated
-        fewer = _settled(fit.camera, rest, stated.noise_px, _FEW_ITERATIONS)
-        if isinstance(fewer, BundleFailure):
+        try:
+            rest = _solvable(problem.keep(known[problem.landmarks]))
+            fewer = _settled(fit.camera, rest, stated.errors.noise_px, _FEW_ITERATIONS)
+        except _UnsolvableError:
             return stated
         dropped = len(problem.points) - len(fewer.problem.points)
         fit = fewer._replace(errors=(*fit.errors, *fewer.errors), unknown_depths=fit.unknown_depths + dropped)
         if expected is not None:
             fit = adjust_focal(expected, fit, config)
+        stated = _stated(fit, config, stated.errors.lens)
 
 
-def _weighed_against_poses(stated: _Stated, config: MapConfig, lens: LensPrior) -> _Stated:
+def _weighed_against_poses(stated: _Stated, config: MapConfig) -> _Stated:
     """Weigh the tracks against the prior of the poses by the noise that the graph states.
 
     The errors of the tracks are not independent. Their overdispersion changes no optimum of the tracks alone, but with
     the noise of single tracks a hundred of them would outweigh the prior by what they share.
     """
     for _ in range(_WEIGHING_ROUNDS):
-        fit, noise_px = stated.fit, stated.noise_of_graph_px
-        settled = _settled(fit.camera, fit.problem, noise_px, _ITERATIONS)
-        if isinstance(settled, BundleFailure):
+        fit, noise_px = stated.fit, stated.errors.noise_of_graph_px
+        try:
+            settled = _settled(fit.camera, fit.problem, noise_px, _ITERATIONS)
+        except _UnsolvableError:
             break
         fit = settled._replace(errors=(*fit.errors, *settled.errors), unknown_depths=fit.unknown_depths)
-        stated = _stated(fit, config, lens)
-        if abs(stated.noise_of_graph_px / noise_px - 1) < _WEIGHED:
+        stated = _stated(fit, config, stated.errors.lens)
+        if abs(stated.errors.noise_of_graph_px / noise_px - 1) < _WEIGHED:
             break
     return stated
 
@@ -248,9 +269,7 @@ def _focal_sigma(expected: Camera, stated: _Stated) -> float:
     return float(np.sqrt(stated.found.lens[0, 0])) * stated.fit.camera.fx / expected.fx
 
 
-def fit_with_held_camera(
-    camera: Camera, start: BundleProblem, config: MapConfig, *, poses_known: bool = False
-) -> BundleFit | BundleFailure:
+def _with_held_camera(camera: Camera, start: BundleProblem, config: MapConfig, *, poses_known: bool) -> BundleFit:
     """Adjust poses and landmarks: with a robust kernel, then without outliers in least squares.
 
     * ``poses_known``: Whether the poses are those of a robust estimate. Only the points are fitted robustly then.
@@ -261,11 +280,8 @@ def fit_with_held_camera(
         points = fit_points(start, config.noise_px)
         return _least_squares(camera, points, (_rms_px(start, camera),), config, _FEW_ITERATIONS)
     if not (np.isfinite(start.points).all() and np.isfinite(start.pixels).all()):
-        return BundleFailure("a coordinate of a landmark or of a pixel is not finite")
-    seen: Bools = np.asarray(np.isfinite(start.residuals(camera)).all(axis=1))
-    ahead = start.keep(seen)
-    if (failure := _cannot_be_solved(ahead)) is not None:
-        return failure
+        raise _UnsolvableError("a coordinate of a landmark or of a pixel is not finite")
+    ahead = _solvable(_in_front(start, camera))
     # The robust stage only has to identify the outliers; the least-squares stage reaches the full precision.
     robust, errors = minimize(ahead, config.noise_px, iterations=8, tolerance=1e-3, robust=True)
     return _least_squares(camera, robust, tuple(errors), config, _ITERATIONS)
@@ -273,36 +289,32 @@ def fit_with_held_camera(
 
 def _least_squares(
     camera: Camera, robust: BundleProblem, errors: tuple[float, ...], config: MapConfig, iterations: int
-) -> BundleFit | BundleFailure:
+) -> BundleFit:
     """The least-squares fit without the outliers of a robust fit."""
     residuals = robust.residuals(camera)
-    noise_px = estimate_noise(robust, residuals, config)
+    noise_px = robust.robust_noise_px(residuals, config)
     if noise_px > _WORST_NOISE * config.noise_px:
-        return BundleFailure(f"no map fits the tracks: the residuals are {noise_px:.0f} px")
+        raise _UnsolvableError(f"no map fits the tracks: the residuals are {noise_px:.0f} px")
     # The residual of a landmark behind a camera is NaN, which is not an inlier.
     inlying: Bools = np.asarray(np.linalg.norm(residuals, axis=1) < config.outlier_sigmas * noise_px)
     cleaned = robust.keep(inlying)
     # The parallax is checked in the remaining views: a landmark may have lost the view that gave it its parallax.
     certain: Bools = np.asarray(cleaned.parallax_rad() > min_parallax_rad(camera, noise_px, config))
-    cleaned = cleaned.keep(certain[cleaned.landmarks])
-    if (failure := _cannot_be_solved(cleaned)) is not None:
-        return failure
+    cleaned = _solvable(cleaned.keep(certain[cleaned.landmarks]))
     settled = _settled(camera, cleaned, noise_px, iterations)
-    return settled if isinstance(settled, BundleFailure) else settled._replace(errors=(*errors, *settled.errors))
+    return settled._replace(errors=(*errors, *settled.errors))
 
 
-def _settled(camera: Camera, problem: BundleProblem, noise_px: float, iterations: int) -> BundleFit | BundleFailure:
+def _settled(camera: Camera, problem: BundleProblem, noise_px: float, iterations: int) -> BundleFit:
     """The optimum in least squares, without the points that it moved behind a camera; its median depth is 1."""
     polished, errors = minimize(problem, noise_px, iterations=iterations, tolerance=1e-5)
-    fit = _with_unit_depth(BundleFit(camera, polished, tuple(errors)))
-    if isinstance(fit, BundleFailure):
-        return fit
-    in_front: Bools = np.asarray(np.isfinite(fit.problem.residuals(camera)).all(axis=1))
-    if in_front.all():
-        return fit
-    final = fit.problem.keep(in_front)
-    failure = _cannot_be_solved(final)
-    return fit._replace(problem=final) if failure is None else failure
+    return BundleFit(camera, _solvable(_in_front(_with_unit_depth(polished), camera)), tuple(errors))
+
+
+def _in_front(problem: BundleProblem, camera: Camera) -> BundleProblem:
+    """The problem without the observations of points that the camera does not see."""
+    seen: Bools = np.asarray(np.isfinite(problem.residuals(camera)).all(axis=1))
+    return problem.keep(seen)
 
 
 def _rms_px(problem: BundleProblem, camera: Camera) -> float:
@@ -310,35 +322,28 @@ def _rms_px(problem: BundleProblem, camera: Camera) -> float:
     return float(np.sqrt(np.nanmean(squares))) if np.isfinite(squares).any() else np.inf
 
 
-def _with_unit_depth(fit: BundleFit) -> BundleFit | BundleFailure:
-    """The fit with a median depth of 1 in the first view."""
-    final = _scale_to_median_depth(fit.problem)
-    return (
-        BundleFailure("no landmark lies in front of the first camera") if final is None else fit._replace(problem=final)
-    )
-
-
-def _scale_to_median_depth(problem: BundleProblem) -> BundleProblem | None:
+def _with_unit_depth(problem: BundleProblem) -> BundleProblem:
+    """The problem with a median depth of 1 in the first view."""
     depths = problem.world_from_cam[0].inverse().apply(problem.points)[:, 2]
     depths = depths[np.isfinite(depths) & (depths > 0)]
-    return problem.scaled(1 / float(np.median(depths))) if len(depths) else None
+    if not len(depths):
+        raise _UnsolvableError("no landmark lies in front of the first camera")
+    return problem.scaled(1 / float(np.median(depths)))
 
 
-def _cannot_be_solved(problem: BundleProblem) -> BundleFailure | None:
-    """A failure if the observations do not determine all unknowns."""
+def _solvable(problem: BundleProblem) -> BundleProblem:
+    """The problem, whose observations determine all unknowns."""
     seen = np.bincount(problem.views, minlength=len(problem.frames))
     if len(problem.points) < 6:
-        return BundleFailure(f"only {len(problem.points)} landmarks remain after the removal of outliers")
+        raise _UnsolvableError(f"only {len(problem.points)} landmarks remain after the removal of outliers")
     if seen.min() < 6:
         weakest = problem.frames[int(np.argmin(seen))]
         cause = f"frame {weakest} sees only {int(seen.min())} landmarks after the removal of outliers"
-        return BundleFailure(cause, weakest)
-    return None
+        raise _UnsolvableError(cause, weakest)
+    return problem
 
 
 def _same_landmarks(start: BundleProblem, final: BundleProblem) -> BundleProblem:
     """The first estimate, reduced to the landmarks of the final map. Its median depth in the first view was 1."""
-    position = {track: i for i, track in enumerate(start.track_ids.tolist())}
-    rows = np.array([position[track] for track in final.track_ids.tolist()], np.int64)
-    points = start.points[rows]
+    points = start.points[np.isin(start.track_ids, final.track_ids)]
     return replace(final, world_from_cam=start.world_from_cam, points=points)

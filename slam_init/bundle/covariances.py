@@ -1,5 +1,8 @@
 """The covariances of a map: what the noise of the tracks leaves open, and what the errors add that tracks share.
 
+The map holds the lens as it is stated. What the calibration leaves open moves all views and points together, so it does
+not average out over tracks: it has a variable of its own in the graph, and its part in the covariances.
+
 A covariance is written as its causes: independent errors of unit variance, and how far poses and points follow each of
 them. The causes are the noise of the poses, the coefficients of the fields of correlated errors of the views, the lens,
 and for each point its rays. With the names of :func:`slam_init.bundle.kernel.eliminate_points`, the poses x and the
@@ -9,6 +12,8 @@ shared errors s have the equations ``P x + B s``, so that the poses follow by ``
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -23,47 +28,47 @@ from slam_init.bundle.least_squares import (
     by_landmark,
     equations_of,
     forward_substituted,
+    with_lenses,
 )
 from slam_init.bundle.problem import BundleProblem
+from slam_init.config import MapConfig
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Bools, Floats, Ints
+from slam_init.types.camera import Camera
+from slam_init.types.correlated_errors import orthonormal_polynomials
+from slam_init.types.lens import CALIBRATED_SIGMA, MAX_FOCAL_SIGMA, UNKNOWN_PRINCIPAL_SIGMA, LensPrior, k1_sigma
 
 #: Parameters of the lens, and of the field of a view, among the shared errors.
 LENS, FIELD = 4, 12
 
 
-class SharedErrors(NamedTuple):
-    """What the observations have in common besides poses and points.
+class ErrorModel(NamedTuple):
+    """The errors of the observations of a map (:mod:`slam_init.bundle.shared_errors`).
 
     The map holds the lens as it is stated, and has no fields: their errors are those of the prior then. A fit of them
     would follow errors of all kinds; it made directions worse by a half in simulated worlds with an exact lens.
     """
 
-    #: (M, 2, 4) Derivatives of the residuals by the lens.
-    by_lens: Floats
-    #: (4,) Standard deviations of the lens before the tracks are seen; 0 for what is exact.
-    lens_sigmas: Floats
-    #: (4,) Whether the camera of the map has the value by the tracks.
-    lens_fitted: Bools
-    #: (M, 6) Polynomials over the image at the pixels. The twelve coefficients of the field of a view, six for each
-    #: coordinate, have the standard deviation ``correlated_px``.
-    places: Floats
+    #: Standard deviation of the residuals.
+    noise_px: float
+    #: That of the errors of single tracks, over the noise.
+    by_tracks: float
+    lens: LensPrior
+    #: Standard deviation of the twelve coefficients of the field of a view, six for each coordinate.
     correlated_px: float
     #: Variance of the noise of the graph over that of the covariances. The tracks have so much less information about
     #: the lens.
     excess: float = 1.0
 
-    @staticmethod
-    def of_lens(by_lens: Floats) -> SharedErrors:
-        """Those of a lens whose prior is not known yet, without fields.
+    @property
+    def overdispersion(self) -> float:
+        """Standard deviation of independent noise that covers all errors but the lens, over the noise."""
+        return self.by_tracks * math.sqrt(self.excess)
 
-        Shapes: ``by_lens`` (M, 2, 4).
-        """
-        return SharedErrors(by_lens, np.zeros(LENS), np.zeros(LENS, bool), np.zeros((len(by_lens), FIELD // 2)), 0.0)
-
-    def of_observations(self, kept: Bools) -> SharedErrors:
-        """Those of some observations."""
-        return self._replace(by_lens=self.by_lens[kept], places=self.places[kept])
+    @property
+    def noise_of_graph_px(self) -> float:
+        """The noise that the graph states, which covers errors that are not independent."""
+        return self.overdispersion * self.noise_px
 
 
 class MapCovariances(NamedTuple):
@@ -79,7 +84,7 @@ class MapCovariances(NamedTuple):
     by_noise: Floats
     #: (L, C) How far each cause that the landmarks share moves the logarithm of a distance from the newest camera.
     stretched: Floats
-    #: (4, 4) Of the lens, in the order of :func:`slam_init.bundle.lens.lens_derivatives`.
+    #: (4, 4) Of the lens, in the order of :func:`lens_derivatives`.
     lens: Floats
     #: (L,) Share of a landmark with two views in the only residual that tests it, between 0 and 1; 0 for others.
     leverage: Floats
@@ -89,6 +94,9 @@ class SharedEquations(NamedTuple):
     """The equations of poses and shared errors, points eliminated."""
 
     observed: Observed
+    #: by_pose, by_point: (M, 2, 6) and (M, 2, 3) Derivatives of the residuals.
+    by_pose: Floats
+    by_point: Floats
     equations: Equations
     #: (L, 3, S) ``C^-1 V``.
     of_points: Floats
@@ -113,22 +121,49 @@ class PoseCauses(NamedTuple):
     of_lens: Floats
 
 
-def covariances(problem: BundleProblem, noise_px: float, shared: SharedErrors) -> MapCovariances:
-    """Marginal covariances at the optimum, in the gauge of the graph."""
-    found = shared_equations(problem, noise_px, shared)
+def lens_prior(stated: Camera, config: MapConfig) -> LensPrior:
+    """What is known of the lens besides the tracks.
+
+    * ``stated``: The camera before the adjustment of its focal length.
+    """
+    share = config.lens_uncertainty
+    focal = share * min(stated.focal_sigma or CALIBRATED_SIGMA, MAX_FOCAL_SIGMA)
+    estimated = (stated.focal_sigma or 0.0) > CALIBRATED_SIGMA
+    return LensPrior(
+        focal_sigma=config.focal_sigma if config.refine_focal else focal,
+        k1_sigma=share * k1_sigma(stated),
+        principal_sigma_px=share * UNKNOWN_PRINCIPAL_SIGMA * stated.width,
+        fitted=(config.refine_focal or estimated, False, False, estimated),
+    )
+
+
+def at_projections(camera: Camera, problem: BundleProblem) -> BundleProblem:
+    """The same problem without residuals: each landmark is observed where it projects to.
+
+    The equations of a problem with residuals count products of residuals as information about the lens.
+    """
+    return with_lenses(camera, replace(problem, pixels=problem.pixels + problem.residuals(camera)))
+
+
+def covariances(camera: Camera, problem: BundleProblem, errors: ErrorModel) -> MapCovariances:
+    """Marginal covariances at the optimum, in the gauge of the graph.
+
+    * ``problem``: Of :func:`at_projections`.
+    """
+    found = shared_equations(camera, problem, errors.by_tracks * errors.noise_px)
     covariance = inverse_of_poses(found.equations.information)
     with single_threaded():
-        poses = causes_of_poses(found, shared, covariance)
+        poses = causes_of_poses(found, errors, covariance)
         by_causes = np.concatenate([poses.noise, poses.fields, poses.lens], axis=1)
         followed = (found.equations.coupling @ by_causes).reshape(len(problem.points), 3, -1)
-    direct = shared.correlated_px * found.of_points[:, :, LENS:], found.of_points[:, :, :LENS] @ poses.of_lens
+    direct = errors.correlated_px * found.of_points[:, :, LENS:], found.of_points[:, :, :LENS] @ poses.of_lens
     followed[:, :, poses.noise.shape[1] :] += np.concatenate(direct, axis=2)
     by_view = by_causes.reshape(len(problem.frames), 6, -1)
     return MapCovariances(
         np.asarray(by_view @ np.swapaxes(by_view, 1, 2)),
         *_of_points(problem, found.equations.roots, followed, by_causes[-6:]),
         poses.of_lens @ poses.of_lens.T,
-        _leverage(problem, found.observed, covariance),
+        _leverage(found, covariance),
     )
 
 
@@ -164,45 +199,41 @@ def _of_points(
     return by_world, in_camera(world, newest), in_camera(world[:, :, noise], newest[:, noise]), stretched
 
 
-def _leverage(problem: BundleProblem, observed: Observed, covariance: Floats) -> Floats:
+def _leverage(found: SharedEquations, covariance: Floats) -> Floats:
     """Share (L,) of each landmark with two views in its own residual; 0 for others.
 
     Four coordinates and three unknowns leave one residual, along ``u`` across the derivatives by the point. Its
     derivative by the poses is ``g``, and the errors of the poses move it by ``g^T S g`` in units of the noise.
     """
-    from slam_init.bundle.kernel import derivatives
-
-    R, t = arrays_of(problem.world_from_cam)
-    by_pose, by_point = derivatives(R, t, problem.points, *observed[:3])
+    observed = found.observed
     pairs = np.flatnonzero(np.diff(observed.starts) == 2)
     rows = observed.starts[pairs][:, None] + np.arange(2)
-    u = np.linalg.qr(by_point[rows].reshape(-1, 4, 3), mode="complete").Q[..., 3].reshape(-1, 2, 2)
-    g = np.einsum("pvj,pvji->pvi", u, by_pose[rows]).reshape(-1, 12)
+    u = np.linalg.qr(found.by_point[rows].reshape(-1, 4, 3), mode="complete").Q[..., 3].reshape(-1, 2, 2)
+    g = np.einsum("pvj,pvji->pvi", u, found.by_pose[rows]).reshape(-1, 12)
     at = (6 * observed.views[rows][..., None] + np.arange(6)).reshape(-1, 12)
-    leverage = np.zeros(len(problem.points))
+    leverage = np.zeros(len(observed.starts) - 1)
     leverage[pairs] = np.einsum("pi,pij,pj->p", g, covariance[at[:, :, None], at[:, None, :]], g)
     return leverage
 
 
-def causes_of_poses(found: SharedEquations, errors: SharedErrors, covariance: Floats) -> PoseCauses:
+def causes_of_poses(found: SharedEquations, errors: ErrorModel, covariance: Floats) -> PoseCauses:
     """How far the poses follow each cause, with the covariance (6 K, 6 K) that the noise alone leaves."""
     follows = -covariance @ found.coupling
     flat = found.of_points[:, :, :LENS].reshape(-1, LENS)
     information = found.own[:, :LENS, :LENS].sum(axis=0) - flat.T @ flat
     information += found.coupling[:, :LENS].T @ follows[:, :LENS]
-    information *= np.outer(errors.lens_fitted, errors.lens_fitted) / errors.excess
-    of_lens = root_of_lens(information, errors.lens_sigmas)
+    information *= np.outer(errors.lens.fitted, errors.lens.fitted) / errors.excess
+    of_lens = root_of_lens(information, errors.lens.sigmas)
     return PoseCauses(_root(covariance), errors.correlated_px * follows[:, LENS:], follows[:, :LENS] @ of_lens, of_lens)
 
 
 def shared_equations(
-    problem: BundleProblem, noise_px: float, shared: SharedErrors, residuals: Floats | None = None
+    camera: Camera, problem: BundleProblem, noise_px: float, measured: BundleProblem | None = None
 ) -> SharedEquations:
     """The equations of poses and shared errors.
 
-    Shapes: ``residuals`` (M, 2).
-
-    * ``residuals``: In pixels of the virtual cameras; by default none.
+    * ``problem``: Of :func:`at_projections`.
+    * ``measured``: The same problem with what was measured; by default there are no residuals.
     """
     from slam_init.bundle.kernel import derivatives
 
@@ -210,10 +241,11 @@ def shared_equations(
     R, t = arrays_of(problem.world_from_cam)
     points, count, views = np.ascontiguousarray(problem.points), len(problem.points), len(R)
     by_pose, by_point = derivatives(R, t, points, *observed[:3])
-    left = np.zeros((len(problem.pixels), 2)) if residuals is None else residuals
-    by_lens, left = (one[observed.order] / noise_px for one in (shared.by_lens, left))
+    left = np.zeros((len(problem.pixels), 2)) if measured is None else _residuals(problem, measured)
+    by_lens, left = (one[observed.order] / noise_px for one in (lens_derivatives(camera, problem), left))
+    places = orthonormal_polynomials(camera, problem.pixels)[observed.order]
     # A field moves a pixel along both coordinates, as the principal point does, by the sum of six polynomials each.
-    by_field = by_lens[:, :, 1:3, None] * shared.places[observed.order][:, None, None]
+    by_field = by_lens[:, :, 1:3, None] * places[:, None, None]
     errors = np.concatenate([by_lens, by_field.reshape(len(left), 2, FIELD)], axis=2)
     size, landmarks = LENS + FIELD * views, np.repeat(np.arange(count), np.diff(observed.starts))
     columns = np.broadcast_to(np.arange(LENS + FIELD), (len(left), LENS + FIELD)).copy()
@@ -241,7 +273,36 @@ def shared_equations(
         reduced = coupling.reshape(-1, size) - of_poses.T @ flat
         gradient -= flat.T @ solved.ravel()
         scores -= np.einsum("li,lij->lj", solved, of_poses.reshape(count, 3, -1))
-    return SharedEquations(observed, equations, of_points, reduced, own, gradient, scores)
+    return SharedEquations(observed, by_pose, by_point, equations, of_points, reduced, own, gradient, scores)
+
+
+def _residuals(projected: BundleProblem, measured: BundleProblem) -> Floats:
+    """The residuals (M, 2) of a problem in the virtual cameras of its projections."""
+    across, rays = np.split(projected.virtual, [2], axis=1)
+    return np.asarray(np.einsum("mij,mj->mi", across, rays[:, 0] - measured.virtual[:, 2]))
+
+
+def lens_derivatives(camera: Camera, projected: BundleProblem) -> Floats:
+    """How the residuals in the virtual cameras follow the lens: log focal length, principal point (2), k1.
+
+    Another lens sees the same pixel along another ray. That moves the residual by the move of the ray. An error of a
+    measured pixel moves it as an error of the principal point does, with the other sign.
+
+    Shapes: returns (M, 2, 4).
+
+    * Returns: 0 where another lens does not see the pixel.
+    """
+    across, rays = projected.virtual[:, :2], projected.virtual[:, 2]
+    found = camera.differentiated(rays)
+    principal = np.broadcast_to(np.eye(2), (len(across), 2, 2))
+    by_lens = np.concatenate(
+        [(found.pixels - (camera.cx, camera.cy))[..., None], principal, found.by_k1[..., None]], axis=2
+    )
+    # The shortest move of the ray that takes the pixel back: a ray does not move along itself.
+    seen: Bools = np.asarray(np.isfinite(found.pixels[:, 0]))
+    J = np.where(seen[:, None, None], found.by_point, np.eye(2, 3))
+    back = np.swapaxes(J, 1, 2) @ np.asarray(np.linalg.inv(J @ np.swapaxes(J, 1, 2)), np.float64)
+    return np.asarray(np.nan_to_num(across @ back @ by_lens))
 
 
 def _summed(places: Ints, terms: Floats, size: int) -> Floats:

@@ -13,11 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slam_init.bundle.covariances import SharedErrors, inverse_of_poses, shared_equations
-from slam_init.bundle.damped import descend
-from slam_init.bundle.least_squares import Equations, minimize, stepped, with_lenses
-from slam_init.bundle.lens import at_projections, lens_derivatives, residuals_of
-from slam_init.bundle.noise import least_squares_noise
+from slam_init.bundle.covariances import at_projections, inverse_of_poses, shared_equations
+from slam_init.bundle.least_squares import Equations, descend, minimize, stepped, with_lenses
 from slam_init.bundle.problem import BundleFit, BundleProblem
 from slam_init.bundle.reprojection import is_undistorted_first
 from slam_init.config import MapConfig
@@ -57,7 +54,7 @@ def adjust_focal(stated: Camera, fit: BundleFit, config: MapConfig) -> BundleFit
     * ``config``: ``focal_sigma`` is the standard deviation of the stated focal length.
     * Returns: With the adjusted camera; the given fit if no step lowers the error.
     """
-    noise_px = least_squares_noise(fit.problem, fit.problem.residuals(fit.camera), config)
+    noise_px = fit.problem.noise_px(fit.problem.residuals(fit.camera), config)
 
     def error_of(camera: Camera, rms_px: float) -> float:
         pull = (camera.fx / stated.fx - 1) / config.focal_sigma
@@ -78,7 +75,7 @@ def adjust_focal(stated: Camera, fit: BundleFit, config: MapConfig) -> BundleFit
 
     error = error_of(fit.camera, minimize(fit.problem, noise_px, iterations=0, tolerance=0.0)[1][-1])
     adjusted, _ = descend(
-        fit, error, step, steps=_STEPS, damping=_DAMPING, most_damping=_MOST_DAMPING, tolerance=0.0,
+        fit, error, step, steps=_STEPS, damping=_DAMPING, most_damping=_MOST_DAMPING,
         least_decrease=_LEAST_SHARE * error,
     )  # fmt: skip
     return adjusted
@@ -97,9 +94,7 @@ class _NewtonStep(NamedTuple):
 
 def _newton_step(camera: Camera, problem: BundleProblem, noise_px: float, factor: float, sigma: float) -> _NewtonStep:
     """The step in all unknowns at the optimum of poses and points, which follow the focal length."""
-    projected = at_projections(camera, problem)
-    lens = lens_derivatives(camera, projected)
-    found = shared_equations(projected, noise_px, SharedErrors.of_lens(lens), residuals_of(projected, problem))
+    found = shared_equations(camera, at_projections(camera, problem), noise_px, problem)
     coupling, of_points = found.coupling[:, 0], found.of_points[:, :, 0].ravel()
     follows = -inverse_of_poses(found.equations.information) @ coupling
     information = float(found.own[:, 0, 0].sum() - of_points @ of_points + coupling @ follows)

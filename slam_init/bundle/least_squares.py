@@ -10,13 +10,14 @@ pixels by the square of the residual over the focal length: by 0.002 px for 1 px
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.bundle.damped import descend
 from slam_init.bundle.graph import PoseTerms
 from slam_init.bundle.problem import BundleProblem
 from slam_init.bundle.reprojection import is_undistorted_first, measured_pixels
@@ -26,6 +27,10 @@ from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 
+State = TypeVar("State")
+
+#: Levenberg-Marquardt: factor of the damping after a step that fails, and its inverse after one that lowers the cost.
+_FACTOR = 10.0
 #: Levenberg-Marquardt with the numbers of gtsam: first damping, its largest value, and the absolute decrease of the
 #: error below which the iterations end.
 _DAMPING, _MOST_DAMPING, _LEAST_DECREASE = 1e-5, 1e5, 1e-5
@@ -139,13 +144,48 @@ def _minimized(
     return replace(problem, world_from_cam=_poses(R, t), points=points), rms_px
 
 
+def descend(
+    state: State,
+    cost: float,
+    step: Callable[[State, float], tuple[State, float]],
+    *,
+    steps: int,
+    damping: float,
+    most_damping: float,
+    least_decrease: float,
+    tolerance: float = 0.0,
+) -> tuple[State, list[float]]:
+    """Go down from a state by Levenberg and Marquardt's damped loop, whatever the unknowns are.
+
+    * ``step``: The state after a step with some damping, and its cost; infinite where the step has no solution.
+    * ``steps``: Largest number of steps.
+    * ``damping``: Of the first step.
+    * ``tolerance, least_decrease``: The steps end where one lowers the cost by a smaller share, or by less.
+    * Returns: The last state, and the costs at the start and after each step.
+    """
+    costs = [cost]
+    for _ in range(steps):
+        moved, lower = state, math.inf
+        while damping <= most_damping:
+            moved, lower = step(state, damping)
+            # At the optimum a step changes the cost by rounding only. It need not be tried again.
+            if lower - cost <= tolerance * cost:
+                break
+            damping *= _FACTOR
+        if not lower <= cost:
+            break
+        gain, cost, state, damping = cost - lower, lower, moved, damping / _FACTOR
+        costs.append(cost)
+        if gain <= max(tolerance * (cost + gain), least_decrease):
+            break
+    return state, costs
+
+
 def by_landmark(problem: BundleProblem, noise_px: float) -> Observed:
     """The observations of a problem in the order of their landmarks, without those that have no ray."""
-    if problem.lenses is None:
-        raise ValueError("a problem without lenses: make them by with_lenses")
-    known = np.isfinite(problem.lenses[:, 2, 0])
+    known = np.isfinite(problem.virtual[:, 2, 0])
     order = np.flatnonzero(known)[np.argsort(problem.landmarks[known], kind="stable")]
-    lenses = problem.lenses[order]
+    lenses = problem.virtual[order]
     lenses[:, :2] /= noise_px
     counts = np.bincount(problem.landmarks[order], minlength=len(problem.points))
     starts = np.concatenate([[0], np.cumsum(counts)])

@@ -23,9 +23,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.bundle.damped import descend
-from slam_init.bundle.least_squares import CAUCHY
-from slam_init.bundle.noise import MEDIAN_SQUARE
+from slam_init.bundle.least_squares import CAUCHY, descend
+from slam_init.bundle.problem import MEDIAN_SQUARE
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.lens import PULL_FREEDOM, UNKNOWN_K1_SIGMA
@@ -171,7 +170,7 @@ class _Fit:
         start = self._state, self._lens
         (self._state, self._lens), costs = descend(
             start, self._cost(*start), step, steps=_STEPS, damping=_DAMPING, most_damping=_MOST_DAMPING,
-            tolerance=0.0, least_decrease=_TOLERANCE,
+            least_decrease=_TOLERANCE,
         )  # fmt: skip
         return len(costs) <= _STEPS
 

@@ -1,19 +1,35 @@
 """Input of bundle adjustment (problem) and its result (solution or failure).
 
-A failure is a value with its cause, not an exception.
+A failure is a value with its cause, not an exception. The covariances of the map are computed with the noise that is
+estimated here from the residuals, not with the configured one.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from slam_init.config import MapConfig
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.initial_map import ScaleUncertainty
 from slam_init.types.pose import Pose
+
+#: Median of the squared length of a 2-D Gaussian, in variances.
+MEDIAN_SQUARE = 2 * math.log(2)
+
+
+def min_parallax_rad(camera: Camera, noise_px: float, config: MapConfig) -> float:
+    """Compute the least parallax at which the depth of a landmark is as precise as the configuration requires.
+
+    Two rays with noise s each that meet at the angle a give a depth with relative standard deviation sqrt(2) s / a.
+
+    * ``config``: ``max_depth_sigma`` is the largest relative standard deviation of a depth.
+    """
+    return float(np.sqrt(2) * noise_px / camera.focal_px / config.max_depth_sigma)
 
 
 @dataclass(frozen=True)
@@ -60,6 +76,16 @@ class BundleProblem:
         """Take the poses as the mean of a prior."""
         return replace(self, prior=prior, expected=self.world_from_cam)
 
+    @property
+    def virtual(self) -> Floats:
+        """The virtual cameras ``lenses``, which have been made.
+
+        Shapes: returns (M, 3, 3).
+        """
+        if self.lenses is None:
+            raise ValueError("a problem without lenses: make them by with_lenses")
+        return self.lenses
+
     def residuals(self, camera: Camera) -> Floats:
         """Compute the reprojection residuals.
 
@@ -72,6 +98,41 @@ class BundleProblem:
             seen = self.views == k
             predicted[seen] = camera.project(pose.inverse().apply(self.points[self.landmarks[seen]]))
         return predicted - self.pixels
+
+    def noise_px(self, residuals: Floats, config: MapConfig) -> float:
+        """Estimate the noise from the mean square of residuals without outliers.
+
+        Without outliers this is better than :meth:`robust_noise_px`, whose median is too low for few degrees of
+        freedom.
+
+        Shapes: ``residuals`` (M, 2).
+
+        * Returns: Standard deviation of one coordinate of one observation in pixels, at least ``config.min_noise_px``.
+        """
+        squares = float(np.sum(residuals**2))
+        return max(float(np.sqrt(squares / self._freedom(len(residuals)))), config.min_noise_px)
+
+    def robust_noise_px(self, residuals: Floats, config: MapConfig) -> float:
+        """Estimate the noise from the median of the residuals, corrected for the number of fitted unknowns.
+
+        Shapes: ``residuals`` (M, 2).
+
+        * Returns: As :meth:`noise_px`.
+        """
+        norms = np.linalg.norm(residuals, axis=1)
+        norms = norms[np.isfinite(norms)]
+        if len(norms) == 0:
+            return config.noise_px
+        raw = float(np.median(norms) / np.sqrt(MEDIAN_SQUARE))
+        return max(raw * float(np.sqrt(2 * len(norms) / self._freedom(len(norms)))), config.min_noise_px)
+
+    def _freedom(self, observations: int) -> float:
+        """Number of observed coordinates less fitted unknowns, at least a twentieth of the observations.
+
+        An adjusted focal length does not change it: it adds one unknown, and its prior adds one measurement.
+        """
+        unknowns = 3 * len(self.points) + 6 * (len(self.frames) - 1) - 1
+        return max(2.0 * observations - unknowns, 0.05 * observations)
 
     def parallax_rad(self) -> Floats:
         """Compute the parallax of each landmark.

@@ -18,46 +18,42 @@ the poses is ``r + q^2 tr(H S S^T) / n`` with n unknowns. So the graph covers po
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 
 from slam_init.bundle.covariances import (
     FIELD,
     LENS,
-    SharedErrors,
+    ErrorModel,
+    SharedEquations,
+    at_projections,
+    causes_of_poses,
     inverse_of_poses,
+    lens_prior,
     root_of_lens,
     shared_equations,
 )
 from slam_init.bundle.graph import PoseTerms
 from slam_init.bundle.least_squares import arrays_of
-from slam_init.bundle.lens import lens_derivatives, residuals_of
 from slam_init.bundle.problem import BundleProblem
+from slam_init.config import MapConfig
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Bools, Floats, evenly_spaced
 from slam_init.types.camera import Camera
-from slam_init.types.correlated_errors import CorrelatedErrors, orthonormal_polynomials
+from slam_init.types.correlated_errors import CorrelatedErrors
 from slam_init.types.lens import LensPrior
 
 #: A factor needs some hundred landmarks, not all. The covariance of the fields is scaled to the number of all.
 _LANDMARKS = 200
 #: A view with fewer of these keeps all its landmarks: six fix a pose, and the others its noise.
 _LEAST_OF_VIEW = 20
-
-
-class ErrorModel(NamedTuple):
-    """The errors of the observations of a map."""
-
-    #: Standard deviation of the errors of single tracks over the noise of the residuals.
-    by_tracks: float
-    #: The errors that tracks share.
-    shared: SharedErrors
-
-    @property
-    def overdispersion(self) -> float:
-        """Standard deviation of independent noise that covers both kinds, over the noise of the residuals."""
-        return self.by_tracks * math.sqrt(self.shared.excess)
+#: Landmarks that state the deviation of a located rotation: on Tsukuba half as many again change it by less than a
+#: tenth, and each frame pays.
+#: Class: budget.
+_LANDMARKS_OF_FRAME = 100
+#: What singular equations raise.
+_NOT_DETERMINED = (RuntimeError, np.linalg.LinAlgError)
 
 
 def error_model(
@@ -65,24 +61,22 @@ def error_model(
 ) -> ErrorModel:
     """Estimate the errors of the observations from the residuals.
 
-    * ``projected``: The problem at its optimum, of :func:`slam_init.bundle.lens.at_projections`.
+    * ``projected``: The problem at its optimum, of :func:`slam_init.bundle.covariances.at_projections`.
     * ``measured``: The same problem with what was measured.
     """
-    residuals = residuals_of(projected, measured)
-    by_lens, places = lens_derivatives(camera, projected), orthonormal_polynomials(camera, projected.pixels)
-    shared = SharedErrors(by_lens, lens.sigmas, np.array(lens.fitted), places, 0.0)
-    chosen = chosen_landmarks(projected, _LANDMARKS)
+    chosen = _chosen_landmarks(projected, _LANDMARKS)
     kept = chosen[projected.landmarks]
+    part = projected.keep(kept)
     with single_threaded():
-        equations = _Equations(projected.keep(kept), residuals[kept], noise_px, shared.of_observations(kept))
+        equations = _Equations(part, shared_equations(camera, part, noise_px, measured.keep(kept)))
         by_tracks = max(equations.scatter_of_scores(), 1.0)
         mean_square = equations.mean_square_of_fields(by_tracks, lens.sigmas)
         gain = equations.gain_of_fields(len(chosen) / max(int(chosen.sum()), 1))
     excess = 1 + mean_square * gain / by_tracks
-    return ErrorModel(math.sqrt(by_tracks), shared._replace(correlated_px=math.sqrt(mean_square), excess=excess))
+    return ErrorModel(noise_px, math.sqrt(by_tracks), lens, math.sqrt(mean_square), excess)
 
 
-def chosen_landmarks(problem: BundleProblem, count: int) -> Bools:
+def _chosen_landmarks(problem: BundleProblem, count: int) -> Bools:
     """Some landmarks (L,), evenly spaced, and all of a view that would be left with too few to fix its pose."""
     chosen = np.zeros(len(problem.points), bool)
     chosen[evenly_spaced(len(chosen), count)] = True
@@ -94,8 +88,7 @@ def chosen_landmarks(problem: BundleProblem, count: int) -> Bools:
 class _Equations:
     """The equations of poses, lens and fields, points eliminated, in units of the noise."""
 
-    def __init__(self, problem: BundleProblem, residuals: Floats, noise_px: float, shared: SharedErrors) -> None:
-        found = shared_equations(problem, noise_px, shared, residuals)
+    def __init__(self, problem: BundleProblem, found: SharedEquations) -> None:
         self._gauge = PoseTerms(problem).equations(*arrays_of(problem.world_from_cam))[0]
         self._poses = found.equations.information - self._gauge
         self._coupling, self._gradient, self._scores = found.coupling, found.gradient, found.scores
@@ -136,3 +129,51 @@ class _Equations:
         H = share * self._poses
         follows = share * inverse_of_poses(H + self._gauge) @ self._coupling[:, LENS:]
         return float(np.sum(follows * (H @ follows))) / max(len(H) - 7, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class LocatedRotation:
+    """How well the rotation of a frame is known that the landmarks of a map locate.
+
+    Landmarks have errors in common: of the keyframes that see them, of the lens, of the tracker. So the noise of a
+    frame explains a tenth of the error of its rotation, and less with each frame since the last keyframe. The frame
+    joins the covariances of the map (:mod:`slam_init.bundle.covariances`) as one view more, with some of the landmarks.
+    """
+
+    camera: Camera
+    #: Keyframes that the errors of the observations are known by.
+    keyframes: int
+    #: None where the tracks do not determine the poses.
+    errors: ErrorModel | None
+
+    @staticmethod
+    def of(camera: Camera, problem: BundleProblem, config: MapConfig) -> LocatedRotation:
+        """By the residuals of the map at its optimum."""
+        noise_px = problem.noise_px(problem.residuals(camera), config)
+        projected, lens = at_projections(camera, problem), lens_prior(camera, config)
+        try:
+            errors = error_model(camera, projected, problem, noise_px, lens)
+        except _NOT_DETERMINED:
+            errors = None
+        return LocatedRotation(camera, len(problem.frames), errors)
+
+    def sigma_rad(self, problem: BundleProblem) -> float:
+        """Standard deviation of the rotation of the newest view from the first one, where it is largest.
+
+        * ``problem``: The map, with the located frame as its newest view.
+        * Returns: pi where the landmarks do not determine it.
+        """
+        if self.errors is None:
+            return math.pi
+        chosen = _chosen_landmarks(problem, _LANDMARKS_OF_FRAME)
+        part = at_projections(self.camera, problem.keep(chosen[problem.landmarks]))
+        try:
+            found = shared_equations(self.camera, part, self.errors.by_tracks * self.errors.noise_px)
+            with single_threaded():
+                poses = causes_of_poses(found, self.errors, inverse_of_poses(found.equations.information))
+        except _NOT_DETERMINED:
+            return math.pi
+        # The noise of all landmarks averages out so much more.
+        noise = poses.noise[-6:-3] * math.sqrt(chosen.mean())
+        rotation: Floats = np.concatenate([noise, poses.fields[-6:-3], poses.lens[-6:-3]], axis=1)
+        return min(math.sqrt(float(np.linalg.eigvalsh(rotation @ rotation.T)[-1])), math.pi)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slam_init.bundle.adjustment import adjust
-from slam_init.bundle.noise import min_parallax_rad
-from slam_init.bundle.problem import BundleFailure, BundleProblem, BundleSolution, PosePrior
+from slam_init.bundle.problem import BundleFailure, BundleProblem, BundleSolution, PosePrior, min_parallax_rad
 from slam_init.config import Config
 from slam_init.mapping.triangulation import parallax_rad, triangulate
 from slam_init.mapping.views import TrackTable

@@ -26,9 +26,8 @@ import numpy as np
 
 from slam_init.bundle.adjustment import solution_of
 from slam_init.bundle.least_squares import minimize, with_lenses
-from slam_init.bundle.located_rotation import LocatedRotation
-from slam_init.bundle.noise import estimate_noise
 from slam_init.bundle.problem import BundleFailure, BundleProblem
+from slam_init.bundle.shared_errors import LocatedRotation
 from slam_init.config import MapConfig
 from slam_init.frontend.rolling_shutter import RollingShutter, corrected_pixels
 from slam_init.mapping.map_building import initial_map
@@ -261,7 +260,7 @@ class GrowingMap:
         except RuntimeError:  # a landmark behind a camera: the frame is located, and it is no keyframe
             return
         residuals = adjusted.residuals(self.camera)
-        noise_px = estimate_noise(adjusted, residuals, self._config)
+        noise_px = adjusted.robust_noise_px(residuals, self._config)
         good: Bools = np.asarray(np.linalg.norm(residuals, axis=1) < self._config.outlier_sigmas * noise_px)
         kept = adjusted.keep(good)
         if np.bincount(kept.views, minlength=len(kept.frames)).min() < 6:

@@ -8,7 +8,7 @@ from typing import TypeAlias, get_args
 
 import numpy as np
 
-from slam_init.bundle.joint_covariance import joint_pose_covariance
+from slam_init.bundle.graph import joint_pose_covariance
 from slam_init.errors import check_type
 from slam_init.evaluation.metrics import align_positions, positions_of, with_true_poses
 from slam_init.scale.ground import find_ground

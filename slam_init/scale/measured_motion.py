@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from slam_init.bundle.graph import joint_pose_covariance
 from slam_init.bundle.inertial import VisualMotion, align, turning_misfit
-from slam_init.bundle.joint_covariance import joint_pose_covariance
 from slam_init.scale.requests import NoScaleError
 from slam_init.types.inertial import Gravity, InertialRecord
 from slam_init.types.initial_map import InitialMap

@@ -7,7 +7,7 @@ keyframe farthest from it, as the gauge of the graph is.
 
 ``python -m tests.benchmarks.coverage 60``
     60 simulated worlds of each stratum: exact lens; focal length, principal point or k1 off by the standard deviations
-    of :mod:`slam_init.bundle.lens`; an independent or a drifting field of correlated errors.
+    of :mod:`slam_init.bundle.covariances`; an independent or a drifting field of correlated errors.
 ``python -m tests.benchmarks.coverage 300 --worlds PATH/gen.py --seed 10000``
     300 worlds of another generator, as of :mod:`tests.benchmarks.reliability`.
 """

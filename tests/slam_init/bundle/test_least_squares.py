@@ -10,10 +10,11 @@ from make_map import CAMERAS
 from make_scene import CAMERA, cloud, problem
 
 from quest.geometry.quaternion import rotation_angle
-from slam_init.bundle.covariances import LENS, SharedErrors, covariances
+from slam_init.bundle.covariances import ErrorModel, covariances
 from slam_init.bundle.graph import GraphRecipe, landmark_key, pose_key
 from slam_init.bundle.least_squares import fit_points, minimize, with_lenses
 from slam_init.bundle.problem import PosePrior
+from slam_init.types.lens import LensPrior
 
 PRIOR = PosePrior(1e-3, 1e-2)
 
@@ -53,8 +54,8 @@ def test_the_optimum_and_its_covariances_are_those_of_gtsam(model, prior):
         assert rotation_angle(one.R.T @ other.R) <= 0.01 * sigmas[k, :3].max() + 1e-12
         assert np.linalg.norm(one.t - other.t) <= 0.01 * sigmas[k, 3:].max() + 1e-12
     assert graph.error(values) == pytest.approx(0.5 * len(start.views) * (errors[-1] / 0.5) ** 2, rel=1e-3)
-    exact_lens = SharedErrors.of_lens(np.zeros((len(theirs.pixels), 2, LENS)))
-    found = covariances(theirs, 0.5, exact_lens)
+    exact_lens = LensPrior(focal_sigma=0.0, k1_sigma=0.0)
+    found = covariances(camera, theirs, ErrorModel(0.5, 1.0, exact_lens, 0.0))
     assert_same_covariances(found.poses, expected)
     of_points = [marginals.marginalCovariance(landmark_key(track)) for track in start.track_ids.tolist()]
     assert_same_covariances(found.points, np.array(of_points))

@@ -9,9 +9,9 @@ from make_scene import CAMERA, cloud, problem, with_random_lens
 
 from quest.geometry.quaternion import rotation_angle
 from slam_init.bundle.adjustment import adjust, solution_of
+from slam_init.bundle.covariances import lens_prior
 from slam_init.bundle.least_squares import minimize, with_lenses
-from slam_init.bundle.lens import lens_prior
-from slam_init.bundle.located_rotation import LocatedRotation
+from slam_init.bundle.shared_errors import LocatedRotation
 from slam_init.config import MapConfig
 from slam_init.types.pose import Pose
 

@@ -11,10 +11,9 @@ from make_map import CAMERAS
 from make_scene import CAMERA, cloud, problem, with_random_lens
 
 from slam_init.bundle.adjustment import adjust
-from slam_init.bundle.covariances import covariances
+from slam_init.bundle.covariances import ErrorModel, at_projections, covariances, lens_prior
 from slam_init.bundle.graph import landmark_key, pose_key
 from slam_init.bundle.least_squares import with_lenses
-from slam_init.bundle.lens import at_projections, lens_prior
 from slam_init.bundle.reprojection import calibration_key
 from slam_init.bundle.shared_errors import error_model
 from slam_init.types.pose import Pose
@@ -89,8 +88,9 @@ def test_the_graph_has_the_covariances_of_its_noise_and_its_lens(model):
     measured = with_lenses(camera, solution.problem)
     projected, noise_px = at_projections(camera, measured), solution.noise_px
     errors = error_model(camera, projected, measured, noise_px, lens_prior(camera, LENS))
-    shared = errors.shared._replace(correlated_px=0.0, excess=1.0, lens_fitted=np.ones(4, bool))
-    found = covariances(projected, solution.overdispersion * noise_px, shared)
+    lens = replace(errors.lens, fitted=4 * (True,))
+    without_fields = ErrorModel(noise_px, solution.overdispersion, lens, 0.0)
+    found = covariances(camera, projected, without_fields)
     marginals = gtsam.Marginals(solution.recipe.graph, solution.recipe.values)
     expected = np.array([marginals.marginalCovariance(pose_key(frame)) for frame in measured.frames])
     assert_same(found.poses, expected)

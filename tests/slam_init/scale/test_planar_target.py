@@ -7,7 +7,7 @@ import pytest
 from make_metric import TARGET, adjusted_map, sightings, true_scale
 from make_scene import cloud
 
-from slam_init.bundle.joint_covariance import joint_pose_covariance
+from slam_init.bundle.graph import joint_pose_covariance
 from slam_init.scale.planar_target import fit_target
 from slam_init.types.pose import Pose
 
