@@ -25,7 +25,7 @@ import numpy as np
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.bundle.least_squares import CAUCHY, descend
 from slam_init.bundle.problem import MEDIAN_SQUARE
-from slam_init.types.arrays import Floats, Ints
+from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.lens import PULL_FREEDOM, UNKNOWN_K1_SIGMA
 
@@ -61,10 +61,8 @@ _LARGEST_COST = 20.0
 _GAUGE = 1e4
 #: log f, k1, k2, and the principal point.
 _LENS = 5
-#: R, t, X of :class:`Matches`.
-_State: TypeAlias = tuple[Floats, Floats, Floats]
-#: With the lens.
-_Unknowns: TypeAlias = tuple[_State, Floats]
+#: R, t, X of :class:`Matches`, and the lens.
+_State: TypeAlias = tuple[Floats, Floats, Floats, Floats]
 
 
 class Matches(NamedTuple):
@@ -119,16 +117,6 @@ def fit_lens(matches: Matches, start: Camera, prior: Camera) -> LensEstimate | N
         return None
 
 
-class _Projection(NamedTuple):
-    """Pixels (N, 2), which of them are seen (N,), and the derivatives by pose, point and lens."""
-
-    pixels: Floats
-    seen: Floats
-    by_pose: Floats
-    by_point: Floats
-    by_lens: Floats
-
-
 class _Fit:
     """The unknowns and the equations; the lens is held relative to the camera of the start."""
 
@@ -138,10 +126,9 @@ class _Fit:
         self._of_point = np.unique(self._points, return_index=True)
         self._by_view = np.argsort(self._views, kind="stable")
         self._of_view = np.unique(self._views[self._by_view], return_index=True)
-        self._state: _State = (matches.R, matches.t, matches.X)
         self._focal_px, self._centre = start.focal_px, np.array([prior.cx, prior.cy])
         k1, k2 = (*start.distortion, 0.0, 0.0)[:2]
-        self._lens = np.array([0.0, k1, k2, 0.0, 0.0])
+        self._state: _State = (matches.R, matches.t, matches.X, np.array([0.0, k1, k2, 0.0, 0.0]))
         known = (*prior.distortion, 0.0, 0.0)[:2]
         self._mean = np.array([math.log(prior.focal_px / start.focal_px), *known, 0.0, 0.0])
         principal_px = _PRINCIPAL_SIGMA * prior.width
@@ -158,46 +145,45 @@ class _Fit:
 
     def optimize(self) -> bool:
         """Go down to the optimum; returns whether that took fewer steps than the largest number."""
-        equations = self._equations()
+        start, equations = self._state, self._equations()
 
-        def step(at: _Unknowns, damping: float) -> tuple[_Unknowns, float]:
+        def step(at: _State, damping: float) -> tuple[_State, float]:
             nonlocal equations
-            if at[1] is not self._lens:
-                self._state, self._lens = at
+            if at is not self._state:
+                self._state = at
                 equations = self._equations()
             return self._farthest(equations, damping)
 
-        start = self._state, self._lens
-        (self._state, self._lens), costs = descend(
-            start, self._cost(*start), step, steps=_STEPS, damping=_DAMPING, most_damping=_MOST_DAMPING,
+        self._state, costs = descend(
+            start, self._cost(start), step, steps=_STEPS, damping=_DAMPING, most_damping=_MOST_DAMPING,
             least_decrease=_TOLERANCE,
         )  # fmt: skip
         return len(costs) <= _STEPS
 
     def measured_noise_px(self) -> float:
         """The noise by the median residual."""
-        squares = self._squares(self._state, self._lens)
+        squares = self._squares(self._state)
         median = float(np.median(squares)) * self.noise_px**2 / MEDIAN_SQUARE
         return max(math.sqrt(median), _LEAST_NOISE_PX)
 
-    def _squares(self, state: _State, lens: Floats) -> Floats:
-        found = self._projected(state, lens, differentiate=False)
-        squares = np.sum((found.pixels - self._measured) ** 2, axis=1) / self.noise_px**2
-        return np.asarray(np.where(found.seen, squares, np.inf))
+    def _squares(self, state: _State) -> Floats:
+        pixels, seen, _ = self._projected(state, differentiate=False)
+        squares = np.sum((pixels - self._measured) ** 2, axis=1) / self.noise_px**2
+        return np.asarray(np.where(seen, squares, np.inf))
 
-    def _cost(self, state: _State, lens: Floats) -> float:
-        costs = CAUCHY**2 * np.log1p(self._squares(state, lens) / CAUCHY**2)
-        pulls = (lens - self._mean) / self._sigma
+    def _cost(self, state: _State) -> float:
+        costs = CAUCHY**2 * np.log1p(self._squares(state) / CAUCHY**2)
+        pulls = (state[3] - self._mean) / self._sigma
         return float(np.minimum(costs, _LARGEST_COST).sum() + pulls @ pulls)
 
-    def _farthest(self, equations: _Equations, damping: float) -> tuple[_Unknowns, float]:
-        """State and lens after a step, or twice, four and eight times as far while that lowers the cost."""
+    def _farthest(self, equations: _Equations, damping: float) -> tuple[_State, float]:
+        """The state after a step, or twice, four and eight times as far while that lowers the cost."""
         step = self._step(equations, damping)
         moved = self._moved(*step, 1.0)
-        cost = self._cost(*moved)
+        cost = self._cost(moved)
         for length in _LENGTHS:
             farther = self._moved(*step, length)
-            lower = self._cost(*farther)
+            lower = self._cost(farther)
             if not lower < cost:
                 break
             moved, cost = farther, lower
@@ -205,28 +191,28 @@ class _Fit:
 
     def _step(self, equations: _Equations, damping: float) -> tuple[Floats, Floats]:
         """A step of poses and lens (G,), and how the points follow (T, 3)."""
-        reduced = equations.reduced(damping)
-        information, step = reduced.information, np.zeros(len(reduced.information))
+        information, scores, own, follow = equations.reduced(damping)
+        step = np.zeros(len(information))
         information[np.diag_indices(len(information))] *= 1 + damping
         free = self._held(information)
-        gradient = reduced.scores.sum(axis=0) + equations.pull
+        gradient = scores.sum(axis=0) + equations.pull
         step[free] = -np.linalg.solve(information[np.ix_(free, free)], gradient[free])
-        return step, np.einsum("tab,tb->ta", reduced.inverse, equations.own) + reduced.follow @ step
+        return step, own + follow @ step
 
-    def _moved(self, step: Floats, follow: Floats, length: float) -> _Unknowns:
-        """State and lens after a multiple of a step."""
-        R, t, X = self._state
+    def _moved(self, step: Floats, follow: Floats, length: float) -> _State:
+        """The state after a multiple of a step."""
+        R, t, X, lens = self._state
         poses = length * step[: self._first].reshape(-1, 6)
         turned = rotation_from_vector(poses[:, :3])
         X = X - length * np.einsum("tab,tb->ta", _tangents(X), follow)
         X[:, 3] = np.maximum(X[:, 3], 0.0)  # beyond infinity is behind the cameras
         X /= np.linalg.norm(X, axis=1)[:, None]
-        state = turned @ R, np.einsum("kij,kj->ki", turned, t) + poses[:, 3:], X
-        return state, self._lens + length * step[self._first :]
+        moved_t = np.einsum("kij,kj->ki", turned, t) + poses[:, 3:]
+        return turned @ R, moved_t, X, lens + length * step[self._first :]
 
     def _held(self, information: Floats) -> Ints:
         """Hold the longest baseline; returns the unknowns without those of the first view."""
-        R, t, _ = self._state
+        R, t, *_ = self._state
         centres = -np.einsum("kji,kj->ki", R, t)
         held = int(np.argmax(np.linalg.norm(centres - centres[0], axis=1)))
         along = t[held] - R[held] @ R[0].T @ t[0]
@@ -237,8 +223,9 @@ class _Fit:
 
     # -- equations --------------------------------------------------------------------------------------------------
 
-    def _projected(self, state: _State, lens: Floats, *, differentiate: bool = True) -> _Projection:
-        R, t, X = (one[index] for one, index in zip(state, (self._views, self._views, self._points), strict=True))
+    def _projected(self, state: _State, *, differentiate: bool = True) -> tuple[Floats, Bools, tuple[Floats, ...]]:
+        """Pixels (N, 2), which of them are seen (N,), and the derivatives by pose, point and lens."""
+        R, t, X, lens = state[0][self._views], state[1][self._views], state[2][self._points], state[3]
         P = np.einsum("nij,nj->ni", R, X[:, :3]) + X[:, 3:] * t
         seen = P[:, 2] > 1e-9
         inverse = 1 / np.where(seen, P[:, 2], 1.0)
@@ -247,9 +234,8 @@ class _Fit:
         seen &= (1 + 3 * k1 * r2 + 5 * k2 * r2**2 > _LEAST_GROWTH) & (r2 < _LARGEST_TANGENT**2)
         bent = focal_px * x * (1 + k1 * r2 + k2 * r2**2)[:, None]
         pixels = bent + self._centre + lens[3:]
-        none = np.zeros((0, 2, 0))
         if not differentiate:
-            return _Projection(pixels, seen, none, none, none)
+            return pixels, seen, ()
         by_x = (1 + k1 * r2 + k2 * r2**2)[:, None, None] * np.eye(2)
         by_x = focal_px * (by_x + (2 * k1 + 4 * k2 * r2)[:, None, None] * x[:, :, None] * x[:, None, :])
         by_P = by_x @ (inverse[:, None, None] * np.concatenate([np.tile(np.eye(2), (len(x), 1, 1)), -x[..., None]], 2))
@@ -258,17 +244,17 @@ class _Fit:
         by_point = by_P @ np.concatenate([R, t[:, :, None]], axis=2) @ _tangents(state[2])[self._points]
         curves = focal_px * x[:, :, None] * np.stack([r2, r2**2], axis=1)[:, None, :]
         by_lens = np.concatenate([bent[..., None], curves, np.tile(np.eye(2), (len(x), 1, 1))], axis=2)
-        return _Projection(pixels, seen, by_pose, by_point, by_lens)
+        return pixels, seen, (by_pose, by_point, by_lens)
 
     def _equations(self) -> _Equations:
         """The equations of a step at the current state."""
-        found = self._projected(self._state, self._lens)
-        residuals = (found.pixels - self._measured) / self.noise_px
+        pixels, seen, derivatives = self._projected(self._state)
+        residuals = (pixels - self._measured) / self.noise_px
         squares = np.sum(residuals**2, axis=1)
-        root = np.where(found.seen, 1 / np.sqrt(1 + squares / CAUCHY**2), 0.0)
+        root = np.where(seen, 1 / np.sqrt(1 + squares / CAUCHY**2), 0.0)
         residuals *= root[:, None]
-        by_pose, by_point, by_lens = ((root / self.noise_px)[:, None, None] * one for one in found[2:])
-        views, count, size = len(self._state[0]), len(self._state[2]), self._first + _LENS
+        by_pose, by_point, by_lens = ((root / self.noise_px)[:, None, None] * one for one in derivatives)
+        count, size = len(self._state[2]), self._first + _LENS
         lens, poses = slice(self._first, size), 6 * self._views[:, None] + np.arange(6)
         own, block = np.zeros((count, 3)), np.zeros((count, 3, 3))
         coupling, scores = np.zeros((count, 3, size)), np.zeros((count, size))
@@ -280,18 +266,15 @@ class _Fit:
         scores[self._points[:, None], poses] = np.einsum("nka,nk->na", by_pose, residuals)
         coupling[self._points[:, None], :, poses] = np.einsum("nka,nkb->nba", by_point, by_pose)
         information = np.zeros((size, size))
-        blocks, mixed = np.zeros((views, 6, 6)), np.zeros((views, 6, _LENS))
-        for part, of in ((by_pose, blocks), (by_lens, mixed)):
-            products = np.einsum("nka,nkb->nab", by_pose, part)[self._by_view]
-            of[self._of_view[0]] = np.add.reduceat(products, self._of_view[1], axis=0)
-        for k in range(views):
-            information[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = blocks[k]
-        information[: self._first, lens] = mixed.reshape(-1, _LENS)
+        products = np.einsum("nka,nkb->nab", by_pose, np.concatenate([by_pose, by_lens], axis=2))[self._by_view]
+        for k, of_view in zip(self._of_view[0], np.add.reduceat(products, self._of_view[1], axis=0), strict=True):
+            own_pose = slice(6 * k, 6 * k + 6)
+            information[own_pose, own_pose], information[own_pose, lens] = of_view[:, :6], of_view[:, 6:]
         information[lens, : self._first] = information[: self._first, lens].T
         prior = np.diag(1 / self._sigma**2)
         information[lens, lens] = np.einsum("nka,nkb->ab", by_lens, by_lens) + prior
         pull = np.zeros(size)
-        pull[lens] = prior @ (self._lens - self._mean)
+        pull[lens] = prior @ (self._state[3] - self._mean)
         return _Equations(information, pull, scores, block, own, coupling)
 
     def _sum(self, terms: Floats, of_points: Floats) -> None:
@@ -310,28 +293,19 @@ class _Fit:
             [np.diag(response[:, -_LENS:]), np.sum(moved**2, axis=0), np.sum((self._regions @ moved) ** 2, axis=0)],
             axis=0,
         )
-        pulls = (self._lens - self._mean) / self._sigma
+        log_scale, k1, k2 = self._state[3][:3].tolist()
+        pulls = (self._state[3] - self._mean) / self._sigma
         sigmas = _OPTIMISM * np.sqrt(variances * (1 + float(pulls @ pulls) / PULL_FREEDOM))
-        inliers = float(np.mean(self._squares(self._state, self._lens) < 9.0))
+        inliers = float(np.mean(self._squares(self._state) < 9.0))
         return LensEstimate(
-            focal_px=self._focal_px * math.exp(float(self._lens[0])),
+            focal_px=self._focal_px * math.exp(log_scale),
             focal_sigma=math.hypot(float(sigmas[0]), _MODEL_SIGMA),
-            k1=float(self._lens[1]),
+            k1=k1,
             k1_sigma=float(sigmas[1]),
-            k2=float(self._lens[2]),
+            k2=k2,
             noise_px=self.noise_px,
             inliers=inliers,
         )
-
-
-class _Reduced(NamedTuple):
-    """The equations of poses and lens with the points eliminated."""
-
-    information: Floats
-    scores: Floats
-    #: inverse, follow: (T, 3, 3), (T, 3, G) How the points follow.
-    inverse: Floats
-    follow: Floats
 
 
 class _Equations(NamedTuple):
@@ -347,14 +321,18 @@ class _Equations(NamedTuple):
     own: Floats
     coupling: Floats
 
-    def reduced(self, damping: float) -> _Reduced:
-        """Eliminate the points."""
+    def reduced(self, damping: float) -> tuple[Floats, Floats, Floats, Floats]:
+        """The information (G, G) and scores (T, G) of poses and lens with the points eliminated.
+
+        * Returns: Besides how the points move by themselves (T, 3), and how they follow (T, 3, G).
+        """
         # A point at infinity has no information about its distance.
         block = self.block * (1 + damping * np.eye(3)) + 1e-9 * np.eye(3)
         inverse = np.asarray(np.linalg.inv(block), np.float64)
         follow, size = inverse @ self.coupling, len(self.pull)
         information = self.information - self.coupling.reshape(-1, size).T @ follow.reshape(-1, size)
-        return _Reduced(information, self.scores - np.einsum("tag,ta->tg", follow, self.own), inverse, follow)
+        scores = self.scores - np.einsum("tag,ta->tg", follow, self.own)
+        return information, scores, np.einsum("tab,tb->ta", inverse, self.own), follow
 
 
 def _tangents(X: Floats) -> Floats:

@@ -8,10 +8,12 @@ motion.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from slam_init.bundle.graph import joint_pose_covariance
-from slam_init.bundle.inertial import VisualMotion, align, turning_misfit
+from slam_init.bundle.inertial import VisualInertial
 from slam_init.scale.requests import NoScaleError
 from slam_init.types.inertial import Gravity, InertialRecord
 from slam_init.types.initial_map import InitialMap
@@ -55,15 +57,16 @@ def scale_of_motion(map_: InitialMap, record: InertialRecord | None, grown: Init
     frames = tuple(keyframe.frame for keyframe in source.keyframes)
     poses = tuple(keyframe.world_from_cam for keyframe in source.keyframes)
     times_s = np.array([keyframe.timestamp_s for keyframe in source.keyframes])
-    motion = VisualMotion.of_poses(times_s, poses, joint_pose_covariance(source.graph, source.values, frames))
-    turning = turning_misfit(motion, record)
-    if turning is None:
+    if any(record.steps(t0_s, t1_s) is None for t0_s, t1_s in pairwise(times_s.tolist())):
         span = f"from {times_s[0]:.3f} to {times_s[-1]:.3f} s"
         raise NoScaleError(f"{record.name} does not cover the keyframes {span} without gaps")
-    if chdtrc(turning[1], turning[0]) < _LEAST_PROBABILITY:
-        raise _of_another_camera(record, f"turned otherwise (chi-square {turning[0]:.0f} of {turning[1]} rotations)")
+    covariance = joint_pose_covariance(source.graph, source.values, frames)
+    motion = VisualInertial(times_s, poses, covariance, record)
+    misfit, rotations = motion.turning_misfit
+    if chdtrc(rotations, misfit) < _LEAST_PROBABILITY:
+        raise _of_another_camera(record, f"turned otherwise (chi-square {misfit:.0f} of {rotations} rotations)")
     far = frames.index(max(ends - {frames[0]}, default=frames[-1]))
-    found = align(motion, record, far)
+    found = motion.align(far)
     if found is None:
         raise NoScaleError(f"no scale fits the accelerations: {_MOVE}")
     if chdtrc(found.freedom, found.chi_square) < _LEAST_PROBABILITY:
