@@ -92,16 +92,6 @@ def adjust(
     * ``focal_factor``: Where the focal length is adjusted: its first estimate, over the stated one.
     * ``poses_known``: Whether the poses are those of a robust estimate. Only the points are fitted robustly then.
     """
-    solution = _adjusted(camera, problem, config, focal_factor, poses_known=poses_known)
-    if poses_known and isinstance(solution, BundleFailure):
-        # The tracks contradict the poses. The recipe for poses that are not known may still find a map.
-        return _adjusted(camera, problem, config, focal_factor, poses_known=False)
-    return solution
-
-
-def _adjusted(
-    camera: Camera, problem: BundleProblem, config: MapConfig, focal_factor: float, *, poses_known: bool
-) -> BundleSolution | BundleFailure:
     # Where each observation has a camera of its own, there is no common calibration to adjust: the first estimate of
     # the focal length is held then. It is that of the joint fit of the window.
     held = config.refine_focal and needs_virtual_cameras(camera)
@@ -118,11 +108,13 @@ def _adjusted(
             stated = _weighed_against_poses(stated, config)
         solution = _solution(stated, start, camera)
     except _FAILURES as error:
-        return _failure(error)
+        # Where the tracks contradict known poses, the recipe for poses that are not known may still find a map.
+        return adjust(camera, problem, config, focal_factor) if poses_known else _failure(error)
+    focal_sigma = float(np.sqrt(stated.found.lens[0, 0])) * solution.camera.fx / camera.fx if refined else None
     return replace(
         solution,
         focal_factor=solution.camera.fx / camera.fx if config.refine_focal else 1.0,
-        focal_factor_sigma=config.focal_sigma if held else _focal_sigma(camera, stated) if refined else None,
+        focal_factor_sigma=config.focal_sigma if held else focal_sigma,
     )
 
 
@@ -262,11 +254,6 @@ def _scale_uncertainty(depth_sigmas: Floats, stretched: Floats) -> ScaleUncertai
     shared = weights @ stretched
     own = np.maximum(depth_sigmas**2 - np.sum(stretched**2, axis=1), 0.0)
     return ScaleUncertainty(float(np.sqrt(np.sum(shared[:-LENS] ** 2) + weights**2 @ own)), shared[-LENS:])
-
-
-def _focal_sigma(expected: Camera, stated: _Stated) -> float:
-    """Standard deviation of the adjusted focal length over the expected one."""
-    return float(np.sqrt(stated.found.lens[0, 0])) * stated.fit.camera.fx / expected.fx
 
 
 def _with_held_camera(camera: Camera, start: BundleProblem, config: MapConfig, *, poses_known: bool) -> BundleFit:

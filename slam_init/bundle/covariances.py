@@ -20,14 +20,13 @@ import numpy as np
 
 from slam_init.bundle.graph import PoseTerms
 from slam_init.bundle.least_squares import (
-    NONE,
     Equations,
     Observed,
-    arrays_of,
     back_substituted,
     by_landmark,
     equations_of,
     forward_substituted,
+    state_of,
     with_lenses,
 )
 from slam_init.bundle.problem import BundleProblem
@@ -238,9 +237,8 @@ def shared_equations(
     from slam_init.bundle.kernel import derivatives
 
     observed, terms = by_landmark(problem, noise_px), PoseTerms(problem)
-    R, t = arrays_of(problem.world_from_cam)
-    points, count, views = np.ascontiguousarray(problem.points), len(problem.points), len(R)
-    by_pose, by_point = derivatives(R, t, points, *observed[:3])
+    state, count, views = state_of(problem), len(problem.points), len(problem.frames)
+    by_pose, by_point = derivatives(*state, *observed[:3])
     left = np.zeros((len(problem.pixels), 2)) if measured is None else _residuals(problem, measured)
     by_lens, left = (one[observed.order] / noise_px for one in (lens_derivatives(camera, problem), left))
     places = orthonormal_polynomials(camera, problem.pixels)[observed.order]
@@ -260,7 +258,7 @@ def shared_equations(
     scores = _summed(poses, np.einsum("mji,mj->mi", by_pose, left), 6 * views * count).reshape(count, -1)
     coupling, own = np.zeros((views, 6, size)), np.zeros((views, LENS + FIELD, LENS + FIELD))
     with single_threaded():
-        equations = equations_of(observed, terms, R, t, points, NONE)
+        equations = equations_of(observed, terms, state)
         for view in range(views):
             of_view = np.flatnonzero(observed.views == view)
             flat = errors[of_view].reshape(-1, LENS + FIELD)

@@ -9,18 +9,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from slam_init.bundle.covariances import at_projections, inverse_of_poses, shared_equations
-from slam_init.bundle.least_squares import Equations, descend, minimize, stepped, with_lenses
+from slam_init.bundle.least_squares import descend, minimize, stepped, with_lenses
 from slam_init.bundle.problem import BundleFit, BundleProblem
 from slam_init.bundle.reprojection import is_undistorted_first
 from slam_init.config import MapConfig
 from slam_init.errors import CalibrationError
 from slam_init.lenses.lens import scaled_coefficients
-from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 
 #: Newton's method ends after a step that lowers the error by less than this share. With a thousand observations this
@@ -63,9 +61,8 @@ def adjust_focal(stated: Camera, fit: BundleFit, config: MapConfig) -> BundleFit
     def step(at: BundleFit, damping: float) -> tuple[BundleFit, float]:
         factor, share = at.camera.fx / stated.fx, 1 / (1 + damping)
         try:
-            newton = _newton_step(at.camera, at.problem, noise_px, factor, config.focal_sigma)
-            camera = camera_with_focal_factor(stated, factor * math.exp(share * newton.log_scale))
-            moved = stepped(at.problem, newton.equations, share * newton.poses, share * newton.of_points)
+            log_scale, moved = _newton_step(at, noise_px, factor, config.focal_sigma, share)
+            camera = camera_with_focal_factor(stated, factor * math.exp(log_scale))
             problem, more = minimize(with_lenses(camera, moved), noise_px, iterations=15, tolerance=1e-6)
         except (RuntimeError, CalibrationError):  # the poses are not determined, or the step is too long
             return at, math.inf
@@ -81,19 +78,14 @@ def adjust_focal(stated: Camera, fit: BundleFit, config: MapConfig) -> BundleFit
     return adjusted
 
 
-class _NewtonStep(NamedTuple):
-    """A step of the logarithm of the focal length, and what follows it."""
+def _newton_step(
+    fit: BundleFit, noise_px: float, factor: float, sigma: float, share: float
+) -> tuple[float, BundleProblem]:
+    """A share of the step of the logarithm of the focal length, and the poses and points, which follow it.
 
-    log_scale: float
-    #: (6 K,)
-    poses: Floats
-    #: (3 L,) Of the points, over their roots.
-    of_points: Floats
-    equations: Equations
-
-
-def _newton_step(camera: Camera, problem: BundleProblem, noise_px: float, factor: float, sigma: float) -> _NewtonStep:
-    """The step in all unknowns at the optimum of poses and points, which follow the focal length."""
+    They are at the optimum of the focal length that the fit has, ``factor`` times the stated one.
+    """
+    camera, problem = fit.camera, fit.problem
     found = shared_equations(camera, at_projections(camera, problem), noise_px, problem)
     coupling, of_points = found.coupling[:, 0], found.of_points[:, :, 0].ravel()
     follows = -inverse_of_poses(found.equations.information) @ coupling
@@ -103,4 +95,5 @@ def _newton_step(camera: Camera, problem: BundleProblem, noise_px: float, factor
     information += (factor / sigma) ** 2
     gradient += (factor - 1) * factor / sigma**2
     step = -gradient / information
-    return _NewtonStep(step, step * follows, step * of_points, found.equations)
+    moved = stepped(problem, found.equations, share * (step * follows), share * (step * of_points))
+    return share * step, moved

@@ -171,11 +171,8 @@ class PoseTerms:
     def __init__(self, problem: BundleProblem) -> None:
         self._graph = _pose_factors(problem)
         self._keys = [pose_key(frame) for frame in problem.frames]
-        keys: set[int] = set()
-        for number in range(self._graph.size()):
-            keys.update(self._graph.at(number).keys())
         # gtsam sorts the unknowns of a matrix by their keys.
-        places = [self._keys.index(key) for key in sorted(keys)]
+        places = [self._keys.index(key) for key in sorted(self._graph.keyVector())]
         self._columns = np.concatenate([np.arange(6 * place, 6 * place + 6) for place in places])
 
     def error(self, R: Floats, t: Floats) -> float:

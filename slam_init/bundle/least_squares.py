@@ -48,8 +48,8 @@ _POINT_STEPS = 5
 _POINT_DAMPING = 1.0
 #: An error from here on is that of a landmark behind a camera.
 _WRONG = 1e11
-#: R, t and points.
-_State: TypeAlias = tuple[Floats, Floats, Floats]
+#: Rotations (K, 3, 3) and translations (K, 3) of world_from_cam, and points (L, 3).
+BundleState: TypeAlias = tuple[Floats, Floats, Floats]
 
 
 class Observed(NamedTuple):
@@ -99,8 +99,7 @@ def fit_points(problem: BundleProblem, noise_px: float) -> BundleProblem:
     """
     from slam_init.bundle.kernel import eliminate_points, errors_of_points
 
-    observed, (R, t) = by_landmark(problem, noise_px)[:3], arrays_of(problem.world_from_cam)
-    points = np.ascontiguousarray(problem.points)
+    observed, (R, t, points) = by_landmark(problem, noise_px)[:3], state_of(problem)
     errors = errors_of_points(R, t, points, *observed, CAUCHY**2)
     for _ in range(_POINT_STEPS):
         _, _, roots, solved, _ = eliminate_points(R, t, points, *observed, _POINT_DAMPING, CAUCHY**2, True)
@@ -120,28 +119,28 @@ def minimize(
     * ``tolerance``: Relative decrease of the error below which the iterations end.
     * Returns ``errors``: Root mean square residual in pixels at the start and after each iteration.
     """
+    observed, terms, cauchy2 = by_landmark(problem, noise_px), PoseTerms(problem), CAUCHY**2 if robust else np.inf
+
+    def step(at: BundleState, damping: float) -> tuple[BundleState, float]:
+        equations = equations_of(observed, terms, at, damping, cauchy2)
+        try:
+            poses = np.asarray(np.linalg.solve(equations.information, -equations.gradient), np.float64)
+        except np.linalg.LinAlgError:
+            return at, np.inf
+        if not np.isfinite(poses).all():
+            return at, np.inf
+        moved = _moved(at, equations, poses, equations.solved)
+        return moved, _error(observed, terms, moved, cauchy2)
+
+    start = state_of(problem)
     with single_threaded():
-        return _minimized(problem, noise_px, iterations, tolerance, CAUCHY**2 if robust else np.inf)
-
-
-def _minimized(
-    problem: BundleProblem, noise_px: float, iterations: int, tolerance: float, cauchy2: float
-) -> tuple[BundleProblem, list[float]]:
-    observed, terms = by_landmark(problem, noise_px), PoseTerms(problem)
-
-    def step(at: _State, damping: float) -> tuple[_State, float]:
-        moved = _moved(equations_of(observed, terms, *at, damping, cauchy2), *at)
-        return (at, np.inf) if moved is None else (moved, _error(observed, terms, *moved, cauchy2))
-
-    start = *arrays_of(problem.world_from_cam), np.ascontiguousarray(problem.points)
-    (R, t, points), errors = descend(
-        start, _error(observed, terms, *start, cauchy2), step, steps=iterations, damping=_DAMPING,
-        most_damping=_MOST_DAMPING, tolerance=tolerance, least_decrease=_LEAST_DECREASE,
-    )  # fmt: skip
+        state, errors = descend(
+            start, _error(observed, terms, start, cauchy2), step, steps=iterations, damping=_DAMPING,
+            most_damping=_MOST_DAMPING, tolerance=tolerance, least_decrease=_LEAST_DECREASE,
+        )  # fmt: skip
     if not errors[-1] < _WRONG:
         raise RuntimeError("bundle adjustment diverged: a landmark is behind a camera, or the error is not finite")
-    rms_px = [_rms_px(error, noise_px, problem) for error in errors]
-    return replace(problem, world_from_cam=_poses(R, t), points=points), rms_px
+    return _at_state(problem, state), [noise_px * math.sqrt(2 * error / len(problem.views)) for error in errors]
 
 
 def descend(
@@ -192,50 +191,43 @@ def by_landmark(problem: BundleProblem, noise_px: float) -> Observed:
     return Observed(starts, np.ascontiguousarray(problem.views[order]), lenses, order)
 
 
-def arrays_of(poses: tuple[Pose, ...]) -> tuple[Floats, Floats]:
-    """Rotations (K, 3, 3) and translations (K, 3) of poses."""
-    return np.array([pose.R for pose in poses]), np.array([pose.t for pose in poses])
+def state_of(problem: BundleProblem) -> BundleState:
+    """The arrays of a problem."""
+    poses = problem.world_from_cam
+    R, t = np.array([pose.R for pose in poses]), np.array([pose.t for pose in poses])
+    return R, t, np.ascontiguousarray(problem.points)
 
 
-def _error(observed: Observed, terms: PoseTerms, R: Floats, t: Floats, points: Floats, cauchy2: float) -> float:
+def _error(observed: Observed, terms: PoseTerms, at: BundleState, cauchy2: float) -> float:
     """Half of the sum of squares, as gtsam's graph has it."""
     from slam_init.bundle.kernel import errors_of_points
 
-    return 0.5 * float(errors_of_points(R, t, points, *observed[:3], cauchy2).sum()) + terms.error(R, t)
+    return 0.5 * float(errors_of_points(*at, *observed[:3], cauchy2).sum()) + terms.error(*at[:2])
 
 
 def equations_of(
-    observed: Observed,
-    terms: PoseTerms,
-    R: Floats,
-    t: Floats,
-    points: Floats,
-    damping: float,
-    cauchy2: float = np.inf,
+    observed: Observed, terms: PoseTerms, at: BundleState, damping: float = NONE, cauchy2: float = np.inf
 ) -> Equations:
     """The equations of a Gauss-Newton step in the poses, points eliminated."""
     from slam_init.bundle.kernel import eliminate_points
 
-    blocks, gradient, roots, solved, coupling = eliminate_points(R, t, points, *observed[:3], damping, cauchy2, False)
-    information, of_terms = terms.equations(R, t)
+    blocks, gradient, roots, solved, coupling = eliminate_points(*at, *observed[:3], damping, cauchy2, False)
+    information, of_terms = terms.equations(*at[:2])
     information -= coupling.T @ coupling
     information[np.diag_indices(len(gradient))] += damping
-    for k in range(len(R)):
+    for k in range(len(blocks)):
         own = slice(6 * k, 6 * k + 6)
         information[own, own] += blocks[k]
     return Equations(information, gradient + of_terms - coupling.T @ solved, roots, solved, coupling)
 
 
-def _moved(equations: Equations, R: Floats, t: Floats, points: Floats) -> _State | None:
-    """Poses and points after a step; None where the equations have no solution."""
-    try:
-        step = np.asarray(np.linalg.solve(equations.information, -equations.gradient), np.float64)
-    except np.linalg.LinAlgError:
-        return None
-    if not np.isfinite(step).all():
-        return None
-    moved = points - back_substituted(equations.roots, (equations.solved + equations.coupling @ step).reshape(-1, 3))
-    return *_moved_poses(step, R, t), np.ascontiguousarray(moved)
+def _moved(at: BundleState, equations: Equations, step: Floats, of_points: Floats) -> BundleState:
+    """Poses and points after a step (6 K,) of the poses; ``of_points`` (3 L,) is what else the points follow."""
+    R, t, points = at
+    turns, shifts = np.split(step.reshape(-1, 6), 2, axis=1)
+    follow = back_substituted(equations.roots, (of_points + equations.coupling @ step).reshape(-1, 3))
+    moved_t = t + np.einsum("kij,kj->ki", R, shifts)
+    return np.asarray(R @ rotation_from_vector(turns)), moved_t, np.ascontiguousarray(points - follow)
 
 
 def stepped(problem: BundleProblem, equations: Equations, step: Floats, of_points: Floats) -> BundleProblem:
@@ -245,18 +237,13 @@ def stepped(problem: BundleProblem, equations: Equations, step: Floats, of_point
 
     * ``of_points``: What else the points follow, over their roots.
     """
-    R, t = _moved_poses(step, *arrays_of(problem.world_from_cam))
-    points = problem.points - back_substituted(equations.roots, (of_points + equations.coupling @ step).reshape(-1, 3))
-    return replace(problem, world_from_cam=_poses(R, t), points=points)
+    return _at_state(problem, _moved(state_of(problem), equations, step, of_points))
 
 
-def _moved_poses(step: Floats, R: Floats, t: Floats) -> tuple[Floats, Floats]:
-    turns, shifts = np.split(step.reshape(-1, 6), 2, axis=1)
-    return np.asarray(R @ rotation_from_vector(turns)), t + np.einsum("kij,kj->ki", R, shifts)
-
-
-def _poses(R: Floats, t: Floats) -> tuple[Pose, ...]:
-    return tuple(Pose(one, centre) for one, centre in zip(R, t, strict=True))
+def _at_state(problem: BundleProblem, state: BundleState) -> BundleProblem:
+    R, t, points = state
+    poses = tuple(Pose(one, centre) for one, centre in zip(R, t, strict=True))
+    return replace(problem, world_from_cam=poses, points=points)
 
 
 def forward_substituted(roots: Floats, z: Floats) -> Floats:
@@ -280,8 +267,3 @@ def back_substituted(roots: Floats, z: Floats) -> Floats:
     x1 = (z[:, 1] - c21 * x2) / c11
     x0 = (z[:, 0] - c10 * x1 - c20 * x2) / c00
     return np.stack([x0, x1, x2], axis=1)
-
-
-def _rms_px(error: float, noise_px: float, problem: BundleProblem) -> float:
-    """Root mean square of the 2-D residuals from half of the sum of squares."""
-    return float(noise_px * np.sqrt(2 * error / len(problem.views)))

@@ -91,8 +91,6 @@ class LensEstimate:
     k1: float
     k1_sigma: float
     k2: float
-    #: Standard deviation of a coordinate of a pixel.
-    noise_px: float
     #: Share of the observations within three standard deviations.
     inliers: float
 
@@ -296,15 +294,13 @@ class _Fit:
         log_scale, k1, k2 = self._state[3][:3].tolist()
         pulls = (self._state[3] - self._mean) / self._sigma
         sigmas = _OPTIMISM * np.sqrt(variances * (1 + float(pulls @ pulls) / PULL_FREEDOM))
-        inliers = float(np.mean(self._squares(self._state) < 9.0))
         return LensEstimate(
             focal_px=self._focal_px * math.exp(log_scale),
             focal_sigma=math.hypot(float(sigmas[0]), _MODEL_SIGMA),
             k1=k1,
             k1_sigma=float(sigmas[1]),
             k2=k2,
-            noise_px=self.noise_px,
-            inliers=inliers,
+            inliers=float(np.mean(self._squares(self._state) < 9.0)),
         )
 
 

@@ -35,7 +35,7 @@ from slam_init.bundle.covariances import (
     shared_equations,
 )
 from slam_init.bundle.graph import PoseTerms
-from slam_init.bundle.least_squares import arrays_of
+from slam_init.bundle.least_squares import state_of
 from slam_init.bundle.problem import BundleProblem
 from slam_init.config import MapConfig
 from slam_init.system.linear_algebra import single_threaded
@@ -89,7 +89,7 @@ class _Equations:
     """The equations of poses, lens and fields, points eliminated, in units of the noise."""
 
     def __init__(self, problem: BundleProblem, found: SharedEquations) -> None:
-        self._gauge = PoseTerms(problem).equations(*arrays_of(problem.world_from_cam))[0]
+        self._gauge = PoseTerms(problem).equations(*state_of(problem)[:2])[0]
         self._poses = found.equations.information - self._gauge
         self._coupling, self._gradient, self._scores = found.coupling, found.gradient, found.scores
         flat = found.of_points.reshape(-1, len(found.gradient))

@@ -33,6 +33,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slam_init.bundle.least_squares import CAUCHY
 from slam_init.scale.requests import NoScaleError
 from slam_init.scale.sensitivity import InverseDepths, inverse_depths
 from slam_init.types.arrays import Bools, Floats, Ints
@@ -59,8 +60,6 @@ _BENEATH = 0.2
 #: How cameras are held, as sines and cosines of the angles in the module docstring.
 _MOST_ROLL, _LEAST_COSINE = math.sin(math.radians(15)), math.cos(math.radians(45))
 _REFINEMENTS = 10
-#: Tuning constant of Cauchy's kernel with 95 % efficiency on Gaussian residuals.
-_CAUCHY = 2.3849
 #: Parts of the ground in each of two directions, for the jackknife.
 _PARTS = 3
 
@@ -159,23 +158,22 @@ def _best_plane(seen: InverseDepths, nadir: bool) -> _Plane | None:
     best = min((one for one in evaluated if one is not None), key=lambda plane: plane.log_false_alarms, default=None)
     if best is None:
         return None
-    refined = (_evaluated(_fitted(best, seen, waves_rad), seen, nadir, waves_rad) for waves_rad in _WAVES_RAD)
+    refined = (_evaluated(_fitted(best.k, seen, waves, best.inliers), seen, nadir, waves) for waves in _WAVES_RAD)
     better = [plane for plane in refined if plane is not None]
     return min(better, key=lambda plane: plane.log_false_alarms, default=best)
 
 
-def _fitted(plane: _Plane, seen: InverseDepths, waves_rad: float, without: Bools | None = None) -> Floats:
-    """The robust least-squares plane of the inliers of a plane; some of them may be left out."""
-    chosen = plane.inliers if without is None else plane.inliers & ~without
-    k = plane.k
+def _fitted(start: Floats, seen: InverseDepths, waves_rad: float, chosen: Bools) -> Floats:
+    """The robust least-squares plane of some inliers of a plane; the start where they determine none."""
+    k = start
     for _ in range(_REFINEMENTS):
         predicted, tolerance = _tolerances(k, seen, waves_rad)
         off = ((predicted - seen.values) / tolerance)[chosen]
-        weight = 1 / (tolerance[chosen] ** 2 * (1 + (off / _CAUCHY) ** 2))
+        weight = 1 / (tolerance[chosen] ** 2 * (1 + (off / CAUCHY) ** 2))
         weighted = seen.rays[chosen] * weight[:, None]
         normal = weighted.T @ seen.rays[chosen]
         if np.linalg.matrix_rank(normal) < 3:
-            return plane.k
+            return start
         k = np.asarray(np.linalg.solve(normal, weighted.T @ seen.values[chosen]), float)
     return k
 
@@ -188,7 +186,8 @@ def _jackknife(plane: _Plane, seen: InverseDepths) -> float:
         return np.asarray(np.searchsorted(borders, values))
 
     parts = _PARTS * thirds(seen.rays[:, 0]) + thirds(seen.rays[:, 1])
-    fits = (_fitted(plane, seen, plane.waves_rad, without=parts == part) for part in np.unique(parts[plane.inliers]))
+    rests = (plane.inliers & (parts != part) for part in np.unique(parts[plane.inliers]))
+    fits = (_fitted(plane.k, seen, plane.waves_rad, rest) for rest in rests)
     logs = np.array([math.log(float(np.linalg.norm(k))) for k in fits])
     return (len(logs) - 1) / len(logs) * float(np.sum((logs - logs.mean()) ** 2))
 

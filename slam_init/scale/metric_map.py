@@ -66,6 +66,5 @@ def _of_scale(sigma: float, offsets: Floats) -> Floats:
 
 def scaled_keyframes(keyframes: tuple[Keyframe, ...], factor: float) -> tuple[Keyframe, ...]:
     """Change the unit of keyframes."""
-    poses = (keyframe.world_from_cam for keyframe in keyframes)
-    scaled = (Pose(pose.R, factor * pose.t) for pose in poses)
+    scaled = (Pose(one.world_from_cam.R, factor * one.world_from_cam.t) for one in keyframes)
     return tuple(replace(one, world_from_cam=pose) for one, pose in zip(keyframes, scaled, strict=True))

@@ -70,15 +70,11 @@ def inverse_depths(map_: InitialMap) -> InverseDepths:
         # The point is ray / value in the first camera.
         along = (-rays[seen] / values[seen, None] ** 2) @ (cam_from_world.R @ first.R).T
         by_value = np.einsum("nij,nj->ni", derivatives, along)
-        known = np.isfinite(by_value).all(axis=1)
-        seen, by_value = seen[known], by_value[known]
+        finite = np.isfinite(by_value).all(axis=1)
+        seen, by_value = seen[finite], by_value[finite]
         np.add.at(information, seen, np.sum(by_value**2, axis=1))
-        moved = np.einsum("ni,nij->nj", by_value, by_pose(derivatives[known], in_camera[known]))
+        moved = np.einsum("ni,nij->nj", by_value, by_pose(derivatives[finite], in_camera[finite]))
         cross[seen, 6 * k : 6 * k + 6] += moved
     kept = (points[:, 2] > 0) & (information > 0) & np.isfinite(values)
-    return InverseDepths(
-        rays=rays[kept],
-        values=values[kept],
-        sigmas=map_.noise_px / np.sqrt(information[kept]),
-        by_poses=-cross[kept] / information[kept, None],
-    )
+    known = information[kept]
+    return InverseDepths(rays[kept], values[kept], map_.noise_px / np.sqrt(known), -cross[kept] / known[:, None])
