@@ -315,8 +315,8 @@ class _Run:
         self.tracker: FrameTracker = self.initializer.tracker
         if isinstance(job.source, TrackProvider):
             self.tracker = _GivenTracks(job.source, job.camera, self.hashed)
-        # Other methods take no rotations.
-        self.turns = StepRotations(job.gyroscope if isinstance(self.initializer, Initializer) else None)
+        # The rules of other systems use no rotations.
+        self.turns = StepRotations(job.gyroscope if type(self.initializer) is Initializer else None)
         goes_on = job.restart or job.continue_frames
         frames = job.source.frames(start=job.start, max_frames=None if goes_on else job.max_frames)
         self.frames = self.turns.reading(self.memory.reading(self.reduction.frames(self.hashed.reading(frames))))

@@ -21,12 +21,11 @@ if TYPE_CHECKING:
     from slam_init.config import Config
     from slam_init.initializer import Initializer
     from slam_init.methods.external import ExternalInitializer
-    from slam_init.methods.pair_initializer import PairInitializer
     from slam_init.recording.recorder import Recorder
     from slam_init.types.camera import Camera
 
-#: What takes frames until it has a map. The three have the interface of :class:`slam_init.initializer.Initializer`.
-AnyMethod: TypeAlias = "Initializer | PairInitializer | ExternalInitializer"
+#: What takes frames until it has a map. Both have the interface of :class:`slam_init.initializer.Initializer`.
+AnyMethod: TypeAlias = "Initializer | ExternalInitializer"
 
 
 @dataclass(frozen=True)
