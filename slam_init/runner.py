@@ -305,8 +305,9 @@ class _Run:
     def __init__(self, job: Job, recorder: Recorder) -> None:
         self.job, self.recorder = job, recorder
         self.hashed = InputHash(job.camera)
-        if job.record is not None:
-            self.hashed.inertial(job.record)
+        if (record := job.record) is not None:
+            self.hashed.add(record.timestamps_s, record.rates_rad_s)
+            self.hashed.add(record.accelerations_m_s2, record.cam_from_imu.matrix())
         self.memory = FrameMemory(
             _IMAGE_BYTES if isinstance(job.scale, KnownMarkers | KnownBoard) else _FEW_IMAGE_BYTES
         )
@@ -315,8 +316,8 @@ class _Run:
         self.tracker: FrameTracker = self.initializer.tracker
         if isinstance(job.source, TrackProvider):
             self.tracker = _GivenTracks(job.source, job.camera, self.hashed)
-        # Other methods take no rotations.
-        self.turns = StepRotations(job.gyroscope if isinstance(self.initializer, Initializer) else None)
+        # The rules of other systems use no rotations.
+        self.turns = StepRotations(job.gyroscope if type(self.initializer) is Initializer else None)
         goes_on = job.restart or job.continue_frames
         frames = job.source.frames(start=job.start, max_frames=None if goes_on else job.max_frames)
         self.frames = self.turns.reading(self.memory.reading(self.reduction.frames(self.hashed.reading(frames))))
@@ -333,8 +334,8 @@ class _Run:
             notes = (*notes, note)
         result = replace(result, notes=notes)
         descriptors = tuple(part.descriptors for part in parts if part.descriptors is not None)
-        motion = self.initializer.motion if isinstance(self.initializer, Initializer) else None
-        return Finished(result, self._summary(result, parts), parts[0].continued.keyframes, descriptors, motion)
+        located, motion = parts[0].continued.keyframes, self.initializer.motion
+        return Finished(result, self._summary(result, parts), located, descriptors, motion)
 
     def _parts(self) -> list[_Part]:
         """One part, or one for each map."""
@@ -401,7 +402,7 @@ class _Run:
             observations = self.tracker.track(frame)
             self.recorder.frame(frame, observations)
             return self.initializer.process_tracks(observations)
-        if self.turns.latest is None or not isinstance(self.initializer, Initializer):
+        if self.turns.latest is None:
             return self.initializer.process(frame)
         rotation, sigma_rad = self.turns.latest
         self.hashed.turned(rotation, sigma_rad)
@@ -464,7 +465,7 @@ class _Run:
                 SegmentRecord.describe(segment_folder(number), segment, part.continued.record(), part.truth)
                 for number, (segment, part) in enumerate(zip(result.segments, parts, strict=False), start=1)
             ),
-            provenance=provenance_of(command, plain_fields(job.config) | options, self.hashed),
+            provenance=provenance_of(command, plain_fields(job.config) | options, self.hashed.hexdigest()),
         )
 
 
@@ -517,7 +518,7 @@ class _GivenTracks:
 
     def track(self, frame: Frame) -> Observations:
         observations = self._source.observed(frame, self._camera)
-        self._hashed.observed(observations)
+        self._hashed.add(observations.track_ids, observations.pixels)
         self.history.put(observations)
         self.history.forget(keep=())
         return observations
@@ -530,11 +531,9 @@ def reduction_of(source: Source, camera: Camera) -> Reduction:
 
 def _metadata_notes(source: Source, camera: Camera) -> tuple[str, ...]:
     """A note where the files of a source state another focal length than the given camera."""
-    stated = (
-        camera_of_metadata(source, (camera.width, camera.height))
-        if camera.source in ("stated", "file", "machine")
-        else None
-    )
+    if camera.source not in ("stated", "file", "machine"):
+        return ()
+    stated = camera_of_metadata(source, (camera.width, camera.height))
     if stated is None or abs(stated.focal_px - camera.focal_px) <= _METADATA_SIGMAS * (stated.focal_sigma_px or 0.0):
         return ()
     known = f"{stated.focal_px:.0f} +- {stated.focal_sigma_px:.0f} px"

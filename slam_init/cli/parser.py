@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
 from slam_init.errors import SlamInitError, SourceError
+from slam_init.methods.registry import methods_text
 from slam_init.system.process_io import emit
 from slam_init.system.regular_file import user_path
 
@@ -101,14 +102,8 @@ class Print(argparse.Action):
 
 def add_list_methods(parser: argparse._ActionsContainer) -> None:
     """Add the option that lists the methods."""
-
-    def methods() -> str:
-        from slam_init.methods.registry import methods_text
-
-        return methods_text()
-
     text = "list the methods, one a line, and exit"
-    parser.add_argument("--list-methods", action=Print, nargs=0, const=methods, help=text)
+    parser.add_argument("--list-methods", action=Print, nargs=0, const=methods_text, help=text)
 
 
 def add_options(

@@ -127,9 +127,8 @@ def _run(arguments: argparse.Namespace) -> int:
         _check_source(arguments, source)
         from slam_init.runner import run
 
-        if isinstance(
-            source, LiveSource
-        ):  # an interrupt ends it as if its data had ended, and the next one ends the program
+        if isinstance(source, LiveSource):
+            # An interrupt ends it as if its data had ended, and the next one ends the program.
             opened.enter_context(first_interrupt_calls(source.stop))
         result, summary = run(
             source,

@@ -19,6 +19,7 @@ from slam_init.compare.rows import COLUMNS, Journal, TrialRow
 from slam_init.compare.suites import Suite
 from slam_init.compare.trials import Plan
 from slam_init.compare.workers import DASK, run_on_cluster, run_trials, track_sources
+from slam_init.config import Config
 from slam_init.datasets.synth import POINTS
 from slam_init.datasets.views import SourceView
 from slam_init.errors import ConfigError
@@ -64,8 +65,7 @@ def compare(
             raise ConfigError(f'slam-init compare needs the package {package}: pip install "slam-init[compare]"')
     if backend and not backend.startswith(DASK):
         raise ConfigError(f"unknown backend {backend!r}: use dask:ADDRESS, or --jobs N for processes of this machine")
-    with OutputFolder(out, "compare", in_place=True) as folder:
-        folder.claim(TRIALS)
+    with OutputFolder(out, "compare", own=TRIALS) as folder:
         settings = replace(plan.settings, tracks=str((folder.staging / _TRACKS).resolve()))
         criteria = {source.label: source.criteria.rule for source in plan.sources}
         edited = _edited_since(folder.path / TRIALS, plan.methods)
@@ -117,8 +117,9 @@ def _shared_settings(plan: Plan) -> dict[str, Json]:
         "view": ", ".join(sorted({SourceView.parse(source.text)[0].query for source in plan.sources} - {""})),
         "audit": plan.settings.audit,  # rows that were not audited lack a figure
     }
-    # The limits of external programs do not change the result of a trial, unless it is an error.
-    options = asdict(replace(plan.settings.config, method="", seed=0))
+    # Those of another version may differ. The limits of external programs do not change the result of a trial, unless
+    # it is an error.
+    options = asdict(Config(method="", seed=0))
     return {
         **{name: value for name, value in given.items() if value},
         **{name: getattr(plan.settings, name) for name in ("seed", "limit_frames", "limit_s")},

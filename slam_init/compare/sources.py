@@ -101,10 +101,7 @@ def focal_error_of(label: str) -> float:
 
     * Returns: Value of the option ``focal_error``: (stated - true) / true. 0 for all other sources.
     """
-    name, _, query = label.partition("?")
-    if not name.startswith(("synth:", "points:")):
-        return 0.0
-    return float(dict(parse_qsl(query)).get("focal_error", 0.0))
+    return float(dict(parse_qsl(label.partition("?")[2])).get("focal_error", 0.0))
 
 
 def describe_sources(texts: Sequence[str], view: SourceView | None = None) -> list[ComparedSource]:

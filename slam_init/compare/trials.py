@@ -66,8 +66,6 @@ class Settings:
     memory_limit_mb: int = 6000
     #: Whether the maps are audited.
     audit: bool = False
-    #: Options of the methods; the fields ``method`` and ``seed`` are not used.
-    config: Config = field(default_factory=Config)
 
     def frames_limit(self, source: ComparedSource, start: int) -> int:
         """Return the number of frames that a trial may read.
@@ -142,7 +140,7 @@ def _result(
 
     limit, begin = settings.frames_limit(trial.source, trial.start), time.perf_counter()
     limits = ExternalConfig(settings.time_limit_s, settings.memory_limit_mb, max(limit, 2))
-    initializer = make_initializer(trial.method, camera, replace(settings.config, seed=settings.seed, external=limits))
+    initializer = make_initializer(trial.method, camera, Config(seed=settings.seed, external=limits))
     if is_external(trial.method):
         for frame in source.frames(trial.start, limit):
             initializer.process(frame)
@@ -192,7 +190,7 @@ def _audited_risk(
         views |= {view.frame: view for view in (*step.revised, step.current)}
     poses = {keyframe.frame: keyframe.world_from_cam for keyframe in map_.keyframes}
     try:
-        return audit(poses, views.values(), camera, settings.config).model_risk
+        return audit(poses, views.values(), camera).model_risk
     except SlamInitError:
         return None
 

@@ -4,6 +4,6 @@ The methods of other systems are written from their published rules; no code is 
 in a frozen dataclass in its module, each with its source.
 """
 
-from slam_init.methods.registry import METHODS, AnyMethod, MethodInfo, make_initializer, make_two_view, method_info
+from slam_init.methods.registry import METHODS, MethodInfo, make_initializer, make_two_view, method_info
 
-__all__ = ["METHODS", "AnyMethod", "MethodInfo", "make_initializer", "make_two_view", "method_info"]
+__all__ = ["METHODS", "MethodInfo", "make_initializer", "make_two_view", "method_info"]

@@ -28,7 +28,9 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -36,7 +38,7 @@ from slam_init.calibration.files import camera_yaml
 from slam_init.config import Config
 from slam_init.datasets.text import read_trajectory
 from slam_init.errors import SlamInitError
-from slam_init.frontend.tracks import Tracker
+from slam_init.initializer import Initializer
 from slam_init.methods.external_command import parse_external
 from slam_init.methods.external_run import run_program
 from slam_init.output.folder import writing
@@ -50,7 +52,6 @@ from slam_init.types.pose import Trajectory
 from slam_init.types.refusal import REASONS, Verdict
 from slam_init.types.result import Result
 from slam_init.types.status import Status, frame_of
-from slam_init.types.stopwatch import Stopwatch
 
 _TRAJECTORY, _FRAMES_READ, _REASON = "trajectory.txt", "frames_read.txt", "reason.txt"
 #: Length of a number or of a reason.
@@ -61,27 +62,20 @@ _MAX_LINE = 300
 _PNG_COMPRESSION = 1
 
 
-class ExternalInitializer:
-    """Takes frames, and runs the program at the end; has the interface of :class:`slam_init.initializer.Initializer`.
+class ExternalInitializer(Initializer):
+    """Takes frames, and runs the program at the end. There is no map before :meth:`finish`.
 
     * ``method``: ``command:PROGRAM ...``.
-    * ``camera``: The calibration of the images.
     * ``config``: With the limits of the program (:attr:`Config.external`).
     * ``recorder``: Receives each frame.
     * ``map``: The map of the program: keyframes without landmarks.
-    * ``status``: The status after the last frame. There is no map before :meth:`finish`.
     * ``frames_read``: Number of frames that the program gets.
     * ``tracker``, ``history``: Not used by the program.
     """
 
     def __init__(self, method: str, camera: Camera, config: Config, recorder: Recorder | None = None) -> None:
-        self._command, self._config, self._limits = parse_external(method), config, config.external
-        self.camera, self.recorder = camera, recorder or Recorder()
-        self.tracker = Tracker(camera, config.tracking)
-        self.history = self.tracker.history
-        self.stopwatch = Stopwatch()
-        self.map: InitialMap | None = None
-        self.status = Status()
+        super().__init__(camera, config, recorder)
+        self._command, self._limits = parse_external(method), config.external
         self._given: list[Observations] = []
         self._finished: Result | None = None
         with self._writing():
@@ -91,21 +85,17 @@ class ExternalInitializer:
                 (self._folder / name).mkdir()
 
     @property
-    def frames_read(self) -> int:
-        """Number of frames that the program gets."""
-        return len(self._given)
-
-    @property
     def result(self) -> Result:
         """Result up to now: before :meth:`finish`, that there is no map yet."""
-        return self._finished or self._result(Verdict.TOO_FEW_FRAMES)
+        return super().result if self._finished is None else self._finished
 
-    def process(self, image: Image | Frame, timestamp_s: float | None = None) -> Status:
+    def process(self, image: Image | Frame, timestamp_s: float | None = None, **__: object) -> Status:
         """Write the next frame to the folder of the program.
 
         Shapes: ``image`` (H, W).
 
-        * Returns: Without a map. Frames beyond the limit of the configuration are not taken.
+        * Returns: Without a map. Frames beyond the limit of the configuration are not taken. A mask, gravity and a
+          rotation are not given to the program.
         """
         import cv2
 
@@ -118,9 +108,10 @@ class ExternalInitializer:
             _, encoded = cv2.imencode(".png", frame.image, [cv2.IMWRITE_PNG_COMPRESSION, _PNG_COMPRESSION])
             (self._folder / "images" / _file(self.frames_read)).write_bytes(encoded.tobytes())
         self._given.append(given)
+        self._maps.count(frame.index)
         return self.status
 
-    def process_tracks(self, current: Observations, *, revised: Sequence[Observations] = ()) -> Status:
+    def process_tracks(self, *_: Any, **__: Any) -> Status:
         """Refuse tracks: an external program needs images."""
         raise SlamInitError(f"{self._command.label} is an external program, which needs images: give no points: source")
 
@@ -167,7 +158,7 @@ class ExternalInitializer:
             if unmatched:
                 raise SlamInitError(f"{astray}: write those of {{times}}")
             return self._result(Verdict.EXTERNAL_METHOD)
-        self.map = _map_of(keyframes, self.camera)
+        self._maps.accepted = _map_of(keyframes, self.camera)
         self.status = Status.initialized(None)
         notes = [f"{label}: an external program; its map has no landmarks"]
         notes += [f"{astray} and are left out"] if unmatched else []
@@ -209,19 +200,8 @@ class ExternalInitializer:
         return read_regular(out / name, _MAX_WORD_BYTES, "one word", SlamInitError).decode("ascii", "replace").strip()
 
     def _result(self, reason: Verdict | None, frames_to_init: int | None = None, notes: tuple[str, ...] = ()) -> Result:
-        return Result(
-            map=self.map,
-            reason=reason,
-            frames_read=self.frames_read,
-            frames_to_init=frames_to_init,
-            attempts=(),
-            timing_ms=self.stopwatch.summary(),
-            notes=notes,
-            advice="" if reason is None else reason.advice,
-            hypotheses=() if self.map is None else (self.map,),
-            method=self._config.method,
-            seed=self._config.seed,
-        )
+        advice = "" if reason is None else reason.advice
+        return replace(super().result, reason=reason, advice=advice, frames_to_init=frames_to_init, notes=notes)
 
 
 def _file(position: int) -> str:

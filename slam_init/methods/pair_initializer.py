@@ -13,22 +13,20 @@ from slam_init.config import Config
 from slam_init.decision.attempt_log import AttemptLog
 from slam_init.decision.map_candidates import MapCandidates, Outcome
 from slam_init.errors import SlamInitError
-from slam_init.frontend.frame_clock import FrameClock
-from slam_init.frontend.matched_tracks import make_tracker
+from slam_init.initializer import Initializer
+from slam_init.intake import Turn
 from slam_init.mapping.map_building import map_with_views
 from slam_init.methods.two_view import TwoViewMethod, undistorted_pixels
 from slam_init.recording.recorder import Recorder
-from slam_init.types.arrays import Image
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import MapEvidence
-from slam_init.types.frame import Frame, Observations
+from slam_init.types.frame import Observations
 from slam_init.types.history import common_tracks
-from slam_init.types.initial_map import InitialMap
+from slam_init.types.inertial import Gravity
 from slam_init.types.pose import Pose
 from slam_init.types.refusal import GateName, Verdict, at_least
 from slam_init.types.result import Attempt, Result
-from slam_init.types.status import Status, frame_of
-from slam_init.types.stopwatch import Stopwatch
+from slam_init.types.status import Status
 
 #: None of the two-view methods tests the uncertainty of a depth. So their landmarks are kept, unless their depth is
 #: entirely uncertain after bundle adjustment.
@@ -39,75 +37,36 @@ _LEAST_DEPTH = 0.01
 _NEW_REFERENCE = (Verdict.TOO_FEW_FEATURES, Verdict.TOO_FEW_MATCHES)
 
 
-class PairInitializer:
-    """Takes frames until the method accepts a pair; has the interface of :class:`slam_init.initializer.Initializer`.
+class PairInitializer(Initializer):
+    """Takes frames until the method accepts a pair, in the place of the keyframes and the window of an initializer.
 
-    * ``camera``: The calibration of the images.
-    * ``config``: Options of the tracker and of bundle adjustment; the method has its own constants.
-    * ``recorder``: Receives a report of each frame, attempt and map.
-    * ``status``: The status after the last frame. Its progress stays 0 until there is a map, because the rules of other
-      systems have no measure of progress.
-    * ``tracker``: Follows the tracks; it can be used after the initialization.
-    * ``history``: The observations of the last frames.
+    * ``method``: Has its own constants.
+    * ``config``: Options of the tracker and of bundle adjustment.
+    * ``status``: Its progress stays 0 until there is a map, because the rules of other systems have no measure of
+      progress.
     """
 
     def __init__(
         self, method: TwoViewMethod, camera: Camera, config: Config | None = None, recorder: Recorder | None = None
     ) -> None:
+        super().__init__(camera, config, recorder)
         self.method = method
-        self.camera = camera
-        self.config = config or Config()
-        self.recorder = recorder or Recorder()
-        self.tracker = make_tracker(camera, self.config.tracking)
-        self.history = self.tracker.history
-        self._clock = FrameClock(self.history)
-        self.stopwatch = Stopwatch()
-        self.status = Status()
         self._reference: int | None = None
-        self._attempts = AttemptLog()
         # A map of two views is final at once.
         self._maps = MapCandidates(self.recorder, replace(self.config, refine_frames=0))
 
-    @property
-    def map(self) -> InitialMap | None:
-        """The accepted map; None without one."""
-        return self._maps.accepted
-
-    @property
-    def frames_read(self) -> int:
-        """Number of frames that the initializer was given."""
-        return self._maps.frames
-
-    def process(self, image: Image | Frame, timestamp_s: float | None = None) -> Status:
-        """Process the next image (H, W); see :meth:`slam_init.initializer.Initializer.process`."""
-        if self.map is not None:
-            return self.status
-        frame = frame_of(image, timestamp_s, self.history.newest + 1, self.camera)
-        own_seconds = timestamp_s is None or isinstance(image, Frame)
-        frame = self._clock.stamped(frame, in_seconds_by_type=own_seconds)
-        with self.stopwatch("track"):
-            current = self.tracker.track(frame)
-        self.recorder.frame(frame, current)
-        return self._step(current)
-
-    def process_tracks(self, current: Observations, *, revised: Sequence[Observations] = ()) -> Status:
-        """Process the tracks of the next frame; see :meth:`slam_init.initializer.Initializer.process_tracks`."""
-        if self.map is not None:
-            return self.status
-        self._clock.check_tracks(current)
-        return self._step(current, revised)
-
-    def _step(self, current: Observations, revised: Sequence[Observations] = ()) -> Status:
-        """Process the tracks of the next frame, whose time is checked."""
-        self.history.add(current, revised)
-        self._clock.took(current)
+    def _step(
+        self, current: Observations, revised: Sequence[Observations], turn: Turn | None, gravity: Gravity | None
+    ) -> Status:
+        self.intake.add(current, revised, turn, gravity)
         self._maps.count(current.frame)
         attempt = None
         if self._reference is not None:
             outcome = self._try(self.history[self._reference], current)
-            attempt = outcome.attempt
+            attempt = self._attempts.add(outcome.attempt)
             self.recorder.attempt(attempt)
-            self._attempts.add(attempt)
+            if outcome.accepted is not None:
+                self.intake.check_gravity(outcome.accepted.map)
             self._maps.keep(outcome)
         if self._reference is None or (attempt is not None and attempt.verdict in _NEW_REFERENCE):
             self._refer_to(current)
@@ -116,38 +75,29 @@ class PairInitializer:
         self.status = self.status.after(attempt, 0.0) if self.map is None else Status.initialized(attempt)
         return self.status
 
-    def _refer_to(self, observed: Observations | None) -> None:
+    def _refer_to(self, observed: Observations) -> None:
         """Pair later frames with this one, if it has enough features."""
-        enough = observed is not None and len(observed) >= self.method.pair_rule.min_features
-        self._reference = observed.frame if observed is not None and enough else None
-
-    def finish(self) -> Result:
-        """End the sequence. The result is the same as :attr:`result`."""
-        return self.result
+        self._reference = observed.frame if len(observed) >= self.method.pair_rule.min_features else None
 
     @property
     def result(self) -> Result:
         """The result up to now: the map, or the reason why there is none."""
-        result = self._maps.result(self._attempts, self.camera, self._clock.notes, self.stopwatch.summary())
+        result = super().result
         if result.reason == Verdict.TOO_FEW_FRAMES and self.frames_read > 1:
             # No frame had enough features to become a reference.
             return replace(result, reason=Verdict.TOO_FEW_FEATURES, advice=Verdict.TOO_FEW_FEATURES.advice)
         return result
 
     def reset(self, since: int | None = None) -> None:
-        """Restart; see :meth:`slam_init.initializer.Initializer.reset`.
-
-        * ``since``: Absolute index of the first frame whose tracks the next map may use; by default the newest one.
-        """
-        newest = max(self.history.newest, 0)
-        self.history.start_at(newest if since is None else min(since, newest))
-        known = list(self.history)
-        self._refer_to(known[0] if known else None)
-        self._attempts, self.status = AttemptLog(), Status()
+        """Restart; see :meth:`slam_init.initializer.Initializer.reset`."""
         self._maps.restart()
-        for observed in known:
-            self._maps.count(observed.frame)
-            self._clock.took(observed)
+        self._attempts, self.status = AttemptLog(), Status()
+        known = self.intake.restart(since)
+        self._reference = None
+        if known:
+            self._refer_to(self.history[known[0]])
+        for frame in known:
+            self._maps.count(frame)
         self.recorder.restarted()
 
     def _try(self, reference: Observations, current: Observations) -> Outcome:

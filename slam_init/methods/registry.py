@@ -10,8 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from importlib.util import find_spec
-from types import BuiltinFunctionType
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 from slam_init.errors import ConfigError
 from slam_init.methods.external_command import is_external, parse_external
@@ -20,13 +19,8 @@ from slam_init.system.user_code import attribute_of, described_error
 if TYPE_CHECKING:
     from slam_init.config import Config
     from slam_init.initializer import Initializer
-    from slam_init.methods.external import ExternalInitializer
-    from slam_init.methods.pair_initializer import PairInitializer
     from slam_init.recording.recorder import Recorder
     from slam_init.types.camera import Camera
-
-#: What takes frames until it has a map. The three have the interface of :class:`slam_init.initializer.Initializer`.
-AnyMethod: TypeAlias = "Initializer | PairInitializer | ExternalInitializer"
 
 
 @dataclass(frozen=True)
@@ -143,9 +137,7 @@ def make_two_view(name: str) -> Any:
         raise ConfigError(f"{name} is not a two-view method: use make_initializer")
     info.check_installed()
     try:
-        make = attribute_of(info.home)
-        # sys:exit is no method, and would end the process
-        method = None if isinstance(make, BuiltinFunctionType) else make()
+        method = attribute_of(info.home)()
     except (Exception, SystemExit) as error:  # a third-party module may raise anything
         raise ConfigError(f"the method {name!r} cannot be made: {described_error(error)}") from error
     if not hasattr(method, "bootstrap") or not hasattr(method, "pair_rule"):
@@ -153,7 +145,7 @@ def make_two_view(name: str) -> Any:
     return method
 
 
-def make_initializer(name: str, camera: Camera, config: Config, recorder: Recorder | None = None) -> AnyMethod:
+def make_initializer(name: str, camera: Camera, config: Config, recorder: Recorder | None = None) -> Initializer:
     """Make an initializer that uses a method.
 
     * ``name``: A name of :data:`METHODS`, ``package.module:attribute``, or ``command:PROGRAM ...``.

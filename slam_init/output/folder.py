@@ -26,6 +26,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import slam_init
 from slam_init.errors import OutputError
 from slam_init.output.names import RUN_FILES
 from slam_init.system.process_io import interrupts_deferred
@@ -62,10 +63,7 @@ class Marker:
 
     def write(self, folder: Path) -> None:
         """Write the marker of a folder: completely or not at all."""
-        from slam_init.output.summary import package_versions
-
-        made_by = package_versions(["slam-init"])["slam-init"]
-        content = {"command": self.command, "version": made_by, "files": sorted(self.files)}
+        content = {"command": self.command, "version": slam_init.__version__, "files": sorted(self.files)}
         home = folder / HOME
         home.mkdir(exist_ok=True)
         new = home / f"{_MARKER}.new"
@@ -159,19 +157,20 @@ class OutputFolder:
 
     * ``path``: The folder.
     * ``command``: The command that it belongs to.
-    * ``in_place``: Whether the folder stays where it is, since the command writes to files in it (:meth:`claim`).
+    * ``own``: A file that the command writes to its place itself, and that is no staged file. The folder then stays
+      where it is.
     * ``staging``: Empty folder on the same file system, for new results.
     """
 
-    def __init__(self, path: str | os.PathLike[str], command: str, *, in_place: bool = False) -> None:
+    def __init__(self, path: str | os.PathLike[str], command: str, *, own: str | None = None) -> None:
         # A path of the command line has its home folder already. "./~" has become "~" there.
         self.path = path if isinstance(path, Path) else user_path(path, OutputError)
         if "\0" in str(self.path):
             raise OutputError(f"the folder {str(self.path)!r:.60} has a null byte: give another one")
         self._command = command
         self._created: list[Path] = []
-        self._lock, self._in_place = -1, in_place
-        self._claimed: frozenset[str] = frozenset()
+        self._lock = -1
+        self._own = frozenset[str]() if own is None else frozenset([own])
 
     def __enter__(self) -> OutputFolder:
         check_folder(self.path, self._command)
@@ -179,7 +178,7 @@ class OutputFolder:
             undone.callback(self.__exit__)
             # Of a link the folder that it leads to is replaced.
             self._place = self.path.resolve()
-            self._in_place = self._in_place or self._cannot_move()
+            self._in_place = bool(self._own) or self._cannot_move()
             home = self._place / HOME if self._in_place else self._place.parent
             self._created = [folder for folder in (home, *home.parents) if not folder.exists()]
             home.mkdir(parents=True, exist_ok=True)
@@ -190,6 +189,8 @@ class OutputFolder:
             self._lock = os.open(self.staging, os.O_RDONLY)
             with suppress(OSError):  # a file system without locks
                 fcntl.flock(self._lock, fcntl.LOCK_EX)
+            if self._own:
+                self._mark(self._own)
             undone.pop_all()
         return self
 
@@ -209,12 +210,6 @@ class OutputFolder:
                 path = self.staging / name
                 path.parent.mkdir(parents=True, exist_ok=True)
                 path.write_bytes(content)
-
-    def claim(self, name: str) -> None:
-        """Take a file that the command writes to its place itself, and that is no staged file."""
-        self._claimed |= {name}
-        with writing(self.path):
-            self._mark(self._claimed)
 
     def publish(self, last: str = "") -> None:
         """Replace the earlier results by the staged files: all of them, or none.
@@ -256,7 +251,7 @@ class OutputFolder:
         return Path.cwd().is_relative_to(self._place)
 
     def _move_each(self, names: list[str]) -> None:
-        now = self._claimed | frozenset(names)
+        now = self._own | frozenset(names)
         earlier = self._mark(now)
         for name in names:
             (self._place / name).parent.mkdir(parents=True, exist_ok=True)

@@ -92,8 +92,6 @@ def is_result_folder(path: str | os.PathLike[str]) -> bool:
     """
     folder = Path(path)
     try:
-        if not folder.is_dir():
-            return False
         if (marker := read_marker(folder)) is not None:
             return marker.command == "run"
         others = ("config.toml", RECORDING)

@@ -155,12 +155,9 @@ def load_graph(out: str | os.PathLike[str]) -> tuple[Any, Any]:
     # gtsam believes each count and class of an archive: damaged ones end the process. So a child reads it first.
     command = [sys.executable, "-c", _READ_BY_CHILD, str(_CHILD_BYTES)]
     try:
-        child = subprocess.run(command, input="\0".join(texts).encode(), capture_output=True, timeout=_CHILD_S)
-        sound = child.returncode == 0
-    except subprocess.TimeoutExpired:
-        sound = False
-    if not sound:
-        raise SourceError(f"the graph in {out} is damaged: run again")
+        subprocess.run(command, input="\0".join(texts).encode(), capture_output=True, timeout=_CHILD_S, check=True)
+    except subprocess.SubprocessError:  # it failed, or did not end
+        raise SourceError(f"the graph in {out} is damaged: run again") from None
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     graph.deserialize(texts[0])
     values.deserialize(texts[1])

@@ -9,21 +9,20 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import math
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
 from slam_init.output.plain_json import Json, plain_fields
-from slam_init.types.arrays import Floats
+from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import FreeFocal, MapEvidence, Margin, PreviewEvidence, TwoViewEvidence, WindowEvidence
-from slam_init.types.frame import Frame, Observations
-from slam_init.types.inertial import InertialRecord
+from slam_init.types.frame import Frame
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.refusal import Direction, GateName, Stage, Verdict
 from slam_init.types.result import Attempt, GroundTruthErrors, Result, Segment
@@ -334,38 +333,30 @@ class InputHash:
                 self._hash.update(np.append(frame.gravity.down, frame.gravity.sigma_deg).data)
             yield frame
 
-    def observed(self, observations: Observations) -> None:
-        """Add given tracks to the hash."""
-        self._hash.update(np.ascontiguousarray(observations.track_ids).data)
-        self._hash.update(np.ascontiguousarray(observations.pixels).data)
+    def add(self, *arrays: Floats | Ints) -> None:
+        """Add what was measured besides the frames: given tracks, or the record of an inertial sensor."""
+        for one in arrays:
+            self._hash.update(np.ascontiguousarray(one).data)
 
     def turned(self, rotation: Floats, sigma_rad: float) -> None:
         """Add a measured rotation to the hash: ``rotation`` (3, 3)."""
-        self._hash.update(np.ascontiguousarray(rotation).data)
+        self.add(rotation)
         self._hash.update(repr(sigma_rad).encode())
-
-    def inertial(self, record: InertialRecord) -> None:
-        """Add the record of an inertial sensor to the hash."""
-        for one in (record.timestamps_s, record.rates_rad_s, record.accelerations_m_s2, record.cam_from_imu.matrix()):
-            self._hash.update(np.ascontiguousarray(one, float).data)
 
     def hexdigest(self) -> str:
         """Return the hash of the frames that were read up to now."""
         return self._hash.hexdigest()
 
 
-def provenance_of(
-    command: Sequence[str], options: Mapping[str, Json], input_hash: InputHash | None = None
-) -> Provenance:
+def provenance_of(command: Sequence[str], options: Mapping[str, Json], input_blake2b: str = "") -> Provenance:
     """Gather the provenance of a run, or of a result without the hash of its input."""
-    hashed = "" if input_hash is None else input_hash.hexdigest()
-    return Provenance(package_versions(_PACKAGES), tuple(command), dict(options), hashed)
+    return Provenance(package_versions(), tuple(command), options, input_blake2b)
 
 
-def package_versions(names: Sequence[str]) -> dict[str, str]:
-    """Return the versions of Python and of packages."""
+def package_versions() -> dict[str, str]:
+    """Return the versions of Python and of the packages that may change a result."""
     packages = {"python": platform.python_version()}
-    for name in names:
+    for name in _PACKAGES:
         try:
             packages[name] = version(name)
         except PackageNotFoundError:
@@ -452,6 +443,10 @@ class Summary:
         return plain_fields(self)
 
 
+#: The figures of a run without a map.
+_NO_MAP = SimpleNamespace(median_parallax_deg=None, depth_sigma=None, reprojection_rmse_px=None, scene=None)
+
+
 def summary_of(
     result: Result,
     source: SourceRecord,
@@ -472,13 +467,10 @@ def summary_of(
     return record(
         Summary,
         result,
+        _NO_MAP if map_ is None else map_,
         schema=SCHEMA,
         source=source,
         camera=record(CameraRecord, camera),
-        median_parallax_deg=None if map_ is None else _known(map_.median_parallax_deg),
-        depth_sigma=None if map_ is None else _known(map_.depth_sigma),
-        reprojection_rmse_px=None if map_ is None else _known(map_.reprojection_rmse_px),
-        scene=None if map_ is None else map_.scene,
         focal_length=None if map_ is None else FocalLengthRecord.describe(map_),
         hypotheses=tuple(record(HypothesisRecord, one, **map_figures(one, None)) for one in kept),
         attempts=tuple(AttemptRecord.describe(attempt) for attempt in result.attempts),
@@ -488,8 +480,3 @@ def summary_of(
         provenance=provenance,
         **map_figures(map_, result.scale),
     )
-
-
-def _known(value: float) -> float | None:
-    """The map of an external program has no landmarks, and figures of landmarks are NaN."""
-    return value if math.isfinite(value) else None

@@ -9,8 +9,8 @@ from make_window import WINDOW_CONFIG, point_source
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.datasets.views import at_rest, read_gravity
 from slam_init.errors import SourceError
-from slam_init.initializer import Initializer
 from slam_init.mapping.map_building import mean_gravity
+from slam_init.methods import make_initializer
 from slam_init.types.frame import Frame
 from slam_init.types.inertial import Gravity, InertialRecord
 from slam_init.types.initial_map import Keyframe
@@ -20,10 +20,10 @@ DOWN = np.array([0.1, 0.97, -0.2]) / np.linalg.norm([0.1, 0.97, -0.2])
 RNG = np.random.default_rng
 
 
-def result_of(gravity_in):
+def result_of(gravity_in, method="quest"):
     """The result of a simulated room; ``gravity_in`` makes of a true pose the gravity in its frame."""
     source = point_source("room", 2, baseline=0.1, views=8)
-    initializer = Initializer(source.camera, WINDOW_CONFIG)
+    initializer = make_initializer(method, source.camera, WINDOW_CONFIG)
     for seen, pose in zip(source.observations(), source.groundtruth.world_from_cam, strict=True):
         if initializer.process_tracks(seen, gravity=gravity_in(pose)):
             break
@@ -36,8 +36,9 @@ def without():
     return result_of(lambda _: None)[0]
 
 
-def test_the_gravity_of_the_map_is_that_of_its_frames(without):
-    result, poses = result_of(lambda pose: Gravity(pose.R.T @ DOWN, 0.5))
+@pytest.mark.parametrize("method", ["quest", "orb-slam3"])
+def test_the_gravity_of_the_map_is_that_of_its_frames(without, method):
+    result, poses = result_of(lambda pose: Gravity(pose.R.T @ DOWN, 0.5), method)
     first = result.map.keyframes[0]
     down = first.world_from_cam.R @ poses[first.frame].R.T @ DOWN
     assert np.degrees(np.arccos(result.map.gravity.down @ down)) < 0.3

@@ -19,7 +19,7 @@ def test_other_names_are_errors_with_a_way_out():
         ("slam_init.types.arrays:Nothing", "cannot be made"),
         ("slam_init.types.arrays:Pose", "cannot be made"),
         ("slam_init.config:Config", "not a two-view method"),
-        ("sys:exit", "not a two-view method"),
+        ("sys:exit", "cannot be made: SystemExit"),
         ("quest", "use make_initializer"),
     ):
         with pytest.raises(ConfigError, match=message):

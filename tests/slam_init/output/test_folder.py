@@ -198,8 +198,7 @@ def test_one_file_is_kept_beside_earlier_results_or_alone_and_the_next_results_r
 
 def test_a_file_that_a_command_writes_itself_stays_beside_its_results(tmp_path):
     for k in range(2):
-        with OutputFolder(tmp_path / "out", "compare", in_place=True) as folder:
-            folder.claim("trials.jsonl")
+        with OutputFolder(tmp_path / "out", "compare", own="trials.jsonl") as folder:
             with (tmp_path / "out" / "trials.jsonl").open("a") as file:
                 file.write("x")
             folder.write({f"{k}.html": b""})
