@@ -78,6 +78,7 @@ import numpy as np
 
 from slam_init.calibration.files import as_text, camera_of, load_camera, load_yaml
 from slam_init.calibration.values import Section, at_place, parse_json
+from slam_init.datasets import text
 from slam_init.datasets.colmap import model_files, read_model
 from slam_init.datasets.image_files import (
     IMAGE_SUFFIXES,
@@ -90,17 +91,6 @@ from slam_init.datasets.image_files import (
 )
 from slam_init.datasets.inertial import InertialSensor, pose_of_yaml, read_densities, read_samples
 from slam_init.datasets.posed_images import Layout, PosedImage, file_of, image_sequence, photographs, with_axes
-from slam_init.datasets.text import (
-    Row,
-    check_count,
-    fields_of,
-    numbers,
-    pose_from_matrix,
-    read_poses_of,
-    read_rows,
-    read_trajectory,
-    stamp_of,
-)
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.arrays import as_array
@@ -129,7 +119,7 @@ _ICL_NUIM_RATE_HZ = 30.0
 
 
 def _read_list(
-    path: Path, folder: Path, images: Path, fields_of_image: Callable[[Row], list[str]], what: str
+    path: Path, folder: Path, images: Path, fields_of_image: Callable[[text.Row], list[str]], what: str
 ) -> tuple[list[Path], list[tuple[str, float]]]:
     """The images of a list, and the time stamp of each with the place of its line.
 
@@ -138,9 +128,9 @@ def _read_list(
     """
     paths: list[Path] = []
     stamps: list[tuple[str, float]] = []
-    for row in read_rows(path, folder if path.is_relative_to(folder) else None):
+    for row in text.read_rows(path, folder if path.is_relative_to(folder) else None):
         fields = fields_of_image(row)
-        stamps.append((row[0], stamp_of(row, fields, what)))
+        stamps.append((row[0], text.stamp_of(row, fields, what)))
         if len(fields) < 2 or not fields[1]:
             raise SourceError(f"{row[0]}: expected {what}, found {row[1][:60]!r}")
         paths.append(images / fields[1])
@@ -160,21 +150,21 @@ def open_tum(folder: Path, index: Path) -> ImageFileSource:
     truth: Trajectory | None = None
     if reflected:
         stamps = [(place, stamp / _ICL_NUIM_RATE_HZ) for place, stamp in stamps]
-        camera, truth = camera or _ICL_NUIM, read_trajectory(reflected[0], folder)
+        camera, truth = camera or _ICL_NUIM, text.read_trajectory(reflected[0], folder)
         truth = _reflected(truth) if truth else None
     else:
         named = re.search(r"freiburg([123])", folder.resolve().name)
         camera = camera or (_FREIBURG[named[1]] if named else None)
         if (folder / "groundtruth.txt").exists():
-            truth = read_trajectory(folder / "groundtruth.txt", folder)
+            truth = text.read_trajectory(folder / "groundtruth.txt", folder)
     return image_sequence("tum", folder, paths, stamps=stamps, camera=camera, truth=truth)
 
 
-def _time_and_name(row: Row) -> list[str]:
+def _time_and_name(row: text.Row) -> list[str]:
     return row[1].split(maxsplit=1)  # a name may hold spaces
 
 
-def _colour_of_pair(row: Row) -> list[str]:
+def _colour_of_pair(row: text.Row) -> list[str]:
     fields = row[1].split()
     return fields[2:] if len(fields) >= 4 and fields[1].lower().startswith("depth") else fields
 
@@ -197,7 +187,7 @@ def open_euroc(folder: Path, found: Path) -> ImageFileSource:
     cam0 = found.resolve()
     # The camera of a sequence has its ground truth beside it, so that the folder of the camera alone names its parent.
     root = cam0.parent if found == folder else folder
-    paths, stamps = _read_list(cam0 / "data.csv", root, cam0 / "data", fields_of, "timestamp,filename")
+    paths, stamps = _read_list(cam0 / "data.csv", root, cam0 / "data", text.fields_of, "timestamp,filename")
     camera, body_from_cam = None, None
     sensor = cam0 / "sensor.yaml"
     if sensor.exists():
@@ -209,7 +199,7 @@ def open_euroc(folder: Path, found: Path) -> ImageFileSource:
     truth: Trajectory | None = None
     if truth_file.exists():
         columns = "timestamp tx ty tz qw qx qy qz"
-        truth = read_trajectory(truth_file, root, columns, body_from_cam or Pose.identity())
+        truth = text.read_trajectory(truth_file, root, columns, body_from_cam or Pose.identity())
     imu, notes = None, tuple[str, ...]()
     if (mav / "imu0" / "data.csv").exists():
         if body_from_cam is not None and (mav / "imu0" / "sensor.yaml").exists():
@@ -279,8 +269,11 @@ def open_kitti(folder: Path, found: Path) -> ImageFileSource:
     paths = list_images(images)
     times, stamps = sequence / "times.txt", []
     if times.exists():
-        stamps = [(row[0], stamp_of(row, fields_of(row), "a time in seconds")) for row in read_rows(times, sequence)]
-        check_count(times, stamps, "times", paths)
+        stamps = [
+            (row[0], text.stamp_of(row, text.fields_of(row), "a time in seconds"))
+            for row in text.read_rows(times, sequence)
+        ]
+        text.check_count(times, stamps, "times", paths)
     camera, cam0_from_cam = None, Pose.identity()
     if (sequence / "calib.txt").exists():
         size = image_size(paths[0], sequence)
@@ -289,7 +282,7 @@ def open_kitti(folder: Path, found: Path) -> ImageFileSource:
     beside = sequence.parent.parent
     for path, root in ((beside / "poses" / f"{sequence.name}.txt", beside), (sequence / "poses.txt", sequence)):
         if path.exists():
-            poses = [pose @ cam0_from_cam for pose in read_poses_of(paths, path, root)]
+            poses = [pose @ cam0_from_cam for pose in text.read_poses_of(paths, path, root)]
             break
     camera, name = stored_camera(sequence, paths[0]) or camera, f"{sequence.name}/{images.name}"
     return image_sequence(
@@ -299,10 +292,10 @@ def open_kitti(folder: Path, found: Path) -> ImageFileSource:
 
 def _rectified(path: Path, root: Path, key: str, size: tuple[int, int]) -> tuple[Camera, Pose]:
     """The camera of a projection matrix ``K [I | t]``, and its pose cam0_from_cam."""
-    for row in read_rows(path, root):
+    for row in text.read_rows(path, root):
         name, _, rest = row[1].partition(":")
         if name.strip() == key:
-            values = np.array(numbers(row, rest.split(), 12, f"{key}: and 12 numbers")).reshape(3, 4)
+            values = np.array(text.numbers(row, rest.split(), 12, f"{key}: and 12 numbers")).reshape(3, 4)
             if not (values[2, 2] > 0 and np.abs(values).max() <= 1e100 * values[2, 2]):
                 raise SourceError(f"{row[0]}: {key} is no projection matrix [fx 0 cx, 0 fy cy, 0 0 1 | K t]")
             values = values / values[2, 2]
@@ -324,7 +317,7 @@ def find_tartanair(folder: Path) -> tuple[Path, Path] | None:
 def open_tartanair(folder: Path, found: tuple[Path, Path]) -> ImageFileSource:
     """Open a TartanAir sequence."""
     paths = list_images(found[0])
-    stated = read_poses_of(paths, found[1], folder, "tx ty tz qx qy qz qw")
+    stated = text.read_poses_of(paths, found[1], folder, "tx ty tz qx qy qz qw")
     poses = [with_axes(pose, "forward, right, down") for pose in stated]
     width, height = image_size(paths[0], folder)
     published = Camera("pinhole", width, height, width / 2, width / 2, width / 2, height / 2, source="machine")
@@ -408,7 +401,7 @@ def read_transforms(path: Path, folder: Path) -> Iterator[PosedImage]:
                 size = image_size(image, folder)
             given: JsonObject = {name: value for name, value in stated.items() if value is not None}
             cameras[key] = _transforms_camera(place, given, size)
-        yield PosedImage(image, with_axes(pose_from_matrix(place, matrix), "right, up, backward"), cameras[key])
+        yield PosedImage(image, with_axes(text.pose_from_matrix(place, matrix), "right, up, backward"), cameras[key])
 
 
 def _transforms_camera(place: str, stated: JsonObject, size: tuple[int, int] | None) -> Camera | None:
@@ -447,7 +440,7 @@ def _named(word: str, folder: Path) -> Path | None:
 def open_trakmark(folder: Path, extrinsics: Path) -> ImageFileSource:
     """Open a sequence in the manner of TrakMark."""
     paths = list_images(image_folder(folder) or folder)
-    poses = [pose.inverse() for pose in read_poses_of(paths, extrinsics, folder)]
+    poses = [pose.inverse() for pose in text.read_poses_of(paths, extrinsics, folder)]
     intrinsics = _named("intrinsic", folder)
     camera = stored_camera(folder, paths[0], "camera.yaml", *([intrinsics.name] if intrinsics else []))
     return image_sequence("trakmark", folder, paths, rate_hz=NOMINAL_RATE_HZ, camera=camera, poses=poses)

@@ -21,7 +21,7 @@ from slam_init.errors import SourceError
 from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose, Trajectory
-from slam_init.types.time_stamps import LARGEST_STAMP, TimeUnit, in_seconds, problem_of, time_unit, unit_notes
+from slam_init.types.time_stamps import TimeUnit, in_seconds, problem_of, time_unit, unit_notes
 
 #: The place of a line for error messages (``file:line``), and its text.
 Row = tuple[str, str]
@@ -274,14 +274,11 @@ def image_times(
 
 def _check(times: Floats, raw: Floats, places: Sequence[str]) -> None:
     """Raise the problem of the first time that has one; the message states the stamp that it comes from."""
-    previous = np.concatenate([[-1.0], times[:-1]])
-    with np.errstate(invalid="ignore"):
-        suspects = np.flatnonzero(~((times > previous) & (times >= 0) & (raw < LARGEST_STAMP)))
-    for at in suspects[:1].tolist():
-        stamp = float(raw[at])
-        shown = f"{stamp:.0f}" if stamp.is_integer() else repr(stamp)
-        problem = problem_of(float(times[at]), None if at == 0 else float(previous[at]))
-        raise SourceError(f"{places[at]}: time stamp {shown} {problem}")
+    previous = [None, *times.tolist()]
+    for place, stamp, time, before in zip(places, raw.tolist(), times.tolist(), previous, strict=False):
+        if problem := problem_of(time, before):
+            shown = f"{stamp:.0f}" if stamp.is_integer() else repr(stamp)
+            raise SourceError(f"{place}: time stamp {shown} {problem}")
 
 
 def truth_on_clock(
