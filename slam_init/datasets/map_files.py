@@ -88,14 +88,11 @@ class MapFile:
         """The tracks of the points of the map in its frames; none where it has no points."""
         if (table := self.table) is None:
             return []
-        views = []
-        for frame in self.frames:
-            # A graph of gtsam has a guess of the size. What lies a whole image beside the image is no observation.
-            size = np.array([camera.width, camera.height])
-            near = ((table.pixels > -size) & (table.pixels < 2 * size)).all(axis=1)
-            rows = np.flatnonzero((table.frames == frame) & near)
-            views.append(Observations(frame, float(frame), str(frame), *table.seen(rows, camera)))
-        return views
+        # A graph of gtsam has a guess of the size. What lies a whole image beside the image is no observation.
+        size = np.array([camera.width, camera.height])
+        near = ((table.pixels > -size) & (table.pixels < 2 * size)).all(axis=1)
+        rows = {frame: np.flatnonzero((table.frames == frame) & near) for frame in self.frames}
+        return [Observations(k, float(k), str(k), *table.seen(seen, camera)) for k, seen in rows.items()]
 
 
 def open_map(path: Path) -> MapFile:
