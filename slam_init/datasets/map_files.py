@@ -42,8 +42,6 @@ from slam_init.types.frame import Observations, TimedSource
 from slam_init.types.pose import Pose, Trajectory
 
 _HANDOVER, _GRAPH, _VALUES = "handover.npz", "graph.txt", "values.txt"
-#: A pose belongs to the image that is nearest in time, within this time.
-_SAME_TIME_S = 0.02
 #: The arrays of ``handover.npz`` that are read.
 _ARRAYS = (
     *("format", "version", "camera_model", "camera_size", "camera_parameters", "keyframe_frames", "keyframe_poses"),
@@ -193,7 +191,7 @@ def _by_time(known: Trajectory, times_s: Floats) -> tuple[dict[int, Pose], tuple
     stamped, notes = text.truth_on_clock(known, times_s)[0] or known, tuple[str, ...]()
     # A pose belongs to one image: at 60 images a second the next ones are near in time as well.
     apart_s = np.abs(times_s[:, None] - stamped.timestamps_s)
-    frames, near = apart_s.argmin(axis=0), apart_s.min(axis=0) <= _SAME_TIME_S
+    frames, near = apart_s.argmin(axis=0), apart_s.min(axis=0) <= text.TOLERANCE_S
     stamps, clocks = known.timestamps_s, _clocks(known.timestamps_s, times_s)
     if not near.all() and text.line_by_line(stamps, times_s):
         frames, near, notes = np.arange(len(stamps)), np.ones(len(stamps), bool), (f"{clocks}: taken line by line",)
@@ -232,7 +230,7 @@ def _transforms(path: Path) -> MapFile:
     images = list(read_transforms(path, path.parent))
     camera, kept, _ = common_camera([image.camera for image in images], str(path))
     images = list(compress(images, kept))
-    poses = tuple(image.world_from_cam for image in images if image.world_from_cam is not None)
+    poses = tuple(image.world_from_cam for image in images)
     names = tuple(image.path.as_posix() for image in images)
     return MapFile(path, poses, tuple(range(len(images))), names, camera, images=path.parent)
 

@@ -245,8 +245,8 @@ def stamps_of(rows: Sequence[StampedPose]) -> list[float] | None:
 # -- time stamps -----------------------------------------------------------------------------------
 
 
-# A true pose belongs to an image if their time stamps differ by no more than this.
-_TOLERANCE_S = 0.02
+#: A pose belongs to an image if their time stamps differ by no more than this.
+TOLERANCE_S = 0.02
 
 
 def stamp_of(row: Row, fields: list[str], what: str) -> float:
@@ -310,7 +310,7 @@ def line_by_line(stamps: Floats, timestamps_s: Floats) -> bool:
     if len(stamps) != len(timestamps_s):
         return False
     passed_s, since_first = timestamps_s - timestamps_s[0], stamps - stamps[0]
-    return any((np.abs(in_seconds(since_first, unit) - passed_s) <= _TOLERANCE_S).all() for unit in TimeUnit)
+    return any((np.abs(in_seconds(since_first, unit) - passed_s) <= TOLERANCE_S).all() for unit in TimeUnit)
 
 
 def _matched(truth_s: Floats, timestamps_s: Floats) -> int:
@@ -318,4 +318,4 @@ def _matched(truth_s: Floats, timestamps_s: Floats) -> int:
     bounded = np.concatenate([[-np.inf], truth_s, [np.inf]])
     after = np.searchsorted(truth_s, timestamps_s)
     nearest = np.minimum(timestamps_s - bounded[after], bounded[after + 1] - timestamps_s)
-    return int((nearest <= _TOLERANCE_S).sum())
+    return int((nearest <= TOLERANCE_S).sum())

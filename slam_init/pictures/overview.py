@@ -11,7 +11,7 @@ the decision. The right half holds the map; without one it holds the gate that r
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -46,15 +46,6 @@ _MOST_SEGMENTS = 4
 _MOST_NOTES = 12
 
 
-class _Place(NamedTuple):
-    """A part of the picture, in pixels from the left top."""
-
-    left: float
-    top: float
-    width: float
-    height: float
-
-
 def overview_png(result: Result, summary: Summary, story: StoryRecorder, truth: Trajectory | None = None) -> bytes:
     """Draw the overview of a run.
 
@@ -66,18 +57,17 @@ def overview_png(result: Result, summary: Summary, story: StoryRecorder, truth: 
     with drawing.canvas(_WIDTH, _HEIGHT) as figure:
         top = _draw_head(figure, result, summary) + 40
         _draw_column(figure, top, result, summary, story)
-        right = _Place(_RIGHT, top, _RIGHT_WIDTH, _BOTTOM - top)
         if len(result.segments) > 1:
-            _draw_maps(figure, right, [_of_segment(k, one) for k, one in enumerate(result.segments[:_MOST_SEGMENTS])])
+            _draw_maps(figure, top, [_of_segment(k, one) for k, one in enumerate(result.segments[:_MOST_SEGMENTS])])
         elif result.map is not None:
             view, path = drawing.widest_view(result.map), true_path(result.map.keyframes, truth)
-            axes = drawing.axes_at(figure, *right)
+            axes = drawing.axes_at(figure, _RIGHT, top, _RIGHT_WIDTH, _BOTTOM - top)
             drawing.draw_map(axes, result.map, view, f"the map {view}", path)
             drawing.draw_cameras(axes.inset_axes((0.06, 0.04, 0.24, 0.22)), result.map, view, path)
         elif len(result.hypotheses) == 2:
-            _draw_conjugate_maps(figure, right, result)
+            _draw_conjugate_maps(figure, top, result)
         else:
-            _draw_refusal(figure, right, result)
+            _draw_refusal(figure, top, result)
         image = np.ascontiguousarray(drawing.pixels_of(figure)[..., ::-1])
     # Without any metadata, equal pictures are equal bytes. Other strategies take half as long again, and the file is
     # hardly smaller: images have noise.
@@ -178,13 +168,15 @@ def _draw_column(figure: Figure, top: float, result: Result, summary: Summary, s
 # -- the maps, or why there is none ----------------------------------------------------------------
 
 
-def _draw_maps(figure: Figure, place: _Place, maps: Sequence[tuple[InitialMap, str, str]]) -> None:
+def _draw_maps(
+    figure: Figure, top: float, maps: Sequence[tuple[InitialMap, str, str]], bottom: float = _BOTTOM
+) -> None:
     """Draw several maps, each with its view and its title, two beside one another."""
     rows = -(-len(maps) // 2)
-    width, height = (place.width - 40) / 2, place.height / rows - _TITLE
+    width, height = (_RIGHT_WIDTH - 40) / 2, (bottom - top) / rows - _TITLE
     for k, (map_, view, title) in enumerate(maps):
-        left, top = place.left + k % 2 * (width + 40), place.top + k // 2 * (height + _TITLE)
-        drawing.draw_map(drawing.axes_at(figure, left, top, width, height), map_, view, title)
+        left, above = _RIGHT + k % 2 * (width + 40), top + k // 2 * (height + _TITLE)
+        drawing.draw_map(drawing.axes_at(figure, left, above, width, height), map_, view, title)
 
 
 def _of_segment(number: int, segment: Segment) -> tuple[InitialMap, str, str]:
@@ -195,15 +187,15 @@ def _of_segment(number: int, segment: Segment) -> tuple[InitialMap, str, str]:
     return segment.map, view, f"map {number + 1} {view}: frames {frames[0].frame} to {frames[-1].frame}\n{facts}"
 
 
-def _draw_conjugate_maps(figure: Figure, place: _Place, result: Result) -> None:
+def _draw_conjugate_maps(figure: Figure, top: float, result: Result) -> None:
     """Both undecided maps from two sides, and what has to decide between them."""
     maps = [
         (map_, view, f"map {name} {view}")
         for view in (drawing.ABOVE, drawing.SIDE)
         for map_, name in zip(result.hypotheses, "AB", strict=True)
     ]
-    _draw_maps(figure, place._replace(height=place.height - 40), maps)
-    box = drawing.blank(drawing.axes_at(figure, place.left, place.top + place.height - 60, place.width, 60))
+    _draw_maps(figure, top, maps, _BOTTOM - 40)
+    box = drawing.blank(drawing.axes_at(figure, _RIGHT, _BOTTOM - 60, _RIGHT_WIDTH, 60))
     color = drawing.VERDICT_COLORS[result.reason or Verdict.AMBIGUOUS_PLANE]
     drawing.write(box, 0.0, 1.0, drawing.wrapped(_deciding(result), 110, 2), 11, color, "bold")
 
@@ -220,9 +212,10 @@ def _deciding(result: Result) -> str:
     return " ".join(facts)
 
 
-def _draw_refusal(figure: Figure, place: _Place, result: Result) -> None:
+def _draw_refusal(figure: Figure, top: float, result: Result) -> None:
     """Why there is no map: what to do in large letters, and the gate that refused with what it got and needed."""
-    axes, reason = drawing.blank(drawing.axes_at(figure, *place)), result.reason or Verdict.TOO_FEW_FRAMES
+    axes = drawing.blank(drawing.axes_at(figure, _RIGHT, top, _RIGHT_WIDTH, _BOTTOM - top))
+    reason = result.reason or Verdict.TOO_FEW_FRAMES
     said, _, advice = (result.advice or reason.advice).partition(": ")
     drawing.write(axes, 0.05, 0.97, drawing.wrapped(said[:1].upper() + said[1:], 60, 2), 18, drawing.INK)
     words = (advice or said)[:1].upper() + (advice or said)[1:]
