@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -226,13 +225,9 @@ class TrackSource:
     def __len__(self) -> int:
         return len(self.image_names)
 
-    @cached_property
-    def _starts(self) -> Ints:
-        """(F + 1,) the first row of each frame in the table."""
-        return np.searchsorted(self.table.frames, np.arange(len(self) + 1))
-
     def _rows(self, index: int) -> slice:
-        return slice(int(self._starts[index]), int(self._starts[index + 1]))
+        """The rows of a frame in the table."""
+        return slice(*np.searchsorted(self.table.frames, [index, index + 1]).tolist())
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Read the pictures, or draw the points."""
