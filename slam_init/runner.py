@@ -13,8 +13,7 @@ import numpy as np
 
 from slam_init.calibration.choosing import GivenCamera, camera_of_metadata, camera_of_source
 from slam_init.config import Config, config_toml
-from slam_init.datasets.gyroscope import Gyroscope, StepRotations, gyroscope_of
-from slam_init.datasets.inertial import InertialSensor, inertial_of
+from slam_init.datasets.inertial import Gyroscope, InertialSensor, StepRotations, gyroscope_of, inertial_of
 from slam_init.datasets.live import without_password
 from slam_init.datasets.track_source import TrackProvider
 from slam_init.errors import ConfigError, OutputError, SlamInitError, SourceError, check_type
@@ -104,7 +103,7 @@ def run(
     restart : bool
         Whether to restart where a map is lost (:mod:`slam_init.mapping.follower`). The result lists all maps.
     imu : bool or InertialSensor
-        Whether to use the gyroscope of the source, if it has one (:mod:`slam_init.datasets.gyroscope`); or the sensor
+        Whether to use the gyroscope of the source, if it has one (:mod:`slam_init.datasets.inertial`); or the sensor
         of a file (:func:`slam_init.datasets.inertial.read_inertial_file`), whose record is that of the scale too.
     export : collection of str
         Formats of other tools that the maps are written in as well, as of :func:`slam_init.export`. It needs ``out``.

@@ -201,8 +201,7 @@ def _stream(arguments: argparse.Namespace) -> LiveSource:
 
 def _check_source(arguments: argparse.Namespace, source: Source) -> None:
     """Refuse options that ask for what a source does not have."""
-    from slam_init.datasets.gyroscope import gyroscope_of
-    from slam_init.datasets.inertial import inertial_of
+    from slam_init.datasets.inertial import gyroscope_of, inertial_of
     from slam_init.datasets.track_source import TrackProvider
     from slam_init.scale.requests import MeasuredMotion, TrueTrajectory
 

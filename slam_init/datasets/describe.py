@@ -8,6 +8,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from slam_init.datasets import TimedSource
+from slam_init.datasets.text import TOLERANCE_S
 from slam_init.datasets.track_source import TrackSource, TrackTable
 from slam_init.errors import plain_line
 from slam_init.output.summary import CameraRecord, record
@@ -16,9 +17,6 @@ from slam_init.types.frame import notes_of
 
 #: The facts about a source, as ``slam-init info --json`` writes them.
 Facts: TypeAlias = dict[str, Any]
-
-# A true pose belongs to a frame if their time stamps differ by no more than this.
-_TOLERANCE_S = 0.02
 
 
 def describe(source: TimedSource, camera: Camera | None) -> Facts:
@@ -92,8 +90,8 @@ def _truth(source: TimedSource) -> Facts | None:
     truth, times_s = source.groundtruth, source.timestamps_s
     if truth is None:
         return None
-    within = (truth.timestamps_s >= times_s[0] - _TOLERANCE_S) & (truth.timestamps_s <= times_s[-1] + _TOLERANCE_S)
+    within = (truth.timestamps_s >= times_s[0] - TOLERANCE_S) & (truth.timestamps_s <= times_s[-1] + TOLERANCE_S)
     positions = np.array([pose.t for pose, keep in zip(truth.world_from_cam, within, strict=True) if keep])
     steps = np.diff(positions.reshape(-1, 3), axis=0)
-    frames = sum(truth.at(float(time_s), _TOLERANCE_S) is not None for time_s in times_s)
+    frames = sum(truth.at(float(time_s), TOLERANCE_S) is not None for time_s in times_s)
     return {"frames": frames, "path_length": round(float(np.linalg.norm(steps, axis=1).sum()), 6)}

@@ -67,14 +67,9 @@ def _opened(path: Path) -> Iterator[h5py.File]:
 
 def _arrays(group: h5py.Group, end: str) -> dict[str, object]:
     """What lies at paths with this end, by what is before it. Links, which may lead to other files, are left out."""
-    found: dict[str, object] = {}
-
-    def visit(name: str, entry: object) -> None:
-        if name.endswith(end):
-            found[name.removesuffix(end)] = entry
-
-    group.visititems(visit)
-    return found
+    names: list[str] = []
+    group.visit(names.append)
+    return {name.removesuffix(end): group[name] for name in names if name.endswith(end)}
 
 
 def _numbers(path: Path, name: str, entry: object, shape: tuple[int | None, ...]) -> Floats:

@@ -393,12 +393,11 @@ def _times(paths: list[Path], root: Path) -> tuple[Floats, tuple[str, ...]]:
     if stated is not None:
         with suppress(SourceError):
             return image_times([float(stem) for stem in stems], stems, stated)
-    no_times = "the names of the images state no times: they are taken"
+    rate_hz, taken = PHOTO_RATE_HZ, "photographs, one a second, without a rolling shutter"
     if _is_video(paths, root):
-        note = f"{no_times} as a video of {NOMINAL_RATE_HZ:g} frames a second, since their steps are small and even"
-        return np.arange(len(paths)) / NOMINAL_RATE_HZ, (note,)
-    note = f"{no_times} as photographs, one a second, without a rolling shutter"
-    return np.arange(len(paths)) / PHOTO_RATE_HZ, (note,)
+        rate_hz = NOMINAL_RATE_HZ
+        taken = f"a video of {rate_hz:g} frames a second, since their steps are small and even"
+    return np.arange(len(paths)) / rate_hz, (f"the names of the images state no times: they are taken as {taken}",)
 
 
 def _is_video(paths: list[Path], root: Path) -> bool:
@@ -439,12 +438,9 @@ def _steps_are_even(triples: Iterable[Sequence[Pixels]]) -> bool:
     import cv2
 
     window = cv2.createHanningWindow(_SIZE, cv2.CV_32F)
-    shifts = np.array(
-        [
-            [cv2.phaseCorrelate(one, next_one, window)[0] for one, next_one in pairwise(map(_coarse, triple))]
-            for triple in triples
-        ]
-    ).reshape(-1, 2, 2) / np.array(_SIZE)
+    steps = [step for triple in triples for step in pairwise(map(_coarse, triple))]
+    found = [cv2.phaseCorrelate(one, next_one, window)[0] for one, next_one in steps]
+    shifts = np.array(found).reshape(-1, 2, 2) / np.array(_SIZE)
     if not len(shifts):
         return False
     largest = np.median(np.linalg.norm(shifts, axis=2).max(axis=1))

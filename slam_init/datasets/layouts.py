@@ -78,29 +78,10 @@ import numpy as np
 
 from slam_init.calibration.files import as_text, camera_of, load_camera, load_yaml
 from slam_init.calibration.values import Section, at_place, parse_json
+from slam_init.datasets import image_files, text
 from slam_init.datasets.colmap import model_files, read_model
-from slam_init.datasets.image_files import (
-    IMAGE_SUFFIXES,
-    NOMINAL_RATE_HZ,
-    ImageFileSource,
-    image_folder,
-    image_size,
-    list_images,
-    stored_camera,
-)
 from slam_init.datasets.inertial import InertialSensor, pose_of_yaml, read_densities, read_samples
 from slam_init.datasets.posed_images import Layout, PosedImage, file_of, image_sequence, photographs, with_axes
-from slam_init.datasets.text import (
-    Row,
-    check_count,
-    fields_of,
-    numbers,
-    pose_from_matrix,
-    read_poses_of,
-    read_rows,
-    read_trajectory,
-    stamp_of,
-)
 from slam_init.errors import CalibrationError, SourceError
 from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.arrays import as_array
@@ -129,7 +110,7 @@ _ICL_NUIM_RATE_HZ = 30.0
 
 
 def _read_list(
-    path: Path, folder: Path, images: Path, fields_of_image: Callable[[Row], list[str]], what: str
+    path: Path, folder: Path, images: Path, fields_of_image: Callable[[text.Row], list[str]], what: str
 ) -> tuple[list[Path], list[tuple[str, float]]]:
     """The images of a list, and the time stamp of each with the place of its line.
 
@@ -138,9 +119,9 @@ def _read_list(
     """
     paths: list[Path] = []
     stamps: list[tuple[str, float]] = []
-    for row in read_rows(path, folder if path.is_relative_to(folder) else None):
+    for row in text.read_rows(path, folder if path.is_relative_to(folder) else None):
         fields = fields_of_image(row)
-        stamps.append((row[0], stamp_of(row, fields, what)))
+        stamps.append((row[0], text.stamp_of(row, fields, what)))
         if len(fields) < 2 or not fields[1]:
             raise SourceError(f"{row[0]}: expected {what}, found {row[1][:60]!r}")
         paths.append(images / fields[1])
@@ -149,32 +130,32 @@ def _read_list(
     return paths, stamps
 
 
-def open_tum(folder: Path, index: Path) -> ImageFileSource:
+def open_tum(folder: Path, index: Path) -> image_files.ImageFileSource:
     """Open a TUM RGB-D or ICL-NUIM folder."""
     reflected = sorted(folder.glob("*.gt.freiburg"))
     if len(reflected) > 1:
         raise SourceError(f"{folder}: several *.gt.freiburg: keep the one that belongs to the images")
     split = _time_and_name if index.name == "rgb.txt" else _colour_of_pair
     paths, stamps = _read_list(index, folder, folder, split, "a timestamp and a file name")
-    camera = stored_camera(folder, paths[0], "camera.yaml", "calibration.txt")
+    camera = image_files.stored_camera(folder, paths[0], "camera.yaml", "calibration.txt")
     truth: Trajectory | None = None
     if reflected:
         stamps = [(place, stamp / _ICL_NUIM_RATE_HZ) for place, stamp in stamps]
-        camera, truth = camera or _ICL_NUIM, read_trajectory(reflected[0], folder)
+        camera, truth = camera or _ICL_NUIM, text.read_trajectory(reflected[0], folder)
         truth = _reflected(truth) if truth else None
     else:
         named = re.search(r"freiburg([123])", folder.resolve().name)
         camera = camera or (_FREIBURG[named[1]] if named else None)
         if (folder / "groundtruth.txt").exists():
-            truth = read_trajectory(folder / "groundtruth.txt", folder)
+            truth = text.read_trajectory(folder / "groundtruth.txt", folder)
     return image_sequence("tum", folder, paths, stamps=stamps, camera=camera, truth=truth)
 
 
-def _time_and_name(row: Row) -> list[str]:
+def _time_and_name(row: text.Row) -> list[str]:
     return row[1].split(maxsplit=1)  # a name may hold spaces
 
 
-def _colour_of_pair(row: Row) -> list[str]:
+def _colour_of_pair(row: text.Row) -> list[str]:
     fields = row[1].split()
     return fields[2:] if len(fields) >= 4 and fields[1].lower().startswith("depth") else fields
 
@@ -192,42 +173,34 @@ def find_euroc(folder: Path) -> Path | None:
     return next((candidate for candidate in candidates if (candidate / "data.csv").is_file()), None)
 
 
-def open_euroc(folder: Path, found: Path) -> ImageFileSource:
+def open_euroc(folder: Path, found: Path) -> image_files.ImageFileSource:
     """Open a EuRoC sequence, or its first camera."""
     cam0 = found.resolve()
     # The camera of a sequence has its ground truth beside it, so that the folder of the camera alone names its parent.
     root = cam0.parent if found == folder else folder
-    paths, stamps = _read_list(cam0 / "data.csv", root, cam0 / "data", fields_of, "timestamp,filename")
+    paths, stamps = _read_list(cam0 / "data.csv", root, cam0 / "data", text.fields_of, "timestamp,filename")
     camera, body_from_cam = None, None
     sensor = cam0 / "sensor.yaml"
     if sensor.exists():
         check_inside(sensor, root)
-        camera = replace(load_camera(sensor, image_size(paths[0], root)), source="machine")
+        camera = replace(load_camera(sensor, image_files.image_size(paths[0], root)), source="machine")
         body_from_cam = _body_from(sensor, load_yaml(sensor))
     mav = cam0.parent
     truth_file = mav / "state_groundtruth_estimate0" / "data.csv"
     truth: Trajectory | None = None
     if truth_file.exists():
         columns = "timestamp tx ty tz qw qx qy qz"
-        truth = read_trajectory(truth_file, root, columns, body_from_cam or Pose.identity())
-    imu, notes = None, tuple[str, ...]()
+        truth = text.read_trajectory(truth_file, root, columns, body_from_cam or Pose.identity())
+    imu, notes, stated = None, tuple[str, ...](), TimeUnit.NANOSECONDS
     if (mav / "imu0" / "data.csv").exists():
         if body_from_cam is not None and (mav / "imu0" / "sensor.yaml").exists():
-            unit = time_unit(np.array([stamp for _, stamp in stamps]), TimeUnit.NANOSECONDS)
+            unit = time_unit(np.array([stamp for _, stamp in stamps]), stated)
             imu = partial(_read_imu0, mav / "imu0", root, body_from_cam, unit)
         else:
             notes = ("imu0 is not used: no sensor.yaml states its rotation against the camera (T_BS)",)
+    name = mav.parent.name if mav.name == "mav0" else mav.name
     return image_sequence(
-        "euroc",
-        root,
-        paths,
-        name=mav.parent.name if mav.name == "mav0" else mav.name,
-        stamps=stamps,
-        unit=TimeUnit.NANOSECONDS,
-        camera=camera,
-        truth=truth,
-        notes=notes,
-        imu=imu,
+        "euroc", root, paths, name=name, stamps=stamps, unit=stated, camera=camera, truth=truth, notes=notes, imu=imu
     )
 
 
@@ -270,28 +243,31 @@ def find_kitti(folder: Path) -> Path | None:
     return resolved if beside and re.fullmatch(r"image_[0-3]", resolved.name) else None
 
 
-def open_kitti(folder: Path, found: Path) -> ImageFileSource:
+def open_kitti(folder: Path, found: Path) -> image_files.ImageFileSource:
     """Open a KITTI odometry sequence, or the images of one of its cameras."""
     images = found.resolve()
     sequence = images.parent
     if found.parent == folder:  # the sequence is named, and not its images
         check_inside(found, folder)
-    paths = list_images(images)
+    paths = image_files.list_images(images)
     times, stamps = sequence / "times.txt", []
     if times.exists():
-        stamps = [(row[0], stamp_of(row, fields_of(row), "a time in seconds")) for row in read_rows(times, sequence)]
-        check_count(times, stamps, "times", paths)
+        stamps = [
+            (row[0], text.stamp_of(row, text.fields_of(row), "a time in seconds"))
+            for row in text.read_rows(times, sequence)
+        ]
+        text.check_count(times, stamps, "times", paths)
     camera, cam0_from_cam = None, Pose.identity()
     if (sequence / "calib.txt").exists():
-        size = image_size(paths[0], sequence)
+        size = image_files.image_size(paths[0], sequence)
         camera, cam0_from_cam = _rectified(sequence / "calib.txt", sequence, f"P{images.name[-1]}", size)
     poses: list[Pose] = []
     beside = sequence.parent.parent
     for path, root in ((beside / "poses" / f"{sequence.name}.txt", beside), (sequence / "poses.txt", sequence)):
         if path.exists():
-            poses = [pose @ cam0_from_cam for pose in read_poses_of(paths, path, root)]
+            poses = [pose @ cam0_from_cam for pose in text.read_poses_of(paths, path, root)]
             break
-    camera, name = stored_camera(sequence, paths[0]) or camera, f"{sequence.name}/{images.name}"
+    camera, name = image_files.stored_camera(sequence, paths[0]) or camera, f"{sequence.name}/{images.name}"
     return image_sequence(
         "kitti", sequence, paths, name=name, stamps=stamps, rate_hz=_NOMINAL_RATE_HZ, camera=camera, poses=poses
     )
@@ -299,19 +275,17 @@ def open_kitti(folder: Path, found: Path) -> ImageFileSource:
 
 def _rectified(path: Path, root: Path, key: str, size: tuple[int, int]) -> tuple[Camera, Pose]:
     """The camera of a projection matrix ``K [I | t]``, and its pose cam0_from_cam."""
-    for row in read_rows(path, root):
+    for row in text.read_rows(path, root):
         name, _, rest = row[1].partition(":")
         if name.strip() == key:
-            values = np.array(numbers(row, rest.split(), 12, f"{key}: and 12 numbers")).reshape(3, 4)
+            values = np.array(text.numbers(row, rest.split(), 12, f"{key}: and 12 numbers")).reshape(3, 4)
             if not (values[2, 2] > 0 and np.abs(values).max() <= 1e100 * values[2, 2]):
                 raise SourceError(f"{row[0]}: {key} is no projection matrix [fx 0 cx, 0 fy cy, 0 0 1 | K t]")
             values = values / values[2, 2]
-            width, height = size
             K = values[:, :3]
-            camera = camera_of(f"{row[0]}: {key}", {"K": K.ravel().tolist(), "width": width, "height": height})
-            camera = replace(camera, source="machine")
+            camera = camera_of(f"{row[0]}: {key}", {"K": K.ravel().tolist(), "resolution": list(size)})
             cam_from_cam0 = Pose(np.eye(3), np.asarray(np.linalg.solve(K, values[:, 3]), float))
-            return camera, cam_from_cam0.inverse()
+            return replace(camera, source="machine"), cam_from_cam0.inverse()
     raise SourceError(f"{path}: no line {key}:")
 
 
@@ -321,14 +295,14 @@ def find_tartanair(folder: Path) -> tuple[Path, Path] | None:
     return next(((images, poses) for images, poses in found if images.is_dir() and poses.is_file()), None)
 
 
-def open_tartanair(folder: Path, found: tuple[Path, Path]) -> ImageFileSource:
+def open_tartanair(folder: Path, found: tuple[Path, Path]) -> image_files.ImageFileSource:
     """Open a TartanAir sequence."""
-    paths = list_images(found[0])
-    stated = read_poses_of(paths, found[1], folder, "tx ty tz qx qy qz qw")
+    paths = image_files.list_images(found[0])
+    stated = text.read_poses_of(paths, found[1], folder, "tx ty tz qx qy qz qw")
     poses = [with_axes(pose, "forward, right, down") for pose in stated]
-    width, height = image_size(paths[0], folder)
+    width, height = image_files.image_size(paths[0], folder)
     published = Camera("pinhole", width, height, width / 2, width / 2, width / 2, height / 2, source="machine")
-    camera = stored_camera(folder, paths[0]) or published
+    camera = image_files.stored_camera(folder, paths[0]) or published
     return image_sequence("tartanair", folder, paths, rate_hz=_NOMINAL_RATE_HZ, camera=camera, poses=poses)
 
 
@@ -348,9 +322,6 @@ _INTRINSICS = (
 _MODELS = ("OPENCV", "OPENCV_FISHEYE", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
 
 
-#: The top level of a JSON file. A value is checked when it is read.
-JsonObject = dict[str, object]
-
 # A million poses with file names have 100 to 400 MB as JSON; the largest scenes in use have a few thousand.
 _MAX_JSON_BYTES = 100_000_000
 
@@ -363,7 +334,7 @@ def find_colmap(folder: Path) -> Path | None:
     return next((place for place in (*usual, *below) if model_files(place)), None)
 
 
-def open_colmap(folder: Path, model: Path) -> ImageFileSource:
+def open_colmap(folder: Path, model: Path) -> image_files.ImageFileSource:
     """Open a folder of images with a COLMAP model."""
     check_inside(model, folder)
     listed, cameras = read_model(model, folder)
@@ -376,7 +347,7 @@ def open_colmap(folder: Path, model: Path) -> ImageFileSource:
     return photographs("colmap", folder, images)
 
 
-def _open_transforms(folder: Path, path: Path) -> ImageFileSource:
+def _open_transforms(folder: Path, path: Path) -> image_files.ImageFileSource:
     return photographs("transforms", folder, list(read_transforms(path, folder)))
 
 
@@ -395,7 +366,7 @@ def read_transforms(path: Path, folder: Path) -> Iterator[PosedImage]:
         if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
             raise SourceError(f"{place}: file_path is missing")
         image = folder / frame["file_path"]
-        if image.suffix.lower() not in IMAGE_SUFFIXES:  # Blender's scenes name an image without its suffix
+        if image.suffix.lower() not in image_files.IMAGE_SUFFIXES:  # Blender's scenes name an image without its suffix
             image = image.with_name(image.name + ".png")
         what, give = f"{place}: transform_matrix", "4x4 finite numbers"
         matrix = as_array(frame.get("transform_matrix"), np.float64, (None, 4), what, give, SourceError)
@@ -405,13 +376,13 @@ def read_transforms(path: Path, folder: Path) -> Iterator[PosedImage]:
         key = repr(stated)
         if key not in cameras:
             if size is None and (stated["w"] is None or stated["h"] is None) and image.is_file():
-                size = image_size(image, folder)
-            given: JsonObject = {name: value for name, value in stated.items() if value is not None}
+                size = image_files.image_size(image, folder)
+            given: dict[str, object] = {name: value for name, value in stated.items() if value is not None}
             cameras[key] = _transforms_camera(place, given, size)
-        yield PosedImage(image, with_axes(pose_from_matrix(place, matrix), "right, up, backward"), cameras[key])
+        yield PosedImage(image, with_axes(text.pose_from_matrix(place, matrix), "right, up, backward"), cameras[key])
 
 
-def _transforms_camera(place: str, stated: JsonObject, size: tuple[int, int] | None) -> Camera | None:
+def _transforms_camera(place: str, stated: dict[str, object], size: tuple[int, int] | None) -> Camera | None:
     """The camera of a frame; None where the file states no focal length."""
     sized = stated if size is None else {"w": size[0], "h": size[1], **stated}
     if not {"fl_x", "camera_angle_x"} & stated.keys() or not {"w", "h"} <= sized.keys():
@@ -430,7 +401,7 @@ def _transforms_camera(place: str, stated: JsonObject, size: tuple[int, int] | N
             fx = 0.5 * width / math.tan(0.5 * angle)
         fy = section.number("fl_y", fx)
         cx, cy = section.number("cx", width / 2) - 0.5, section.number("cy", height / 2) - 0.5
-    lens: JsonObject = {key: stated.get(key, 0.0) for key in _COEFFICIENTS}
+    lens: dict[str, object] = {key: stated.get(key, 0.0) for key in _COEFFICIENTS}
     lens |= {"is_fisheye": stated["is_fisheye"]} if stated.get("is_fisheye") else {"model": name}
     camera = camera_of(place, {"width": width, "height": height, "fx": fx, "fy": fy, "cx": cx, "cy": cy} | lens)
     if camera.model == "rational":
@@ -444,13 +415,13 @@ def _named(word: str, folder: Path) -> Path | None:
     return next((path for path in found if path.is_file()), None)
 
 
-def open_trakmark(folder: Path, extrinsics: Path) -> ImageFileSource:
+def open_trakmark(folder: Path, extrinsics: Path) -> image_files.ImageFileSource:
     """Open a sequence in the manner of TrakMark."""
-    paths = list_images(image_folder(folder) or folder)
-    poses = [pose.inverse() for pose in read_poses_of(paths, extrinsics, folder)]
+    paths = image_files.list_images(image_files.image_folder(folder) or folder)
+    poses = [pose.inverse() for pose in text.read_poses_of(paths, extrinsics, folder)]
     intrinsics = _named("intrinsic", folder)
-    camera = stored_camera(folder, paths[0], "camera.yaml", *([intrinsics.name] if intrinsics else []))
-    return image_sequence("trakmark", folder, paths, rate_hz=NOMINAL_RATE_HZ, camera=camera, poses=poses)
+    camera = image_files.stored_camera(folder, paths[0], "camera.yaml", *([intrinsics.name] if intrinsics else []))
+    return image_sequence("trakmark", folder, paths, rate_hz=image_files.NOMINAL_RATE_HZ, camera=camera, poses=poses)
 
 
 #: All layouts. They are tried in this order, which is that of ``docs/how-to/data-sets.md``.

@@ -144,7 +144,8 @@ class LiveSource:
         self._connect, self._keep_all = connect, keep_all
         self._thread: threading.Thread | None = None
         self._queue: queue.Queue[Frame] = queue.Queue(QUEUE_FRAMES)
-        self._said: list[str] = []
+        # What the user should know, each note once.
+        self._said: dict[str, None] = {}
         self._clock = _Clock(keep_all, self._said)
         self._read: Frame | None = None
         self._size: tuple[int, ...] = ()
@@ -178,7 +179,7 @@ class LiveSource:
     def stop(self) -> None:
         """End the source as if its data had ended. It may be called from a signal handler."""
         self._stopped = True
-        self._said.append("the source was stopped by the user")
+        self._said["the source was stopped by the user"] = None
 
     def __enter__(self) -> LiveSource:
         return self
@@ -214,7 +215,7 @@ class LiveSource:
                 self._put(image, stream_s)
         except BaseException as error:
             if isinstance(error, SourceError) and self._received:  # what was received is of use without the rest
-                self._said.append(f"the source ended: {error}")
+                self._said[f"the source ended: {error}"] = None
             else:
                 self._error = error
         self._ended = True
@@ -244,10 +245,10 @@ class _Clock:
 
     * ``nominal``: Whether images without a stated time get one by a nominal rate: where the sender waits, the times of
       arrival are those of the processing.
-    * ``notes``: Gets what the user should know.
+    * ``notes``: Its keys get what the user should know.
     """
 
-    def __init__(self, nominal: bool, notes: list[str]) -> None:
+    def __init__(self, nominal: bool, notes: dict[str, None]) -> None:
         self._nominal, self._stated, self._notes = nominal, True, notes
         self._offset_s = self._stream_s = self._last_s = -1.0
 
@@ -256,21 +257,17 @@ class _Clock:
         now_s = time.time()
         if stream_s is None and self._nominal:
             stream_s = self._stream_s + 1 / NOMINAL_RATE_HZ
-            self._note(f"the stream states no times: {NOMINAL_RATE_HZ:g} frames a second are assumed")
+            self._notes[f"the stream states no times: {NOMINAL_RATE_HZ:g} frames a second are assumed"] = None
         if self._last_s < 0:
             self._offset_s = now_s - (stream_s or 0.0)
         elif self._stated and stream_s is not None and stream_s <= self._stream_s:
             self._stated = False
-            self._note("the times of the stream do not increase: times of arrival are taken")
+            self._notes["the times of the stream do not increase: times of arrival are taken"] = None
         self._stated &= stream_s is not None
         time_s = self._offset_s + stream_s if self._stated and stream_s is not None else now_s
         self._stream_s = self._stream_s if stream_s is None else stream_s
         self._last_s = max(time_s, self._last_s + _LEAST_STEP_S)
         return self._last_s
-
-    def _note(self, text: str) -> None:
-        if text not in self._notes:
-            self._notes.append(text)
 
 
 # -- names -----------------------------------------------------------------------------------------

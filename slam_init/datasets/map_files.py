@@ -25,19 +25,11 @@ from numpy.typing import NDArray
 from slam_init.bundle.graph import map_of_graph
 from slam_init.calibration.values import at_place
 from slam_init.config import Config
+from slam_init.datasets import text
 from slam_init.datasets.colmap import read_model
 from slam_init.datasets.image_files import ImageFileSource, check_size, find_by_end, natural_key
 from slam_init.datasets.layouts import TRANSFORMS, find_colmap, read_transforms
 from slam_init.datasets.posed_images import common_camera, file_of
-from slam_init.datasets.text import (
-    TUM_COLUMNS,
-    line_by_line,
-    pose_from_matrix,
-    read_poses,
-    stamps_of,
-    trajectory,
-    truth_on_clock,
-)
 from slam_init.datasets.track_source import TrackProvider, TrackSource, TrackTable, read_npz
 from slam_init.errors import SourceError
 from slam_init.frontend.tracks import Tracker
@@ -50,8 +42,6 @@ from slam_init.types.frame import Observations, TimedSource
 from slam_init.types.pose import Pose, Trajectory
 
 _HANDOVER, _GRAPH, _VALUES = "handover.npz", "graph.txt", "values.txt"
-#: A pose belongs to the image that is nearest in time, within this time.
-_SAME_TIME_S = 0.02
 #: The arrays of ``handover.npz`` that are read.
 _ARRAYS = (
     *("format", "version", "camera_model", "camera_size", "camera_parameters", "keyframe_frames", "keyframe_poses"),
@@ -96,14 +86,11 @@ class MapFile:
         """The tracks of the points of the map in its frames; none where it has no points."""
         if (table := self.table) is None:
             return []
-        views = []
-        for frame in self.frames:
-            # A graph of gtsam has a guess of the size. What lies a whole image beside the image is no observation.
-            size = np.array([camera.width, camera.height])
-            near = ((table.pixels > -size) & (table.pixels < 2 * size)).all(axis=1)
-            rows = np.flatnonzero((table.frames == frame) & near)
-            views.append(Observations(frame, float(frame), str(frame), *table.seen(rows, camera)))
-        return views
+        # A graph of gtsam has a guess of the size. What lies a whole image beside the image is no observation.
+        size = np.array([camera.width, camera.height])
+        near = ((table.pixels > -size) & (table.pixels < 2 * size)).all(axis=1)
+        rows = {frame: np.flatnonzero((table.frames == frame) & near) for frame in self.frames}
+        return [Observations(k, float(k), str(k), *table.seen(seen, camera)) for k, seen in rows.items()]
 
 
 def open_map(path: Path) -> MapFile:
@@ -201,12 +188,12 @@ def _in_source(map_: MapFile, source: TimedSource) -> tuple[dict[int, Pose], tup
 
 def _by_time(known: Trajectory, times_s: Floats) -> tuple[dict[int, Pose], tuple[str, ...]]:
     """The poses by the images of their times. Clocks that differ by an offset, and numbers of images, are noted."""
-    stamped, notes = truth_on_clock(known, times_s)[0] or known, tuple[str, ...]()
+    stamped, notes = text.truth_on_clock(known, times_s)[0] or known, tuple[str, ...]()
     # A pose belongs to one image: at 60 images a second the next ones are near in time as well.
     apart_s = np.abs(times_s[:, None] - stamped.timestamps_s)
-    frames, near = apart_s.argmin(axis=0), apart_s.min(axis=0) <= _SAME_TIME_S
+    frames, near = apart_s.argmin(axis=0), apart_s.min(axis=0) <= text.TOLERANCE_S
     stamps, clocks = known.timestamps_s, _clocks(known.timestamps_s, times_s)
-    if not near.all() and line_by_line(stamps, times_s):
+    if not near.all() and text.line_by_line(stamps, times_s):
         frames, near, notes = np.arange(len(stamps)), np.ones(len(stamps), bool), (f"{clocks}: taken line by line",)
     elif near.sum() < 2 and not (stamps % 1).any() and stamps[0] >= 0 and stamps[-1] < len(times_s):
         frames, near, notes = stamps.astype(int), np.ones(len(stamps), bool), (f"{clocks}: taken as numbers of images",)
@@ -230,20 +217,20 @@ def _names_of(source: TimedSource) -> list[str]:
 
 
 def _trajectory(path: Path) -> MapFile:
-    rows = list(read_poses(path, None, TUM_COLUMNS))
+    rows = list(text.read_poses(path, None, text.TUM_COLUMNS))
     if not rows:
-        raise SourceError(f"{path}: holds no pose: give a map, or a trajectory: {TUM_COLUMNS}")
-    stamps, poses = stamps_of(rows), tuple(pose for _, pose in rows)
+        raise SourceError(f"{path}: holds no pose: give a map, or a trajectory: {text.TUM_COLUMNS}")
+    stamps, poses = text.stamps_of(rows), tuple(pose for _, pose in rows)
     if stamps is None or 2 * len(set(stamps)) <= len(stamps):  # equal stamps are no times
         return MapFile(path, poses, tuple(range(len(poses))))
-    return MapFile(path, poses, trajectory=trajectory(zip(stamps, poses, strict=True)))
+    return MapFile(path, poses, trajectory=text.trajectory(zip(stamps, poses, strict=True)))
 
 
 def _transforms(path: Path) -> MapFile:
     images = list(read_transforms(path, path.parent))
     camera, kept, _ = common_camera([image.camera for image in images], str(path))
     images = list(compress(images, kept))
-    poses = tuple(image.world_from_cam for image in images if image.world_from_cam is not None)
+    poses = tuple(image.world_from_cam for image in images)
     names = tuple(image.path.as_posix() for image in images)
     return MapFile(path, poses, tuple(range(len(images))), names, camera, images=path.parent)
 
@@ -302,6 +289,6 @@ def _handover(path: Path) -> MapFile:
     fx, fy, cx, cy, *distortion = parameters
     with at_place(path):
         camera = Camera(str(arrays["camera_model"]), width, height, fx, fy, cx, cy, tuple(distortion))
-    poses = tuple(pose_from_matrix(f"{path}: pose {k}", matrix[:3]) for k, matrix in enumerate(matrices))
+    poses = tuple(text.pose_from_matrix(f"{path}: pose {k}", matrix[:3]) for k, matrix in enumerate(matrices))
     table = _table(frames[keyframes], ids[points], pixels)
     return MapFile(path, poses, tuple(frames.tolist()), camera=camera, table=table)

@@ -72,7 +72,7 @@ class PosedImage:
     """A photograph with what a data set knows about it."""
 
     path: Path
-    world_from_cam: Pose | None = None
+    world_from_cam: Pose
     camera: Camera | None = None
 
 
@@ -146,8 +146,7 @@ def common_camera(cameras: Sequence[Camera | None], what: str) -> tuple[Camera |
     (kind, _), *_ = Counter(kinds).most_common(1)  # of equal ones the first
     model, width, height, _ = kind
     alike = [camera for camera, its_kind in zip(stated, kinds, strict=True) if its_kind == kind]
-    middle = np.median([(c.fx, c.fy, c.cx, c.cy, *c.distortion) for c in alike], axis=0).tolist()
-    fx, fy, cx, cy, *distortion = middle
+    fx, fy, cx, cy, *distortion = np.median([c.parameters for c in alike], axis=0).tolist()
     median = Camera(model, width, height, fx, fy, cx, cy, tuple(distortion))
     (commonest, _), *_ = Counter(alike).most_common(1)
     bound_px = _MAX_SHIFT * max(width, height)

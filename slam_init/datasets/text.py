@@ -21,7 +21,7 @@ from slam_init.errors import SourceError
 from slam_init.system.regular_file import check_inside, read_regular
 from slam_init.types.arrays import Floats
 from slam_init.types.pose import Pose, Trajectory
-from slam_init.types.time_stamps import LARGEST_STAMP, TimeUnit, in_seconds, problem_of, time_unit, unit_notes
+from slam_init.types.time_stamps import TimeUnit, in_seconds, problem_of, time_unit, unit_notes
 
 #: The place of a line for error messages (``file:line``), and its text.
 Row = tuple[str, str]
@@ -245,8 +245,8 @@ def stamps_of(rows: Sequence[StampedPose]) -> list[float] | None:
 # -- time stamps -----------------------------------------------------------------------------------
 
 
-# A true pose belongs to an image if their time stamps differ by no more than this.
-_TOLERANCE_S = 0.02
+#: A pose belongs to an image if their time stamps differ by no more than this.
+TOLERANCE_S = 0.02
 
 
 def stamp_of(row: Row, fields: list[str], what: str) -> float:
@@ -274,14 +274,11 @@ def image_times(
 
 def _check(times: Floats, raw: Floats, places: Sequence[str]) -> None:
     """Raise the problem of the first time that has one; the message states the stamp that it comes from."""
-    previous = np.concatenate([[-1.0], times[:-1]])
-    with np.errstate(invalid="ignore"):
-        suspects = np.flatnonzero(~((times > previous) & (times >= 0) & (raw < LARGEST_STAMP)))
-    for at in suspects[:1].tolist():
-        stamp = float(raw[at])
-        shown = f"{stamp:.0f}" if stamp.is_integer() else repr(stamp)
-        problem = problem_of(float(times[at]), None if at == 0 else float(previous[at]))
-        raise SourceError(f"{places[at]}: time stamp {shown} {problem}")
+    previous = [None, *times.tolist()]
+    for place, stamp, time, before in zip(places, raw.tolist(), times.tolist(), previous, strict=False):
+        if problem := problem_of(time, before):
+            shown = f"{stamp:.0f}" if stamp.is_integer() else repr(stamp)
+            raise SourceError(f"{place}: time stamp {shown} {problem}")
 
 
 def truth_on_clock(
@@ -313,7 +310,7 @@ def line_by_line(stamps: Floats, timestamps_s: Floats) -> bool:
     if len(stamps) != len(timestamps_s):
         return False
     passed_s, since_first = timestamps_s - timestamps_s[0], stamps - stamps[0]
-    return any((np.abs(in_seconds(since_first, unit) - passed_s) <= _TOLERANCE_S).all() for unit in TimeUnit)
+    return any((np.abs(in_seconds(since_first, unit) - passed_s) <= TOLERANCE_S).all() for unit in TimeUnit)
 
 
 def _matched(truth_s: Floats, timestamps_s: Floats) -> int:
@@ -321,4 +318,4 @@ def _matched(truth_s: Floats, timestamps_s: Floats) -> int:
     bounded = np.concatenate([[-np.inf], truth_s, [np.inf]])
     after = np.searchsorted(truth_s, timestamps_s)
     nearest = np.minimum(timestamps_s - bounded[after], bounded[after + 1] - timestamps_s)
-    return int((nearest <= _TOLERANCE_S).sum())
+    return int((nearest <= TOLERANCE_S).sum())

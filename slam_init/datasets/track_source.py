@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -24,15 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slam_init.calibration.values import at_place
-from slam_init.datasets.image_files import (
-    PHOTO_RATE_HZ,
-    ImageFileSource,
-    check_pixels,
-    check_size,
-    find_by_end,
-    frame_range,
-    natural_key,
-)
+from slam_init.datasets import image_files
 from slam_init.datasets.text import image_times, pose_from_matrix, trajectory
 from slam_init.errors import SourceError
 from slam_init.system.numpy_file import parse_npz
@@ -227,39 +218,34 @@ class TrackSource:
     #: What the user should know about the source.
     notes: tuple[str, ...] = ()
     #: The images.
-    pictures: ImageFileSource | None = None
+    pictures: image_files.ImageFileSource | None = None
     #: For each frame the index of its image in ``pictures``.
     picture_indices: tuple[int, ...] = ()
 
     def __len__(self) -> int:
         return len(self.image_names)
 
-    @cached_property
-    def _starts(self) -> Ints:
-        """(F + 1,) the first row of each frame in the table."""
-        return np.searchsorted(self.table.frames, np.arange(len(self) + 1))
-
     def _rows(self, index: int) -> slice:
-        return slice(int(self._starts[index]), int(self._starts[index + 1]))
+        """The rows of a frame in the table."""
+        return slice(*np.searchsorted(self.table.frames, [index, index + 1]).tolist())
 
     def frames(self, start: int = 0, max_frames: int | None = None) -> Iterator[Frame]:
         """Read the pictures, or draw the points."""
-        for index in frame_range(len(self), start, max_frames, self.name):
+        for index in image_files.frame_range(len(self), start, max_frames, self.name):
             name = self.image_names[index]
             if self.pictures is None:
                 image = _draw_points(self.size, self.table.pixels[self._rows(index)])
             else:
                 image = next(self.pictures.frames(self.picture_indices[index], 1)).image
-                check_size(name, (image.shape[1], image.shape[0]), self.size, f"that of {self.name}")
+                image_files.check_size(name, (image.shape[1], image.shape[0]), self.size, f"that of {self.name}")
             yield Frame(index, float(self.timestamps_s[index]), name, image)
 
     def observed(self, frame: Frame, camera: Camera) -> Observations:
         """Give the tracks of a frame, without those that the camera cannot have seen."""
+        from slam_init.frontend.tracks import colors_at
+
         ids, pixels, bearings = self.table.seen(self._rows(frame.index), camera)
-        column, row = np.round(pixels).astype(int).T
-        height, width = frame.image.shape[:2]
-        values = frame.image[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
-        colors = np.repeat(values[:, None], 3, axis=1) if values.ndim == 1 else np.ascontiguousarray(values[:, ::-1])
+        colors = colors_at(frame.image, pixels)
         return Observations(frame.index, frame.timestamp_s, frame.name, ids, pixels, bearings, colors)
 
     def observations(self, start: int = 0) -> Iterator[Observations]:
@@ -285,7 +271,7 @@ def track_source(
 
     Shapes: ``timestamps_s`` (F,).
     """
-    check_pixels(str(path), *size)
+    image_files.check_pixels(str(path), *size)
     # Keypoints of the last row lie up to half a pixel beyond its centre; some detectors refine them beyond that.
     inside = ((table.pixels >= -1.0) & (table.pixels <= np.array(size))).all(axis=1)
     if not inside.all():
@@ -293,7 +279,7 @@ def track_source(
         table = TrackTable(table.frames[inside], table.track_ids[inside], table.pixels[inside])
     if len(table.frames) == 0:
         raise SourceError(f"{path}: holds no track: no point is matched in two images")
-    times_s = np.arange(len(image_names)) / PHOTO_RATE_HZ if timestamps_s is None else timestamps_s
+    times_s = np.arange(len(image_names)) / image_files.PHOTO_RATE_HZ if timestamps_s is None else timestamps_s
     return TrackSource(path.name, kind, image_names, times_s, size, table, camera, notes=notes)
 
 
@@ -302,17 +288,17 @@ def by_name(path: Path, names: list[str]) -> list[int]:
     for name, count in Counter(names).items():
         if count > 1:
             raise SourceError(f"{path}: the image {name[:100]} is there {count} times")
-    return sorted(range(len(names)), key=lambda i: natural_key(names[i]))
+    return sorted(range(len(names)), key=lambda i: image_files.natural_key(names[i]))
 
 
-def with_pictures(source: TrackSource, pictures: ImageFileSource) -> TrackSource:
+def with_pictures(source: TrackSource, pictures: image_files.ImageFileSource) -> TrackSource:
     """Add the images to a source of tracks, and what their data set knows: order, times, calibration and truth.
 
     * ``pictures``: Its images are found by the longest common end of their paths.
     * Returns: The frames are in the order of ``pictures``. The calibration is that of the source, if it has one.
     """
     indices = []
-    found = find_by_end(source.image_names, [path.as_posix() for path in pictures.paths])
+    found = image_files.find_by_end(source.image_names, [path.as_posix() for path in pictures.paths])
     for name, candidates in zip(source.image_names, found, strict=True):
         if len(candidates) != 1:
             problem = f"{len(candidates)} pictures" if candidates else "no picture"

@@ -104,9 +104,8 @@ class SubsampledSource(DerivedSource):
     @property
     def notes(self) -> tuple[str, ...]:
         """Those of the source, and which frames are included."""
-        if self.fps is None:
-            return (*notes_of(self.source), f"every {self.every} frames one is used")
-        return (*notes_of(self.source), f"at most {self.fps:g} frames a second are used")
+        rate = f"every {self.every} frames one is" if self.fps is None else f"at most {self.fps:g} frames a second are"
+        return (*notes_of(self.source), f"{rate} used")
 
     @cached_property
     def timestamps_s(self) -> Floats:
@@ -136,13 +135,10 @@ class SubsampledSource(DerivedSource):
 
         * ``start``: Absolute index of the first frame; for renumbered frames their own number.
         """
-        if not self.renumbered:
-            frame_range(len(self.source), start, max_frames, self.name)
-            yield from self._read(self._indices(start)[:max_frames].tolist())
-            return
-        wanted = frame_range(len(self), start, max_frames, self.name)
-        for number, frame in zip(wanted, self._read(self._included[wanted].tolist()), strict=False):
-            yield replace(frame, index=number)
+        wanted = frame_range(len(self if self.renumbered else self.source), start, max_frames, self.name)
+        indices = self._included[wanted] if self.renumbered else self._indices(start)[:max_frames]
+        for number, frame in enumerate(self._read(indices.tolist()), start):
+            yield replace(frame, index=number) if self.renumbered else frame
 
     def _read(self, indices: list[int]) -> Iterator[Frame]:
         if isinstance(self.source, ImageFileSource | SynthSource):

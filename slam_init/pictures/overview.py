@@ -11,33 +11,13 @@ the decision. The right half holds the map; without one it holds the gate that r
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from slam_init.evaluation.metrics import true_path
 from slam_init.output.summary import Summary
-from slam_init.pictures.drawing import (
-    ABOVE,
-    FAINT,
-    INK,
-    OUTLIER,
-    SIDE,
-    VERDICT_COLORS,
-    WIDE,
-    axes_at,
-    blank,
-    canvas,
-    draw_cameras,
-    draw_decision,
-    draw_frame,
-    draw_map,
-    draw_pair,
-    pixels_of,
-    widest_view,
-    wrapped,
-    write,
-)
+from slam_init.pictures import drawing
 from slam_init.recording.recorder import StoryRecorder
 from slam_init.recording.text import headline
 from slam_init.types.arrays import evenly_spaced
@@ -66,15 +46,6 @@ _MOST_SEGMENTS = 4
 _MOST_NOTES = 12
 
 
-class _Place(NamedTuple):
-    """A part of the picture, in pixels from the left top."""
-
-    left: float
-    top: float
-    width: float
-    height: float
-
-
 def overview_png(result: Result, summary: Summary, story: StoryRecorder, truth: Trajectory | None = None) -> bytes:
     """Draw the overview of a run.
 
@@ -83,22 +54,21 @@ def overview_png(result: Result, summary: Summary, story: StoryRecorder, truth: 
     """
     import cv2
 
-    with canvas(_WIDTH, _HEIGHT) as figure:
+    with drawing.canvas(_WIDTH, _HEIGHT) as figure:
         top = _draw_head(figure, result, summary) + 40
         _draw_column(figure, top, result, summary, story)
-        right = _Place(_RIGHT, top, _RIGHT_WIDTH, _BOTTOM - top)
         if len(result.segments) > 1:
-            _draw_maps(figure, right, [_of_segment(k, one) for k, one in enumerate(result.segments[:_MOST_SEGMENTS])])
+            _draw_maps(figure, top, [_of_segment(k, one) for k, one in enumerate(result.segments[:_MOST_SEGMENTS])])
         elif result.map is not None:
-            view, path = widest_view(result.map), true_path(result.map.keyframes, truth)
-            axes = axes_at(figure, *right)
-            draw_map(axes, result.map, view, f"the map {view}", path)
-            draw_cameras(axes.inset_axes((0.06, 0.04, 0.24, 0.22)), result.map, view, path)
+            view, path = drawing.widest_view(result.map), true_path(result.map.keyframes, truth)
+            axes = drawing.axes_at(figure, _RIGHT, top, _RIGHT_WIDTH, _BOTTOM - top)
+            drawing.draw_map(axes, result.map, view, f"the map {view}", path)
+            drawing.draw_cameras(axes.inset_axes((0.06, 0.04, 0.24, 0.22)), result.map, view, path)
         elif len(result.hypotheses) == 2:
-            _draw_conjugate_maps(figure, right, result)
+            _draw_conjugate_maps(figure, top, result)
         else:
-            _draw_refusal(figure, right, result)
-        image = np.ascontiguousarray(pixels_of(figure)[..., ::-1])
+            _draw_refusal(figure, top, result)
+        image = np.ascontiguousarray(drawing.pixels_of(figure)[..., ::-1])
     # Without any metadata, equal pictures are equal bytes. Other strategies take half as long again, and the file is
     # hardly smaller: images have noise.
     _, encoded = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE])
@@ -110,17 +80,18 @@ def overview_png(result: Result, summary: Summary, story: StoryRecorder, truth: 
 
 def _draw_head(figure: Figure, result: Result, summary: Summary) -> float:
     """Write the verdict, the figures and the notes; return where they end."""
-    y, color = 18.0, VERDICT_COLORS[result.reason or Verdict.ACCEPTED]
-    page = blank(axes_at(figure, 0, 0, _WIDTH, _HEIGHT))
+    y, color = 18.0, drawing.VERDICT_COLORS[result.reason or Verdict.ACCEPTED]
+    page = drawing.blank(drawing.axes_at(figure, 0, 0, _WIDTH, _HEIGHT))
     origin = f"source {summary.source.name}, method {summary.method}, seed {summary.seed}"
     wrong = None if result.wrong_focal is None else result.wrong_focal.note
     notes = [f"note: {note}" for note in result.notes if note != wrong]
-    lines = [(headline(summary), 25.0, INK, "bold"), *((fact, 12.5, INK, "normal") for fact in _facts(result))]
-    lines += [] if wrong is None else [(wrong, 11.0, OUTLIER, "bold")]
-    lines += [(line, 9.5, FAINT, "normal") for line in (origin, *notes[:_MOST_NOTES])]
+    lines = [(headline(summary), 25.0, drawing.INK, "bold")]
+    lines += [(fact, 12.5, drawing.INK, "normal") for fact in _facts(result)]
+    lines += [] if wrong is None else [(wrong, 11.0, drawing.OUTLIER, "bold")]
+    lines += [(line, 9.5, drawing.FAINT, "normal") for line in (origin, *notes[:_MOST_NOTES])]
     for text, size, ink, weight in lines:
-        shown = wrapped(text, int(2350 / size), 2)
-        write(page, 46 / _WIDTH, 1 - y / _HEIGHT, shown, size, ink, weight)
+        shown = drawing.wrapped(text, int(2350 / size), 2)
+        drawing.write(page, 46 / _WIDTH, 1 - y / _HEIGHT, shown, size, ink, weight)
         y += 1.75 * size * (1 + shown.count("\n"))
     page.plot([_LEFT / _WIDTH] * 2, [1 - 18 / _HEIGHT, 1 - y / _HEIGHT], color=color, linewidth=8)
     page.set(xlim=(0, 1), ylim=(0, 1))
@@ -177,53 +148,56 @@ def _draw_column(figure: Figure, top: float, result: Result, summary: Summary, s
     height = min(width * camera.height / camera.width, _FRAME_HEIGHT)
     for k, shown in enumerate(frames):
         known = None if result.map is None else np.isin(shown.track_ids, result.map.track_ids)
-        axes = axes_at(figure, _LEFT + k * (width + gap), top, width, height)
-        draw_frame(axes, shown, frames[k - 1] if k else None, camera.width, known)
+        axes = drawing.axes_at(figure, _LEFT + k * (width + gap), top, width, height)
+        drawing.draw_frame(axes, shown, frames[k - 1] if k else None, camera.width, known)
     words = "yellow: tracks and their motion since the frame on the left"
     words += "; green: landmarks" if result.map is not None else ""
     words = words if frames else "no frame was read"
-    write(blank(axes_at(figure, _LEFT, top + height, _LEFT_WIDTH, 20)), 0.0, 0.8, words, 9, FAINT)
+    legend = drawing.blank(drawing.axes_at(figure, _LEFT, top + height, _LEFT_WIDTH, 20))
+    drawing.write(legend, 0.0, 0.8, words, 9, drawing.FAINT)
     top += height + 50
     if story.pair is not None:
         aspect = camera.width / camera.height
-        height = min(_LEFT_WIDTH / (aspect / 2 if aspect > WIDE else 2 * aspect), 0.45 * (_BOTTOM - top))
-        draw_pair(axes_at(figure, _LEFT, top, _LEFT_WIDTH, height), story.pair, camera.width)
+        height = min(_LEFT_WIDTH / (aspect / 2 if aspect > drawing.WIDE else 2 * aspect), 0.45 * (_BOTTOM - top))
+        drawing.draw_pair(drawing.axes_at(figure, _LEFT, top, _LEFT_WIDTH, height), story.pair, camera.width)
         top += height + 60
     height = min(_BOTTOM - top, _DECISION_HEIGHT)
-    draw_decision(axes_at(figure, _LEFT + 50, top, _LEFT_WIDTH - 210, height), result.attempts)
+    drawing.draw_decision(drawing.axes_at(figure, _LEFT + 50, top, _LEFT_WIDTH - 210, height), result.attempts)
 
 
 # -- the maps, or why there is none ----------------------------------------------------------------
 
 
-def _draw_maps(figure: Figure, place: _Place, maps: Sequence[tuple[InitialMap, str, str]]) -> None:
+def _draw_maps(
+    figure: Figure, top: float, maps: Sequence[tuple[InitialMap, str, str]], bottom: float = _BOTTOM
+) -> None:
     """Draw several maps, each with its view and its title, two beside one another."""
     rows = -(-len(maps) // 2)
-    width, height = (place.width - 40) / 2, place.height / rows - _TITLE
+    width, height = (_RIGHT_WIDTH - 40) / 2, (bottom - top) / rows - _TITLE
     for k, (map_, view, title) in enumerate(maps):
-        left, top = place.left + k % 2 * (width + 40), place.top + k // 2 * (height + _TITLE)
-        draw_map(axes_at(figure, left, top, width, height), map_, view, title)
+        left, above = _RIGHT + k % 2 * (width + 40), top + k // 2 * (height + _TITLE)
+        drawing.draw_map(drawing.axes_at(figure, left, above, width, height), map_, view, title)
 
 
 def _of_segment(number: int, segment: Segment) -> tuple[InitialMap, str, str]:
     """A map of a run that restarted."""
-    frames, view = segment.map.keyframes, widest_view(segment.map)
+    frames, view = segment.map.keyframes, drawing.widest_view(segment.map)
     end = "followed to the end" if segment.lost_at is None else f"lost at frame {segment.lost_at}"
     facts = f"{len(segment.map.points)} landmarks, {len(segment.located)} further frames located, {end}"
     return segment.map, view, f"map {number + 1} {view}: frames {frames[0].frame} to {frames[-1].frame}\n{facts}"
 
 
-def _draw_conjugate_maps(figure: Figure, place: _Place, result: Result) -> None:
+def _draw_conjugate_maps(figure: Figure, top: float, result: Result) -> None:
     """Both undecided maps from two sides, and what has to decide between them."""
     maps = [
         (map_, view, f"map {name} {view}")
-        for view in (ABOVE, SIDE)
+        for view in (drawing.ABOVE, drawing.SIDE)
         for map_, name in zip(result.hypotheses, "AB", strict=True)
     ]
-    _draw_maps(figure, place._replace(height=place.height - 40), maps)
-    box = blank(axes_at(figure, place.left, place.top + place.height - 60, place.width, 60))
-    color = VERDICT_COLORS[result.reason or Verdict.AMBIGUOUS_PLANE]
-    write(box, 0.0, 1.0, wrapped(_deciding(result), 110, 2), 11, color, "bold")
+    _draw_maps(figure, top, maps, _BOTTOM - 40)
+    box = drawing.blank(drawing.axes_at(figure, _RIGHT, _BOTTOM - 60, _RIGHT_WIDTH, 60))
+    color = drawing.VERDICT_COLORS[result.reason or Verdict.AMBIGUOUS_PLANE]
+    drawing.write(box, 0.0, 1.0, drawing.wrapped(_deciding(result), 110, 2), 11, color, "bold")
 
 
 def _deciding(result: Result) -> str:
@@ -238,23 +212,24 @@ def _deciding(result: Result) -> str:
     return " ".join(facts)
 
 
-def _draw_refusal(figure: Figure, place: _Place, result: Result) -> None:
+def _draw_refusal(figure: Figure, top: float, result: Result) -> None:
     """Why there is no map: what to do in large letters, and the gate that refused with what it got and needed."""
-    axes, reason = blank(axes_at(figure, *place)), result.reason or Verdict.TOO_FEW_FRAMES
+    axes = drawing.blank(drawing.axes_at(figure, _RIGHT, top, _RIGHT_WIDTH, _BOTTOM - top))
+    reason = result.reason or Verdict.TOO_FEW_FRAMES
     said, _, advice = (result.advice or reason.advice).partition(": ")
-    write(axes, 0.05, 0.97, wrapped(said[:1].upper() + said[1:], 60, 2), 18, INK)
+    drawing.write(axes, 0.05, 0.97, drawing.wrapped(said[:1].upper() + said[1:], 60, 2), 18, drawing.INK)
     words = (advice or said)[:1].upper() + (advice or said)[1:]
-    write(axes, 0.05, 0.84, wrapped(words, 30, 3), 32, VERDICT_COLORS[reason], "bold")
+    drawing.write(axes, 0.05, 0.84, drawing.wrapped(words, 30, 3), 32, drawing.VERDICT_COLORS[reason], "bold")
     # A reason that no gate names, such as a wrong focal length, stands in the advice alone.
     last = next((one for one in reversed(result.attempts) if one.failed_gates and one.verdict == reason), None)
     if last is None:
         return
     name, got, needed = _gate_words(last.failed_gates[0])
     frames = " and ".join(map(str, last.frames[:2]))
-    write(axes, 0.05, 0.44, f"the gate that refused, last at frames {frames}: {name}", 14, INK)
+    drawing.write(axes, 0.05, 0.44, f"the gate that refused, last at frames {frames}: {name}", 14, drawing.INK)
     for x, title, value in ((0.05, "got", got), (0.45, "needs", needed)):
-        write(axes, x, 0.34, title, 14, FAINT)
-        write(axes, x, 0.28, value, 30, OUTLIER if title == "got" else INK, "bold")
+        drawing.write(axes, x, 0.34, title, 14, drawing.FAINT)
+        drawing.write(axes, x, 0.28, value, 30, drawing.OUTLIER if title == "got" else drawing.INK, "bold")
 
 
 def _gate_words(gate: Gate) -> tuple[str, str, str]:

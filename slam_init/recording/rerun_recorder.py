@@ -32,7 +32,6 @@ import errno
 import os
 import shutil
 import uuid
-from collections import deque
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, suppress
 from pathlib import Path
@@ -120,7 +119,6 @@ class RerunRecorder(Recorder):
         self._scale = min(1.0, LONG_SIDE_PX / max(camera.width, camera.height))
         self._frames = 0
         self.story = StoryRecorder()
-        self._tails: deque[Observations] = deque(maxlen=_TAIL_FRAMES + 1)
         self._attempt: Attempt | None = None
         self._moving = False
         self._end, self._rolling = End.MAP, False
@@ -165,8 +163,7 @@ class RerunRecorder(Recorder):
             small = self._camera.scaled(self._scale)
             views.log_pinhole(rec, "world/camera/image", small, YELLOW, views.FRUSTUM, static=True)
 
-        self._tails.append(observations)
-        oldest = self._tails[0]
+        oldest = list(self.story.recent.values())[-_TAIL_FRAMES - 1 :][0]
         _, i, j = np.intersect1d(oldest.track_ids, observations.track_ids, return_indices=True)
         tails = np.stack([oldest.pixels[i], observations.pixels[j]], axis=1)
         thin = rr.Radius.ui_points(0.5)

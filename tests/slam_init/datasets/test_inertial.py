@@ -11,8 +11,7 @@ from make_files import write
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
 from slam_init.config import Config
 from slam_init.datasets import open_source
-from slam_init.datasets.gyroscope import Gyroscope, gyroscope_of, without_bias
-from slam_init.datasets.inertial import inertial_of, read_inertial_file
+from slam_init.datasets.inertial import Gyroscope, gyroscope_of, inertial_of, read_inertial_file, without_bias
 from slam_init.datasets.views import GravitySource, SourceView, read_gravity
 from slam_init.errors import SlamInitError, SourceError
 from slam_init.initializer import Initializer

@@ -65,7 +65,7 @@ def test_each_end_of_a_run_has_a_picture_of_its_own(story):
 def reported(monkeypatch):
     """The texts that are written into the picture."""
     texts = []
-    monkeypatch.setattr("slam_init.pictures.overview.write", lambda axes, x, y, text, *_: texts.append(text))
+    monkeypatch.setattr("slam_init.pictures.drawing.write", lambda axes, x, y, text, *_: texts.append(text))
     return texts
 
 
@@ -85,7 +85,7 @@ def test_a_run_without_a_frame_or_an_attempt_has_a_picture_and_names_are_no_math
 
 def artists_of(draw_into):
     """What a panel holds: the labels of its lines, and its collections."""
-    with overview.canvas(800, 400) as figure:
+    with drawing.canvas(800, 400) as figure:
         axes = figure.add_axes((0.1, 0.1, 0.8, 0.8))
         draw_into(axes)
         return [line.get_label() for line in axes.lines], list(axes.collections)
@@ -156,5 +156,5 @@ def test_the_head_states_the_focal_length_every_note_and_the_gate_that_refused(s
 
 
 def test_every_verdict_has_a_colour_of_its_own():
-    assert set(overview.VERDICT_COLORS) == set(Verdict)
-    assert len(set(overview.VERDICT_COLORS.values())) == len(Verdict)
+    assert set(drawing.VERDICT_COLORS) == set(Verdict)
+    assert len(set(drawing.VERDICT_COLORS.values())) == len(Verdict)

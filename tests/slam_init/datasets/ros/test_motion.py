@@ -8,7 +8,7 @@ from make_bag import FORMATS, ODOMETRY, POSE, TRANSFORM, Messages, path_for
 
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.datasets import open_source
-from slam_init.datasets.gyroscope import gyroscope_of
+from slam_init.datasets.inertial import gyroscope_of
 from slam_init.datasets.ros.motion import fixed_above
 from slam_init.errors import SourceError
 from slam_init.types.pose import Pose
