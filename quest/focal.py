@@ -27,7 +27,7 @@ from quest.estimate import estimate_relative_pose, refine_relative_pose
 from quest.geometry.epipolar import tangent_basis
 from quest.geometry.quaternion import quaternion_from_matrix, rotation_from_vector
 from quest.noise import KERNEL_SIGMAS
-from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
+from quest.relative_pose import NoPose, PoseEvidence, RelativePose
 from quest.robust.loss import REACH, SCALE, log_likelihoods, weights
 from quest.robust.pose_problem import PoseProblem
 
@@ -125,7 +125,7 @@ def estimate_shared_focal(
     best = max(map(pixels.refined, motions[:_REFINED]), key=lambda motion: motion.log_likelihood)
     found = pixels.search(best.focal_px, seed, start=best)
     again = map(pixels.refined, pixels.motions_of(found, best.focal_px))
-    best = max(best, *again, key=lambda motion: motion.log_likelihood)
+    best = max([best, *again], key=lambda motion: motion.log_likelihood)
     at = pixels.problem(best.focal_px)
     pose = refine_relative_pose(at.m, at.n, (best.R, best.t), threshold_rad=at.threshold_rad, seed=seed)
     if isinstance(pose, NoPose):
@@ -171,8 +171,7 @@ class _Pixels:
         """The pose that was found and its alternatives; none where it has no translation."""
         if isinstance(found, NoPose) or found.kind == "rotation":
             return []
-        poses: list[RelativePose | Hypothesis] = [found, *found.alternatives]
-        return [self._with_likelihood(_Motion(one.R, one.t, focal_px)) for one in poses]
+        return [self._with_likelihood(_Motion(one.R, one.t, focal_px)) for one in (found, *found.alternatives)]
 
     def refined(self, motion: _Motion) -> _Motion:
         """Refine the motion and the focal length, within the range of the sweep; last with the scale of the noise."""
