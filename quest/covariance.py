@@ -5,16 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.noise import GATE_SIGMAS, KERNEL_SIGMAS
+from quest.noise import GATE_SIGMAS, KERNEL_SIGMAS, LEAST_TYPICAL
 from quest.relative_pose import Hypothesis
 from quest.robust import kernels
-from quest.uncertainty.parallax import LEAST_SINE2, RATIO_MADS
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-#: Fewer matches than this are not sorted by their depth.
-_LEAST_TYPICAL = 8
 #: Least mean of psi', so that the covariance stays finite where the residuals are not Gaussian.
 _LEAST_SLOPE = 0.1
 #: Shares of the noise in J^T J that are subtracted: the first that leaves a tenth of the least eigenvalue. Where the
@@ -43,11 +40,11 @@ def pose_covariance(hypothesis: Hypothesis, m: Floats, n: Floats, noise_rad: flo
     """
     R, t = hypothesis.R, hypothesis.t
     typical = np.ones(len(m), bool)
-    kernels.mark_typical(m, n, R, t, RATIO_MADS, LEAST_SINE2, typical)
-    if typical.sum() > _LEAST_TYPICAL:
+    kernels.mark_typical(m, n, R, t, typical)
+    if typical.sum() > LEAST_TYPICAL:
         m, n = m[typical], n[typical]
     information, _, psi2, slope, slope2 = kernels.pose_information(m, n, R, t, KERNEL_SIGMAS * noise_rad)
-    by_noise = kernels.ratio_sums(m, n, R, t, RATIO_MADS, LEAST_SINE2)[3]
+    by_noise = kernels.ratio_sums(m, n, R, t)[3]
     count = len(m)
     mean = max(slope / count, _LEAST_SLOPE)
     correction = 1 + 5 / count * max(slope2 / count - (slope / count) ** 2, 0.0) / mean**2

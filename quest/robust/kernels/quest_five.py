@@ -29,7 +29,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.algebra import orthonormalize
+from quest.algebra import orthonormalize, rotated
 from quest.jit import compiled, part
 from quest.robust.kernels.samples import Pool, enter_if_better
 from quest.robust.kernels.scoring import rays_by_row
@@ -363,10 +363,8 @@ def _pose_of(E: Floats, m: Floats, n: Floats, rows: Ints, flat: float, R: Floats
         t[0], t[1], t[2] = a0, a1, a2
         front = back = True
         for i in rows:
-            m0, m1, m2, n0, n1, n2 = m[i, 0], m[i, 1], m[i, 2], n[i, 0], n[i, 1], n[i, 2]
-            r0 = R[0, 0] * m0 + R[0, 1] * m1 + R[0, 2] * m2
-            r1 = R[1, 0] * m0 + R[1, 1] * m1 + R[1, 2] * m2
-            r2 = R[2, 0] * m0 + R[2, 1] * m1 + R[2, 2] * m2
+            n0, n1, n2 = n[i, 0], n[i, 1], n[i, 2]
+            r0, r1, r2 = rotated(R, m, i)
             cosine = r0 * n0 + r1 * n1 + r2 * n2
             if 1 - cosine * cosine > flat:
                 p, s = r0 * a0 + r1 * a1 + r2 * a2, n0 * a0 + n1 * a1 + n2 * a2
