@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from quest.noise import GATE_SIGMAS, KERNEL_SIGMAS, LEAST_TYPICAL
 from quest.relative_pose import Hypothesis
 from quest.robust import kernels
+from quest.uncertainty.parallax import eigen_of
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -73,19 +74,13 @@ def _wrong_inliers(count: int, outliers: float) -> float:
 
 def _without_noise(information: Floats, by_noise: Floats) -> Floats:
     """J^T J (5, 5) less the part of noise (2, 2) in the direction, or less as much of it as leaves it regular."""
-    least = _least_eigenvalue(information)
+    least = eigen_of(information)[0].min()
     for share in _SHARES_OF_NOISE:
         rest = information.copy()
         rest[3:, 3:] -= share * by_noise
-        if _least_eigenvalue(rest) > _LEAST_REST * least:
+        if eigen_of(rest)[0].min() > _LEAST_REST * least:
             return rest
     return information.copy()
-
-
-def _least_eigenvalue(information: Floats) -> float:
-    values = information.copy()
-    kernels.eigen_in_place(values, np.empty_like(values))
-    return float(values.diagonal().min())
 
 
 def plane_of_pose(pose: Hypothesis, m: Floats, n: Floats, noise_rad: float) -> tuple[Floats, Bools]:
@@ -126,10 +121,8 @@ def planar_pose_covariance(
 
 
 def _pseudo_inverse(information: Floats) -> Floats:
-    """The pseudo-inverse of a symmetric matrix (N, N), which is overwritten; numpy takes 50 us for it."""
-    vectors = np.empty_like(information)
-    kernels.eigen_in_place(information, vectors)
-    values = information.diagonal()
+    """The pseudo-inverse of a symmetric matrix (N, N); numpy takes 50 us for it."""
+    values, vectors = eigen_of(information)
     used = np.abs(values) > 1e-15 * np.abs(values).max()
     return np.asarray((vectors[:, used] / values[used]) @ vectors[:, used].T)
 

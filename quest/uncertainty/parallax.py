@@ -293,7 +293,7 @@ def _anisotropy_of_sums(sums: Floats, count: int) -> float:
     if count < 4:
         return 0.0
     total, fourth, across2 = sums[4].tolist()
-    values, vectors = _eigen(sums[:3])
+    values, vectors = eigen_of(sums[:3])
     parts = sums[3] @ vectors
     used = values > 1e-12 * values.max()
     # What the best rotation leaves of the squares across: |y|^2 - y^T J (J^T J)^-1 J^T y.
@@ -301,7 +301,7 @@ def _anisotropy_of_sums(sums: Floats, count: int) -> float:
     return float((total - 2 * rest - 6 * total / (2 * count - 3)) / sqrt(0.5 * fourth))
 
 
-def _eigen(A: Floats) -> tuple[Floats, Floats]:
+def eigen_of(A: Floats) -> tuple[Floats, Floats]:
     """Eigenvalues (N,) and eigenvectors (N, N), as columns, of a small symmetric matrix; numpy takes 20 us a call."""
     A, vectors = A.copy(), np.empty_like(A)
     kernels.eigen_in_place(A, vectors)
@@ -332,7 +332,7 @@ def _ratio_of_sums(
     gradient = np.concatenate([-sums[:3], sums[3:5] - 2 * ratio * sums[5:]]) / weight
     information = raw.copy()
     information[3:, 3:] -= 2 * noise_rad**2 * by_noise
-    values, vectors = _eigen(information)
+    values, vectors = eigen_of(information)
     if values.min() <= 1e-12 * values.max():
         return ratio, inf
     image = (vectors / values) @ (vectors.T @ gradient)

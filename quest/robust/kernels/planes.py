@@ -75,7 +75,7 @@ def _transferred(H: Floats, m: Floats, n: Floats, i: int) -> tuple[float, float,
 
 @part
 def _fit_homography(m: Floats, n: Floats, use: Bools, H: Floats) -> None:
-    """Fit a homography, as :func:`quest.geometry.homography.fit_homography`."""
+    """Fit a homography H of unit norm by linear least squares, ``n x H m = 0``."""
     A, V = np.empty((9, 9)), np.empty((9, 9))
     # The two tangents of n are the rows of a matrix B with B^T B = 1 - n n^T. The sum of the squared equations is that
     # of the Kronecker products of 1 - n n^T and m m^T: both are symmetric, with six different entries each.
