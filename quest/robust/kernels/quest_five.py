@@ -109,7 +109,7 @@ def _essential_space(m: Floats, n: Floats, rows: Ints, A: Floats, E: Floats) -> 
 def _of_rows(E: Floats, a: int, i: int, b: int, j: int) -> float:
     """The product of row i of the matrix E_a and row j of E_b."""
     i, j = 3 * i, 3 * j
-    return E[a, i] * E[b, j] + E[a, i + 1] * E[b, j + 1] + E[a, i + 2] * E[b, j + 2]
+    return float(E[a, i] * E[b, j] + E[a, i + 1] * E[b, j + 1] + E[a, i + 2] * E[b, j + 2])
 
 
 @part
