@@ -22,7 +22,7 @@ pixels.
 * :func:`parallax_statement`: whether the translation is observable, with an error rate, and |t|/depth = a +- b.
 * :class:`InputError`: the only exception that these functions raise for a wrong input.
 
-A name is loaded, and numba with it where it needs compiled loops, when it is first used.
+numba is loaded when a compiled loop is first used.
 
 References
 ----------
@@ -30,26 +30,22 @@ References
    Estimation From Matched Feature Points", arXiv:1704.02672, 2017.
 """
 
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from quest.batch import estimate_relative_poses
-    from quest.errors import InputError
-    from quest.estimate import estimate_relative_pose, refine_relative_pose
-    from quest.focal import SharedFocal, estimate_shared_focal
-    from quest.gravity import estimate_upright_pose
-    from quest.paper.printed import translation_and_depths_printed
-    from quest.paper.quest5 import quest5
-    from quest.paper.quest6 import quest6
-    from quest.paper.quest6_fast import quest6_fast
-    from quest.paper.quest7 import quest7
-    from quest.paper.questn import questn
-    from quest.paper.translation import translation_and_depths
-    from quest.pixels import estimate_relative_pose_px
-    from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
-    from quest.uncertainty.parallax import ParallaxStatement, parallax_statement
+from quest.errors import InputError
+from quest.estimate import estimate_relative_pose, estimate_relative_poses, refine_relative_pose
+from quest.focal import SharedFocal, estimate_shared_focal
+from quest.gravity import estimate_upright_pose
+from quest.paper.printed import translation_and_depths_printed
+from quest.paper.quest5 import quest5
+from quest.paper.quest6 import quest6
+from quest.paper.quest6_fast import quest6_fast
+from quest.paper.quest7 import quest7
+from quest.paper.questn import questn
+from quest.paper.translation import translation_and_depths
+from quest.pixels import estimate_relative_pose_px
+from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
+from quest.uncertainty.parallax import ParallaxStatement, parallax_statement
 
 __all__ = [
     "Hypothesis",
@@ -75,31 +71,10 @@ __all__ = [
     "translation_and_depths_printed",
 ]
 
-#: The modules of the names.
-_HOMES = {
-    "batch": "estimate_relative_poses",
-    "errors": "InputError",
-    "estimate": "estimate_relative_pose refine_relative_pose",
-    "focal": "SharedFocal estimate_shared_focal",
-    "gravity": "estimate_upright_pose",
-    "paper.printed": "translation_and_depths_printed",
-    "paper.quest5": "quest5",
-    "paper.quest6": "quest6",
-    "paper.quest6_fast": "quest6_fast",
-    "paper.quest7": "quest7",
-    "paper.questn": "questn",
-    "paper.translation": "translation_and_depths",
-    "pixels": "estimate_relative_pose_px",
-    "relative_pose": "Hypothesis NoPose PoseEvidence RelativePose",
-    "uncertainty.parallax": "ParallaxStatement parallax_statement",
-}
 _DISTRIBUTIONS = ("slam-init", "quest-relpose")
 
 
-def __getattr__(name: str) -> object:
-    for module, names in _HOMES.items():
-        if name in names.split():
-            return getattr(import_module(f"quest.{module}"), name)
+def __getattr__(name: str) -> str:
     if name != "__version__":
         raise AttributeError(f"module 'quest' has no attribute {name!r}")
     for distribution in _DISTRIBUTIONS:

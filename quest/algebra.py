@@ -5,12 +5,25 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.jit import compiled, part
+from quest.jit import compiled, inlined, part
 
 Floats = NDArray[np.float64]
 
 #: Jacobi's method settles in four to eight sweeps; the bound ends the loop on numbers that are not finite.
 _SWEEPS = 30
+
+
+@inlined
+def rotated(R: Floats, m: Floats, i: int) -> tuple[float, float, float]:
+    """``R m_i``, of any matrix R.
+
+    Shapes: ``R`` (3, 3), ``m`` (N, 3).
+    """
+    return (
+        R[0, 0] * m[i, 0] + R[0, 1] * m[i, 1] + R[0, 2] * m[i, 2],
+        R[1, 0] * m[i, 0] + R[1, 1] * m[i, 1] + R[1, 2] * m[i, 2],
+        R[2, 0] * m[i, 0] + R[2, 1] * m[i, 1] + R[2, 2] * m[i, 2],
+    )
 
 
 @compiled
@@ -55,12 +68,13 @@ def turn(R: Floats, w0: float, w1: float, w2: float) -> None:
         R[2, k] = a2 + 2 * (c * b2 + x * b1 - y * b0)
 
 
-@compiled
-def shift(t: Floats, b0: float, b1: float, x: float, y: float, z: float, u: float, v: float, w: float) -> None:
-    """``t <- t + b0 (x, y, z) + b1 (u, v, w)`` in place, scaled back to unit norm.
+@part
+def shift(t: Floats, b0: float, b1: float) -> None:
+    """``t <- t + b0 (x, y, z) + b1 (u, v, w)`` in place, with the tangents of t, scaled back to unit norm.
 
     Shapes: ``t`` (3,).
     """
+    x, y, z, u, v, w = tangents(t)
     t0, t1, t2 = t[0] + b0 * x + b1 * u, t[1] + b0 * y + b1 * v, t[2] + b0 * z + b1 * w
     norm = np.sqrt(t0 * t0 + t1 * t1 + t2 * t2)
     t[0], t[1], t[2] = t0 / norm, t1 / norm, t2 / norm
@@ -183,18 +197,6 @@ def copy_row(row: Floats, to: Floats) -> None:
     """Copy a row of numbers; an assignment of numba takes long to compile."""
     for i in range(len(row)):
         to[i] = row[i]
-
-
-@compiled
-def models_of_poses(R: Floats, t: Floats) -> Floats:
-    """Rows of many poses.
-
-    Shapes: ``R, t`` (K, 3, 3), returns (K, 7).
-    """
-    models = np.empty((len(R), 7))
-    for k in range(len(R)):
-        copy_row(model_of_pose(R[k], t[k]), models[k])
-    return models
 
 
 @compiled

@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 
 from quest.geometry.homography import homography_residuals
 from quest.geometry.quaternion import canonical
-from quest.noise import GATE_SIGMAS, SAME_FIT_NATS, log_likelihoods_of
+from quest.noise import GATE_SIGMAS, SAME_FIT_NATS, log_likelihood, log_likelihoods_of
 from quest.relative_pose import Hypothesis
 from quest.robust import kernels
 from quest.robust.loss import OUTLIER_NATS
 from quest.robust.plane import PlaneFit
-from quest.robust.pose_modes import same_mode
-from quest.robust.pose_problem import PoseProblem
+from quest.robust.pose_problem import PoseProblem, distinct_modes
 from quest.robust.spatial_blocks import directions_of, scatter_of_sum
 
 Floats = NDArray[np.float64]
@@ -91,15 +90,10 @@ def equivalent_motions(
 
     Shapes: ``candidates`` (7,), ``best`` (7,).
     """
-    known, kept = [best], []
-    for model in candidates:
-        if any(same_mode(model, other) for other in known):
-            continue
-        known.append(model)
-        if not _is_less_probable(problem, model, best):
-            kept.append((-float(log_likelihoods_of(problem, model).sum()), model))
-    kept.sort(key=lambda one: one[0])
-    return [as_hypothesis(model, problem.explained(model, gate_rad)) for _, model in kept[:_MOST]]
+    others = distinct_modes([best, *candidates])[1:]
+    kept = [model for model in others if not _is_less_probable(problem, model, best)]
+    kept.sort(key=lambda model: -log_likelihood(problem, model))
+    return [as_hypothesis(model, problem.explained(model, gate_rad)) for model in kept[:_MOST]]
 
 
 def _is_less_probable(problem: PoseProblem, model: Floats, other: Floats) -> bool:

@@ -5,16 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.noise import GATE_SIGMAS, KERNEL_SIGMAS
+from quest.noise import GATE_SIGMAS, KERNEL_SIGMAS, LEAST_TYPICAL
 from quest.relative_pose import Hypothesis
 from quest.robust import kernels
-from quest.uncertainty.parallax import LEAST_SINE2, RATIO_MADS
+from quest.uncertainty.parallax import eigen_of
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-#: Fewer matches than this are not sorted by their depth.
-_LEAST_TYPICAL = 8
 #: Least mean of psi', so that the covariance stays finite where the residuals are not Gaussian.
 _LEAST_SLOPE = 0.1
 #: Shares of the noise in J^T J that are subtracted: the first that leaves a tenth of the least eigenvalue. Where the
@@ -43,11 +41,11 @@ def pose_covariance(hypothesis: Hypothesis, m: Floats, n: Floats, noise_rad: flo
     """
     R, t = hypothesis.R, hypothesis.t
     typical = np.ones(len(m), bool)
-    kernels.mark_typical(m, n, R, t, RATIO_MADS, LEAST_SINE2, typical)
-    if typical.sum() > _LEAST_TYPICAL:
+    kernels.mark_typical(m, n, R, t, typical)
+    if typical.sum() > LEAST_TYPICAL:
         m, n = m[typical], n[typical]
     information, _, psi2, slope, slope2 = kernels.pose_information(m, n, R, t, KERNEL_SIGMAS * noise_rad)
-    by_noise = kernels.ratio_sums(m, n, R, t, RATIO_MADS, LEAST_SINE2)[3]
+    by_noise = kernels.ratio_sums(m, n, R, t)[3]
     count = len(m)
     mean = max(slope / count, _LEAST_SLOPE)
     correction = 1 + 5 / count * max(slope2 / count - (slope / count) ** 2, 0.0) / mean**2
@@ -76,19 +74,13 @@ def _wrong_inliers(count: int, outliers: float) -> float:
 
 def _without_noise(information: Floats, by_noise: Floats) -> Floats:
     """J^T J (5, 5) less the part of noise (2, 2) in the direction, or less as much of it as leaves it regular."""
-    least = _least_eigenvalue(information)
+    least = eigen_of(information)[0].min()
     for share in _SHARES_OF_NOISE:
         rest = information.copy()
         rest[3:, 3:] -= share * by_noise
-        if _least_eigenvalue(rest) > _LEAST_REST * least:
+        if eigen_of(rest)[0].min() > _LEAST_REST * least:
             return rest
     return information.copy()
-
-
-def _least_eigenvalue(information: Floats) -> float:
-    values = information.copy()
-    kernels.eigen_in_place(values, np.empty_like(values))
-    return float(values.diagonal().min())
 
 
 def plane_of_pose(pose: Hypothesis, m: Floats, n: Floats, noise_rad: float) -> tuple[Floats, Bools]:
@@ -129,10 +121,8 @@ def planar_pose_covariance(
 
 
 def _pseudo_inverse(information: Floats) -> Floats:
-    """The pseudo-inverse of a symmetric matrix (N, N), which is overwritten; numpy takes 50 us for it."""
-    vectors = np.empty_like(information)
-    kernels.eigen_in_place(information, vectors)
-    values = information.diagonal()
+    """The pseudo-inverse of a symmetric matrix (N, N); numpy takes 50 us for it."""
+    values, vectors = eigen_of(information)
     used = np.abs(values) > 1e-15 * np.abs(values).max()
     return np.asarray((vectors[:, used] / values[used]) @ vectors[:, used].T)
 

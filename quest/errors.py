@@ -44,6 +44,19 @@ def as_floats(values: ArrayLike, name: str) -> Floats:
         raise InputError(f"{name} is no array of real numbers: give floats in a regular shape") from None
 
 
+def as_pixels(points1: ArrayLike, points2: ArrayLike) -> tuple[Floats, Floats]:
+    """Check matched pixels (N, 2)."""
+    both = as_floats(points1, "points1"), as_floats(points2, "points2")
+    for points, name in zip(both, ("points1", "points2"), strict=True):
+        if points.ndim != 2 or points.shape[1] != 2:
+            raise InputError(f"{name} have shape {points.shape}: give an array (N, 2) of pixels")
+        if not np.isfinite(points).all():
+            raise InputError(f"{name} hold a number that is not finite: remove those matches")
+    if len(both[0]) != len(both[1]):
+        raise InputError(f"points1 and points2 have shapes {both[0].shape} and {both[1].shape}: give one shape (N, 2)")
+    return both
+
+
 def as_positive(value: object, name: str, meaning: str, *, or_zero: bool = False) -> float:
     """Check that a value is a positive finite number."""
     if isinstance(value, np.ndarray) and value.ndim == 0:

@@ -14,7 +14,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,10 +35,9 @@ from quest.geometry.quaternion import quaternion_from_matrix
 from quest.noise import GATE_SIGMAS, MOST_COMPARED, best_of_modes, refine_with_noise
 from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
 from quest.robust import kernels
-from quest.robust.lo_ransac import QUEST_FIVE, Proposer, lo_ransac
-from quest.robust.plane import PlaneFit, fit_plane, off_line_rad
-from quest.robust.pose_modes import same_mode, spread_out
-from quest.robust.pose_problem import PoseProblem
+from quest.robust.lo_ransac import QUEST_FIVE, Options, Proposer, lo_ransac
+from quest.robust.plane import PlaneFit, fit_plane
+from quest.robust.pose_problem import PoseProblem, distinct_modes, spread_out
 from quest.robust.rotation import propose_rotation, settle_rotation
 from quest.uncertainty.parallax import ParallaxStatement, as_direction, as_rotation, statement_of_inliers
 
@@ -64,16 +64,6 @@ _LINE_SIGMAS = 10.0
 _GENERIC_AXIS = np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])
 
 
-class Options(NamedTuple):
-    """The checked arguments of :func:`estimate_relative_pose` beside the bearings."""
-
-    threshold_rad: float
-    seed: int
-    confidence: float
-    max_samples: int
-    scores: Floats | None
-
-
 class _Motion(NamedTuple):
     """The best motion (q_wxyz, t), the matches (m, n) that it explains, the noise and the gate of its inliers."""
 
@@ -86,21 +76,23 @@ class _Motion(NamedTuple):
 
 
 class _Rotation(NamedTuple):
-    """A rotation (3, 3), its residuals r2 and inliers, and how many rotations explain as many by chance."""
+    """A rotation (3, 3), its residuals r2 and inliers, and how many rotations explain as many by chance.
+
+    * ``false_alarms_anywhere, false_alarms``: All over the view, and outside each patch too.
+    """
 
     R: Floats
     r2: Floats
     inliers: Bools
+    false_alarms_anywhere: float
     false_alarms: float
-    false_alarms_off_patch: float
 
     @property
     def counts(self) -> bool:
         """Whether it explains many matches, more than chance would, and outside each patch too."""
         # Points of equal depth all over the view turn alike where the camera moves: they are no chance, but a part.
         least = max(_MIN_MATCHES, _LEAST_SHARE * len(self.inliers))
-        by_chance = max(self.false_alarms, self.false_alarms_off_patch)
-        return bool(self.inliers.sum() >= least and by_chance <= LARGEST_OF_ROTATION)
+        return bool(self.inliers.sum() >= least and self.false_alarms <= LARGEST_OF_ROTATION)
 
 
 def estimate_relative_pose(
@@ -175,17 +167,7 @@ def pose_of_bearings(
         return NoPose("too_few_matches", PoseEvidence(distinct, needed=_MIN_MATCHES))
     rotation = propose_rotation(m, n, threshold_rad, rng)
     problem = PoseProblem(m, n, threshold_rad)
-    report = lo_ransac(
-        problem.m,
-        problem.n,
-        threshold_rad,
-        rng,
-        confidence=options.confidence,
-        max_samples=options.max_samples,
-        scores=options.scores,
-        start=start,
-        proposer=proposer,
-    )
+    report = lo_ransac(problem.m, problem.n, options, rng, start, proposer)
     if report is None:
         # Every sample was singular, as for an exact rotation-only camera.
         return _rotation_or_no_pose(_rotation_of(problem, rotation, rng), PoseEvidence(total))
@@ -214,12 +196,13 @@ def pose_of_bearings(
         # Where a rotation explains no more than chance would, the camera does not only rotate. Where it explains only a
         # patch, or a few far points, the rest decides.
         if turned.counts or (
-            turned.false_alarms <= LARGEST_OF_ROTATION
+            turned.false_alarms_anywhere <= LARGEST_OF_ROTATION
             and false_alarms_beside_rotation(problem, best, turned.r2, chance.shares) > LARGEST_OF_MOTION
         ):
             return _rotation_or_no_pose(turned, evidence, parallax, _unobserved_motions(problem, motion))
-    if off_line_rad(motion.m) < _LINE_SIGMAS * noise_rad:
-        spread = max(off_line_rad(motion.m), off_line_rad(motion.n))
+    spread = kernels.off_line(motion.m, GATE_SIGMAS)
+    if spread < _LINE_SIGMAS * noise_rad:
+        spread = max(spread, kernels.off_line(motion.n, GATE_SIGMAS))
         if spread < _LINE_SIGMAS * noise_rad:
             return NoPose("no_consistent_motion", evidence.extended(off_line_rad=spread))
     return _pose_with_alternatives(problem, others, motion, evidence, parallax)
@@ -262,6 +245,36 @@ def refine_relative_pose(
     return estimate_relative_pose(
         bearings1, bearings2, threshold_rad=threshold_rad, seed=seed, max_samples=0, initial_pose=start
     )
+
+
+def estimate_relative_poses(
+    pairs: Iterable[tuple[ArrayLike, ArrayLike]], *, threads: int = 1, **options: Any
+) -> list[RelativePose | NoPose]:
+    """Estimate the motion of each pair of views.
+
+    Parameters
+    ----------
+    pairs : iterable of (bearings1, bearings2)
+        Matched rays (N, 3) of each pair; N may differ.
+    threads : int
+        Number of pairs at a time. The results do not depend on it.
+    **options
+        Of :func:`quest.estimate_relative_pose`, the same for all pairs.
+
+    Returns
+    -------
+    list of RelativePose or NoPose
+        In the order of the pairs.
+
+    Raises
+    ------
+    InputError
+        If threads is not a number from 1, or a pair or an option is refused.
+    """
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(as_index(threads, "threads", 1)) as pool:
+        return list(pool.map(lambda pair: estimate_relative_pose(*pair, **options), pairs))
 
 
 def _checked_pose(initial_pose: tuple[ArrayLike, ArrayLike]) -> tuple[Floats, Floats]:
@@ -396,11 +409,7 @@ def _unobserved_motions(problem: PoseProblem, motion: _Motion) -> tuple[Hypothes
     models = [motion.model, *plane.poses]
     if explained_by_plane(problem, plane, motion.model, len(motion.m)):
         models = [*more_probable_first(problem, plane, motion.noise_rad), motion.model]
-    different: list[Floats] = []
-    for model in models:
-        if not any(same_mode(model, other) for other in different):
-            different.append(model)
-    return tuple(as_hypothesis(model, problem.explained(model, motion.gate_rad)) for model in different)
+    return tuple(as_hypothesis(model, problem.explained(model, motion.gate_rad)) for model in distinct_modes(models))
 
 
 def _rotation_of(problem: PoseProblem, rotation: Floats, rng: np.random.Generator) -> _Rotation:
@@ -412,7 +421,7 @@ def _rotation_of(problem: PoseProblem, rotation: Floats, rng: np.random.Generato
     gate_rad = min(problem.threshold_rad, GATE_SIGMAS * _noise_of_rotation(r2[near])) if near.any() else 0.0
     inliers = r2 < 2 * gate_rad**2
     anywhere, off_patch = false_alarms_of_rotation(problem, R, inliers, rng)
-    return _Rotation(R, r2, inliers, anywhere, off_patch)
+    return _Rotation(R, r2, inliers, anywhere, max(anywhere, off_patch))
 
 
 def _noise_of_rotation(r2: Floats) -> float:
@@ -426,13 +435,11 @@ def _rotation_or_no_pose(
     unobserved: tuple[Hypothesis, ...] = (),
 ) -> RelativePose | NoPose:
     """The pose of kind "rotation" if a rotation explains many matches, outside a patch too; otherwise no pose."""
-    inliers, total = rotation.inliers, len(rotation.inliers)
-    count = int(inliers.sum())
-    evidence = evidence.extended(rotation_inliers=count)
-    false_alarms = max(rotation.false_alarms, rotation.false_alarms_off_patch)
+    inliers = rotation.inliers
+    evidence = evidence.extended(rotation_inliers=int(inliers.sum()))
     if not rotation.counts:
         return NoPose("no_consistent_motion", evidence)
-    nan = np.full(total, np.nan)
+    nan = np.full(len(inliers), np.nan)
     noise_rad = _noise_of_rotation(rotation.r2[inliers])
     return RelativePose(
         q_wxyz=quaternion_from_matrix(rotation.R),
@@ -447,6 +454,6 @@ def _rotation_or_no_pose(
         parallax_rad=0.0,
         parallax=parallax,
         covariance=np.full((5, 5), np.nan),
-        evidence=evidence.extended(false_alarms=false_alarms),
+        evidence=evidence.extended(false_alarms=rotation.false_alarms),
         H=rotation.R,
     )

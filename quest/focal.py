@@ -22,12 +22,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quest.errors import InputError, as_floats, as_positive
+from quest.errors import InputError, as_floats, as_pixels, as_positive
 from quest.estimate import estimate_relative_pose, refine_relative_pose
 from quest.geometry.epipolar import tangent_basis
 from quest.geometry.quaternion import quaternion_from_matrix, rotation_from_vector
 from quest.noise import KERNEL_SIGMAS
-from quest.relative_pose import Hypothesis, NoPose, PoseEvidence, RelativePose
+from quest.relative_pose import NoPose, PoseEvidence, RelativePose
 from quest.robust.loss import REACH, SCALE, log_likelihoods, weights
 from quest.robust.pose_problem import PoseProblem
 
@@ -125,7 +125,7 @@ def estimate_shared_focal(
     best = max(map(pixels.refined, motions[:_REFINED]), key=lambda motion: motion.log_likelihood)
     found = pixels.search(best.focal_px, seed, start=best)
     again = map(pixels.refined, pixels.motions_of(found, best.focal_px))
-    best = max(best, *again, key=lambda motion: motion.log_likelihood)
+    best = max([best, *again], key=lambda motion: motion.log_likelihood)
     at = pixels.problem(best.focal_px)
     pose = refine_relative_pose(at.m, at.n, (best.R, best.t), threshold_rad=at.threshold_rad, seed=seed)
     if isinstance(pose, NoPose):
@@ -171,8 +171,7 @@ class _Pixels:
         """The pose that was found and its alternatives; none where it has no translation."""
         if isinstance(found, NoPose) or found.kind == "rotation":
             return []
-        poses: list[RelativePose | Hypothesis] = [found, *found.alternatives]
-        return [self._with_likelihood(_Motion(one.R, one.t, focal_px)) for one in poses]
+        return [self._with_likelihood(_Motion(one.R, one.t, focal_px)) for one in (found, *found.alternatives)]
 
     def refined(self, motion: _Motion) -> _Motion:
         """Refine the motion and the focal length, within the range of the sweep; last with the scale of the noise."""
@@ -229,11 +228,8 @@ class _Pixels:
 
     def _with_likelihood(self, motion: _Motion) -> _Motion:
         r, _ = self._derivatives(motion, self._in_front(motion))
-        return motion._replace(
-            log_likelihood=float(
-                log_likelihoods(r[np.abs(r) < REACH * self.threshold_px], SCALE * self.threshold_px).sum()
-            )
-        )
+        near = r[np.abs(r) < REACH * self.threshold_px]
+        return motion._replace(log_likelihood=float(log_likelihoods(near, SCALE * self.threshold_px).sum()))
 
     def _in_front(self, motion: _Motion) -> Bools:
         """Whether each match lies in front of both cameras."""
@@ -262,15 +258,13 @@ class _Pixels:
 
 
 def _centred(points1: ArrayLike, points2: ArrayLike, principal_point: ArrayLike) -> tuple[Floats, Floats]:
-    both = [as_floats(points, "the points") for points in (points1, points2)]
-    if both[0].shape != both[1].shape or both[0].ndim != 2 or both[0].shape[1] != 2 or not np.isfinite(both).all():
-        raise InputError(f"the points have shapes {both[0].shape} and {both[1].shape}: give two finite arrays (N, 2)")
+    points1, points2 = as_pixels(points1, points2)
     centre = as_floats(principal_point, "the principal point")
     if centre.shape != (2,) or not np.isfinite(centre).all():
         raise InputError(f"the principal point has shape {centre.shape}: give two finite numbers")
-    if len(both[0]) == 0:
+    if len(points1) == 0:
         raise InputError("there are no points: give matches")
-    centred1, centred2 = both[0] - centre, both[1] - centre
+    centred1, centred2 = points1 - centre, points2 - centre
     reach_px = [float(np.abs(centred).max()) for centred in (centred1, centred2)]
     if not _REACH_PX[0] <= min(reach_px) <= max(reach_px) <= _REACH_PX[1]:
         raise InputError(f"the points lie up to {max(reach_px):.3g} px from the principal point: give pixels of images")

@@ -6,11 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from quest.robust import kernels
+from quest.robust.lo_ransac import RansacReport
 from quest.robust.loss import REACH, SCALE, log_likelihoods
-from quest.robust.pose_modes import same_mode
-from quest.robust.pose_problem import PoseProblem
-from quest.robust.samples import RansacReport
-from quest.uncertainty.parallax import LEAST_SINE2, RATIO_MADS
+from quest.robust.pose_problem import PoseProblem, distinct_modes
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -33,7 +31,7 @@ _STEPS = 25
 #: is exceeded once in a thousand.
 SAME_FIT_NATS = 10.3
 #: Fewer matches than this are not sorted by their depth.
-_LEAST_TYPICAL = 8
+LEAST_TYPICAL = 8
 
 
 def best_of_modes(
@@ -51,12 +49,8 @@ def best_of_modes(
     if len(near) > 0 and len(problem) > MOST_COMPARED:
         rows = rng.permutation(len(problem))[:MOST_COMPARED]
         some = PoseProblem(problem.m[rows], problem.n[rows], problem.threshold_rad)
-    models = [refine_motion(some, report.models[0])]
-    for k in near[:_MODES].tolist():
-        model = refine_motion(some, report.models[1 + k])
-        # Most raw models lead to the optimum that is known.
-        if not any(same_mode(model, other) for other in models):
-            models.append(model)
+    # Most raw models lead to the optimum that is known.
+    models = distinct_modes(refine_motion(some, report.models[k]) for k in (0, *(1 + near[:_MODES])))
     models.sort(key=lambda model: -log_likelihood(some, model))
     return *refine_with_noise(problem, models[0]), models[1:]
 
@@ -86,8 +80,8 @@ def _of_typical_depth(problem: PoseProblem, model: Floats) -> Floats:
     """
     R, t = kernels.rotation_of_model(model), model[4:]
     typical = problem.explained(model, REACH * problem.threshold_rad)
-    kernels.mark_typical(problem.m, problem.n, R, t, RATIO_MADS, LEAST_SINE2, typical)
-    if typical.sum() < _LEAST_TYPICAL:
+    kernels.mark_typical(problem.m, problem.n, R, t, typical)
+    if typical.sum() < LEAST_TYPICAL:
         return model
     refined = _refined_on(problem, model, typical, SCALE * problem.threshold_rad)
     return refined if log_likelihood(problem, refined) > log_likelihood(problem, model) - SAME_FIT_NATS else model
@@ -105,7 +99,7 @@ def refine_with_noise(problem: PoseProblem, model: Floats) -> tuple[Floats, floa
     samples.
     """
     model, threshold_rad = _of_typical_depth(problem, refine_motion(problem, model)), problem.threshold_rad
-    count, median_rad = kernels.typical_noise(problem.m, problem.n, model, threshold_rad, RATIO_MADS, LEAST_SINE2)
+    count, median_rad = kernels.typical_noise(problem.m, problem.n, model, threshold_rad)
     if count < _UNKNOWNS + 1:
         return model, threshold_rad / GATE_SIGMAS
     # The motion has adapted to few matches. 1.4826 times the median absolute deviation is the deviation of a Gaussian.

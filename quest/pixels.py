@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quest.errors import InputError, as_floats, as_positive
+from quest.errors import InputError, as_floats, as_pixels, as_positive
 from quest.estimate import estimate_relative_pose
 from quest.relative_pose import NoPose, RelativePose
 
@@ -75,9 +75,7 @@ def estimate_relative_pose_px(
     if K2 is None and distortion2 is None:
         distortion2 = distortion1
     K2 = K1 if K2 is None else _camera_matrix(K2, "K2")
-    points1, points2 = _points(points1, "points1"), _points(points2, "points2")
-    if points1.shape != points2.shape:
-        raise InputError(f"points1 and points2 have shapes {points1.shape} and {points2.shape}: give one shape (N, 2)")
+    points1, points2 = as_pixels(points1, points2)
     threshold_px = as_positive(threshold_px, "threshold_px", "a positive number of pixels")
     focal_px = float(K1[0, 0] + K1[1, 1] + K2[0, 0] + K2[1, 1]) / 4
     return estimate_relative_pose(
@@ -100,15 +98,6 @@ def _camera_matrix(K: ArrayLike, name: str) -> Floats:
     if K[1, 0] != 0 or K[2].tolist() != [0, 0, 1]:
         raise InputError(f"{name} is no camera matrix: give [[fx, skew, cx], [0, fy, cy], [0, 0, 1]]")
     return K
-
-
-def _points(points: ArrayLike, name: str) -> Floats:
-    points = as_floats(points, name)
-    if points.ndim != 2 or points.shape[1] != 2:
-        raise InputError(f"{name} have shape {points.shape}: give an array (N, 2) of pixels")
-    if not np.isfinite(points).all():
-        raise InputError(f"{name} hold a number that is not finite: remove those matches")
-    return points
 
 
 def _bearings(points: Floats, K: Floats, distortion: ArrayLike | None) -> Floats:

@@ -119,7 +119,7 @@ class Hypothesis:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class RelativePose(Described):
+class RelativePose(Described, Hypothesis):
     """A relative pose, ``cam2_from_cam1``, its uncertainty and its alternatives. Truthy.
 
     Attributes
@@ -157,10 +157,6 @@ class RelativePose(Described):
         H m for the bearings of a match, and ``K2 H K1^-1`` is that of pixels. None for kind "general".
     """
 
-    q_wxyz: Floats
-    R: Floats
-    t: Floats
-    inliers: Bools
     depths1: Floats
     depths2: Floats
     kind: str

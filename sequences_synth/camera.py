@@ -112,13 +112,9 @@ class SynthCamera:
             if not (np.abs(error) > _EXACT_PX).any():
                 break
             with np.errstate(all="ignore"):
-                change = np.stack(
-                    [
-                        (b[..., 1] * error[..., 0] - b[..., 0] * error[..., 1]) / determinant,
-                        (a[..., 0] * error[..., 1] - a[..., 1] * error[..., 0]) / determinant,
-                    ],
-                    axis=-1,
-                )
+                x = b[..., 1] * error[..., 0] - b[..., 0] * error[..., 1]
+                y = a[..., 0] * error[..., 1] - a[..., 1] * error[..., 0]
+                change = np.stack([x, y], axis=-1) / determinant[..., None]
             # Outside of the field of view the formula may be flat; the place stays finite.
             place = place - np.clip(np.nan_to_num(change), -0.1, 0.1)
         inside = np.linalg.norm(place, axis=-1) <= self.half_field_rad

@@ -192,25 +192,20 @@ STATIC, MOVING, OUTLIER = 0, 1, 2
 
 
 def film(
-    name: str,
-    camera: SynthCamera,
-    views: int,
-    options: PointOptions,
-    rng: np.random.Generator,
-    object_rng: np.random.Generator,
+    name: str, camera: SynthCamera, options: PointOptions, rng: np.random.Generator, object_rng: np.random.Generator
 ) -> tuple[Shot, Ints]:
     """Draw the world, the path and the moving objects of a scene.
 
     Shapes: returns ``kinds`` (M,).
     """
-    interval_s, last_tick = 1 / options.fps, views - 1
+    interval_s, last_tick = 1 / options.fps, options.views - 1
     layout = LAYOUTS[name](rng, Handling(last_tick * interval_s, options.turning_deg_s, options.speed))
     depths = layout.depth(np.zeros((500, 3)), _rays(camera, 500, rng))
     depth = float(np.median(depths[depths > 0]))
     scale = depth if layout.in_depths else options.baseline * depth
     phases, sizes = rng.uniform(0, 2 * np.pi, (2, 3)), rng.uniform(0.3, 1.0, (2, 3))
     path = PointPath(layout, scale, last_tick, phases, sizes)
-    poses = np.stack([path.at_frame(tick) for tick in range(views)])
+    poses = np.stack([path.at_frame(tick) for tick in range(options.views)])
     draw = _spread_points if layout.in_depths else _points
     points = draw(layout, poses, camera, options, rng)
     kinds, clusters = _kinds(points, options, rng)
@@ -220,8 +215,7 @@ def film(
     if reach == 0:
         reach = PointOptions.baseline * float(np.median(np.linalg.norm(points, axis=1)))
     objects = _moving_objects(points, clusters, reach, last_tick * interval_s, options, rng, object_rng)
-    size = camera.width, camera.height
-    shutter = Shutter(options.readout_ms / 1000, options.readout_direction, *size)
+    shutter = Shutter(options.readout_ms / 1000, options.readout_direction, camera.width, camera.height)
     return Shot(camera, shutter, path, objects, points, interval_s), kinds
 
 

@@ -198,7 +198,7 @@ def make_points(name: str, seed: int = 0, options: PointOptions | None = None) -
     error_rng = stream(seed, b"tracking error ", name)
     error = TrackingError.draw(error_rng, options.views, _WIDTH, _HEIGHT, options.correlated_px, options.drift_px)
     rng, object_rng, camera_rng = (stream(seed, purpose, name) for purpose in (b"", b"bodies ", b"principal point "))
-    shot, kinds = film(name, pinhole.bent(options.k1), options.views, options, rng, object_rng)
+    shot, kinds = film(name, pinhole.bent(options.k1), options, rng, object_rng)
     pixels, visible = _measure(shot, kinds, error, options, rng)
     return PointSequence(
         name=name,

@@ -228,8 +228,11 @@ class SynthSequence:
         IndexError
             If the sequence has no such frame.
         """
-        sensor, frame = self._sensor(index)
-        view = sensor.expose(frame)
+        if not 0 <= index < len(self):
+            raise IndexError(f"frame {index} of a sequence of {len(self)} frames")
+        scene = int(0 < self.options.cut <= index)
+        sensor = self.sensors[scene]
+        view = sensor.expose(index - scene * self.options.cut)
         # The generator is seeded for this frame, so that the frame does not depend on those rendered before.
         phase, rate = self.sensors[0].exposure_phase
         gain = 1.0 + self.options.exposure_change * math.sin(phase + rate * index)
@@ -251,13 +254,6 @@ class SynthSequence:
         times_s = np.arange(-_MARGIN_S, last_s, 1 / _INERTIAL_HZ)
         rng = stream(self.seed, b"inertial sensor ", self.name)
         return measure(lambda time_s: pose(time_s * fps), times_s, rng)
-
-    def _sensor(self, index: int) -> tuple[Sensor, int]:
-        """The sensor of a frame, and the frame number on its path."""
-        if not 0 <= index < len(self):
-            raise IndexError(f"frame {index} of a sequence of {len(self)} frames")
-        scene = int(0 < self.options.cut <= index)
-        return self.sensors[scene], index - scene * self.options.cut
 
 
 def make_sequence(name: str, seed: int = 0, options: SynthOptions | None = None) -> SynthSequence:

@@ -6,7 +6,9 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from sequences_synth.arrays import Floats, Image
+import numpy as np
+
+from sequences_synth.arrays import Image
 from sequences_synth.sequence import SynthSequence
 
 
@@ -37,6 +39,8 @@ def write_tum(
     OSError
         If an image cannot be written.
     """
+    from scipy.spatial.transform import Rotation
+
     folder = Path(folder)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise FileExistsError(f"{folder} exists already: name a new or an empty folder")
@@ -47,11 +51,12 @@ def write_tum(
         if progress is not None:
             progress(index + 1)
 
-    times = sequence.timestamps_s
+    times, poses = sequence.timestamps_s, sequence.poses
     (folder / "camera.yaml").write_text(_camera_text(sequence))
-    poses = "".join(_pose_line(time, pose) for time, pose in zip(times, sequence.poses, strict=True))
-    header = "# camera-to-world (T_wc), quaternion order x y z w, optical frame: x right, y down, z forward\n"
-    (folder / "groundtruth.txt").write_text(header + "# timestamp tx ty tz qx qy qz qw\n" + poses)
+    header = "camera-to-world (T_wc), quaternion order x y z w, optical frame: x right, y down, z forward\n"
+    header += "timestamp tx ty tz qx qy qz qw"
+    rows = np.column_stack([times, poses[:, :3, 3], Rotation.from_matrix(poses[:, :3, :3]).as_quat(canonical=True)])
+    np.savetxt(folder / "groundtruth.txt", rows, ["%.6f", *7 * ["%.9f"]], header=header)
     lines = "".join(f"{time:.6f} images/{index:06d}.png\n" for index, time in enumerate(times))
     (folder / "rgb.txt").write_text("# timestamp filename\n" + lines)
 
@@ -76,11 +81,3 @@ def _camera_text(sequence: SynthSequence) -> str:
         f"distortion_model: {'none' if camera.is_pinhole else camera.model}\n"
         f"distortion: {list(camera.coefficients)!r}\n"
     )
-
-
-def _pose_line(timestamp_s: float, world_from_cam: Floats) -> str:
-    from scipy.spatial.transform import Rotation
-
-    x, y, z = world_from_cam[:3, 3]
-    qx, qy, qz, qw = Rotation.from_matrix(world_from_cam[:3, :3]).as_quat(canonical=True)
-    return f"{timestamp_s:.6f} {x:.9f} {y:.9f} {z:.9f} {qx:.9f} {qy:.9f} {qz:.9f} {qw:.9f}\n"

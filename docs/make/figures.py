@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import quest
-from quest.geometry.homography import decompose_homography, fit_homography
+from quest.geometry.homography import decompose_homography
 from quest.geometry.quaternion import matrix_from_quaternion, rotation_angle, rotation_from_vector, vector_from_rotation
 
 Floats = NDArray[np.float64]
@@ -125,14 +125,12 @@ def _planar_ambiguity() -> Any:
     points = np.c_[xy, (distance - normal[0] * xy[:, 0]) / normal[2]]
     second = _pose(-4.0, (0.6, 0.0, 0.9))
     third = _pose(6.0, (-0.7, 0.0, 0.4))
-    m, n = points, points @ second[0].T + second[1]
-    H = fit_homography(_unit(m), _unit(n))
-    motions = decompose_homography(H, _unit(m))
+    motions = decompose_homography(second[0] + np.outer(second[1], normal / distance), _unit(points))
     figure, axes = plt.subplots(1, 3, figsize=(9, 3.2), width_ratios=(1, 1, 0.8))
     residuals = []
     for place, (R, t, k) in enumerate(_sorted(motions, second)):
-        depth = 1 / (_unit(m) @ k)
-        scene = _unit(m) * depth[:, None]
+        depth = 1 / (_unit(points) @ k)
+        scene = _unit(points) * depth[:, None]
         scale = np.median(depth) / np.median(np.linalg.norm(points, axis=1))
         scene, t = scene / scale, t / scale
         color, name = ((BLUE, "the motion"), (ORANGE, "the second motion"))[place]

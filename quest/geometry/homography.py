@@ -14,30 +14,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.geometry.epipolar import tangent_basis
-
 Floats = NDArray[np.float64]
 
 # A matrix whose second singular value is this small relative to the first maps all rays to a line.
 _SINGULAR = 1e-12
-
-
-def fit_homography(m: Floats, n: Floats) -> Floats:
-    """Fit a homography by linear least squares, ``n x H m = 0``.
-
-    Shapes: ``m, n`` (N, 3), returns (3, 3).
-
-    * Returns: Unit norm; the sign is the one with most points in front of both cameras.
-    """
-    # The two components of n x Hm orthogonal to n. With unit bearings the equations need no further conditioning.
-    first, second = np.moveaxis(tangent_basis(n), -1, 0)
-    rows = np.concatenate(
-        [(first[:, :, None] * m[:, None, :]).reshape(-1, 9), (second[:, :, None] * m[:, None, :]).reshape(-1, 9)]
-    )
-    _, vectors = np.linalg.eigh(rows.T @ rows)
-    H = vectors[:, 0].reshape(3, 3)
-    # Points lie in front of both cameras, so H m points along n.
-    return H if np.median(np.einsum("ij,ij->i", n, m @ H.T)) > 0 else -H
 
 
 def homography_residuals(H: Floats, m: Floats, n: Floats) -> Floats:

@@ -29,11 +29,15 @@ def matrix_from_quaternion(q: ArrayLike) -> Floats:
     if not ((norm > 1e-100) & (norm < 1e100)).all():  # squares of such numbers overflow or vanish
         a, norm = _scaled(a)
     w, x, y, z = np.moveaxis(a / norm, -1, 0)
-    rows = [
+    return _matrix(
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
+    )
+
+
+def _matrix(*rows: list[Floats]) -> Floats:
+    """Matrices (..., K, K) from their entries (...)."""
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
@@ -61,14 +65,11 @@ def quaternion_from_matrix(R: ArrayLike) -> Floats:
     # Row k is q scaled by 4 q_k: pick the row with the largest pivot.
     a, b, c = R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]
     d, e, f = R[..., 0, 1] + R[..., 1, 0], R[..., 0, 2] + R[..., 2, 0], R[..., 1, 2] + R[..., 2, 1]
-    rows = np.stack(
-        [
-            np.stack([1 + m00 + m11 + m22, a, b, c], axis=-1),
-            np.stack([a, 1 + m00 - m11 - m22, d, e], axis=-1),
-            np.stack([b, d, 1 - m00 + m11 - m22, f], axis=-1),
-            np.stack([c, e, f, 1 - m00 - m11 + m22], axis=-1),
-        ],
-        axis=-2,
+    rows = _matrix(
+        [1 + m00 + m11 + m22, a, b, c],
+        [a, 1 + m00 - m11 - m22, d, e],
+        [b, d, 1 - m00 + m11 - m22, f],
+        [c, e, f, 1 - m00 - m11 + m22],
     )
     pivot = np.argmax(np.diagonal(rows, axis1=-2, axis2=-1), axis=-1)
     q = np.take_along_axis(rows, pivot[..., None, None], axis=-2)[..., 0, :]

@@ -103,8 +103,8 @@ def coefficient_rows(m: Floats, n: Floats, before: tuple[float, ...] = (1.0, 0.0
     i, j = pairs.T
     mi, mj, ni, nj = m[:, i], m[:, j], n[:, i], n[:, j]
     # a . R b is linear in the outer product of a and b.
-    outer_N = nj[..., :, None] * _cross(mi, mj)[..., None, :]
-    outer_D = _cross(ni, nj)[..., :, None] * mj[..., None, :]
+    outer_N = nj[..., :, None] * cross(mi, mj)[..., None, :]
+    outer_D = cross(ni, nj)[..., :, None] * mj[..., None, :]
     shape = (len(m), len(pairs), 35)
     N = (outer_N.reshape(-1, 9) @ rotations).reshape(shape)
     D = (outer_D.reshape(-1, 9) @ rotations).reshape(shape)
@@ -136,10 +136,10 @@ def rows_of_moments(moments: Floats, before: tuple[float, ...] = (1.0, 0.0, 0.0,
         axis=-1,
     )
     i, j, k = triples(K).T
-    values = (_cross(normals[:, i], normals[:, j]) * normals[:, k]).sum(axis=-1)
+    values = (cross(normals[:, i], normals[:, j]) * normals[:, k]).sum(axis=-1)
     return np.asarray(values.reshape(-1, 35) @ coefficients_from_values).reshape(B, len(i), 35)
 
 
-def _cross(a: Floats, b: Floats) -> Floats:
+def cross(a: Floats, b: Floats) -> Floats:
     """Cross product over the last axis; a third of the time of ``np.cross`` on small batches."""
     return np.asarray(a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]])

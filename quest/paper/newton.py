@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from quest.geometry.epipolar import tangent_basis
 from quest.geometry.quaternion import canonical, matrix_from_quaternion, multiply, quaternion_from_vector
-from quest.paper.monomials import QUARTICS, quartics
+from quest.paper.monomials import QUARTICS, cross, quartics
 from quest.paper.selection import smallest_eigenvectors
 
 Floats = NDArray[np.float64]
@@ -65,7 +65,7 @@ def polish_on_matches(q: Floats, m: Floats, n: Floats, steps: int) -> Floats:
     t = None
     for _ in range(steps):
         a = m @ matrix_from_quaternion(q).swapaxes(-1, -2)
-        c = _cross(a, n)
+        c = cross(a, n)
         if t is None:
             t = smallest_eigenvectors(c.swapaxes(-1, -2) @ c)
         column, B = t[..., None], tangent_basis(t)
@@ -76,7 +76,7 @@ def polish_on_matches(q: Floats, m: Floats, n: Floats, steps: int) -> Floats:
         by_rotation = p[..., None] * n - (a * n).sum(axis=-1)[..., None] * t[..., None, :]
         J = np.concatenate([by_rotation, c @ B], axis=-1)
         dD = np.concatenate(
-            [p[..., None] * _cross(a, t[..., None, :]), (p[..., None] * a + s[..., None] * n) @ B], axis=-1
+            [p[..., None] * cross(a, t[..., None, :]), (p[..., None] * a + s[..., None] * n) @ B], axis=-1
         )
         dD += 2 * e[..., None] * J
         J = (J + (e / D)[..., None] * dD) / np.sqrt(D)[..., None]
@@ -91,11 +91,6 @@ def polish_on_matches(q: Floats, m: Floats, n: Floats, steps: int) -> Floats:
         t = t / np.linalg.norm(t, axis=-1, keepdims=True)
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     return np.where(known[..., None], canonical(q), np.nan)
-
-
-def _cross(a: Floats, b: Floats) -> Floats:
-    """Cross product over the last axis, broadcasting."""
-    return np.asarray(a[..., [1, 2, 0]] * b[..., [2, 0, 1]] - a[..., [2, 0, 1]] * b[..., [1, 2, 0]])
 
 
 def _derivatives(q: Floats) -> Floats:

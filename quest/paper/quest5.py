@@ -30,12 +30,10 @@ from itertools import combinations_with_replacement
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quest.errors import InputError
-from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import canonical, conjugate, multiply
 from quest.paper.monomials import QUARTICS, coefficient_rows
-from quest.paper.quest6 import PRE_ROTATION, quaternions_from_monomials, rotation_alone
-from quest.paper.quest6_fast import DIRECTION
+from quest.paper.quest6 import PRE_ROTATION, as_batch, regular_triangle, with_rotation_alone
+from quest.paper.quest6_fast import DIRECTION, candidates_from_basis
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -55,9 +53,6 @@ _TIMES: Ints = np.array([[_index(a, *letters) for letters in QUARTICS] for a in 
 
 # For a pivot a, the positions of the monomials ``w a^3 (w, x, y, z)`` in x1.
 _RATIOS: Ints = np.array([[_index(0, a, a, a, b) for b in range(4)] for a in range(4)])
-
-# A2 has lost rank where its QR decomposition has a pivot this small relative to the largest, see quest.paper.quest6.
-_SINGULAR = 1e-11
 
 
 def quest5(m: ArrayLike, n: ArrayLike) -> Floats:
@@ -85,23 +80,12 @@ def quest5(m: ArrayLike, n: ArrayLike) -> Floats:
     [F18] Fathian et al., IEEE RA-L 2018, QuEst with five points. Departures: the null space by elimination, the
     direction of lambda, and ``q' = p q``.
     """
-    m, n = as_matches(m, n, at_least=5)
-    if m.shape[-2] > 5:
-        raise InputError(f"{m.shape[-2]} matches in a sample: give five")
-    single = m.ndim == 2
-    if single:
-        m, n = m[None], n[None]
+    m, n, single = as_batch(m, n, 5, exactly=True)
     K, regular = _null_space(coefficient_rows(m, n, PRE_ROTATION))
     shifted = np.tensordot(DIRECTION, K[:, _TIMES[1:]], axes=(0, 1))
-    values, vectors = np.linalg.eig(K[:, :35].swapaxes(-1, -2) @ shifted)
-    q = quaternions_from_monomials((K[:, :35] @ vectors).swapaxes(-1, -2), _RATIOS)
-    q = np.where((values.imag >= 0)[..., None], q, np.nan)
-    q = canonical(multiply(conjugate(PRE_ROTATION), q))
-    rotation = rotation_alone(m, n)
-    rotation_only = np.isfinite(rotation[:, 0])
-    q[rotation_only | ~regular] = np.nan
-    q[rotation_only, 0] = rotation[rotation_only]
-    return q[0][np.isfinite(q[0, :, 0])] if single else q
+    q = candidates_from_basis(K[:, :35], shifted, _RATIOS)
+    q[~regular] = np.nan
+    return with_rotation_alone(canonical(multiply(conjugate(PRE_ROTATION), q)), m, n, single)
 
 
 def _null_space(A: Floats) -> tuple[Floats, Bools]:
@@ -114,10 +98,7 @@ def _null_space(A: Floats) -> tuple[Floats, Bools]:
         products[:, letter - 1][..., _TIMES[letter]] = A
     quintics = products.reshape(len(A), 30, 56)
     Q, R = np.linalg.qr(quintics[..., 35:], mode="complete")
-    R = R[:, :21]
-    pivots = np.abs(np.diagonal(R, axis1=-2, axis2=-1))
-    regular = pivots.min(axis=-1) > _SINGULAR * np.maximum(pivots.max(axis=-1), 1e-200)
-    R = np.where(regular[:, None, None], R, np.eye(21))
+    R, regular = regular_triangle(R[:, :21])
     rotated = Q.swapaxes(-1, -2) @ quintics[..., :35]
     C = np.concatenate([A, rotated[:, 21:]], axis=1)
     x1 = np.linalg.svd(C)[2][:, 15:].swapaxes(-1, -2)

@@ -38,6 +38,7 @@ from quest.paper.monomials import QUARTICS, coefficient_rows, quartic_index
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 #: The fixed rotation p of the public solvers, wxyz, of no particular direction. At the identity w' is 0.71, so that the
 #: small rotations between video frames are far from w' = 0.
@@ -51,8 +52,8 @@ PRE_ROTATION: tuple[float, float, float, float] = (
 #: Position of the letters of lambda in a quaternion wxyz.
 LETTERS = {"x": 1, "y": 2, "z": 3}
 
-# A2 has lost rank where its QR decomposition has a pivot this small relative to the largest one: rounding leaves about
-# 1e-14, a baseline of 1e-6 of the depths leaves 1e-8.
+# A matrix has lost rank where its QR decomposition has a pivot this small relative to the largest one: rounding leaves
+# about 1e-14, a baseline of 1e-6 of the depths leaves 1e-8.
 _SINGULAR = 1e-11
 # Largest residual of a match that a rotation alone explains: a thousandth of a pixel at a focal length of 1000 px. With
 # smaller residuals the quartics, of third order in the parallax, are little more than rounding errors, and the rotation
@@ -64,7 +65,7 @@ _ROTATION_RAD = 1e-6
 TIMES: Ints = np.array([[quartic_index(a, *letters[1:]) for letters in QUARTICS[:20]] for a in range(4)])
 
 #: For a pivot a, the positions of the monomials ``w a^2 (w, x, y, z)`` in x1.
-_RATIOS: Ints = np.array([[quartic_index(0, a, a, b) for b in range(4)] for a in range(4)])
+RATIOS: Ints = np.array([[quartic_index(0, a, a, b) for b in range(4)] for a in range(4)])
 
 
 def quest6(m: ArrayLike, n: ArrayLike, lambdas: str = "xyz") -> Floats:
@@ -94,48 +95,53 @@ def quest6(m: ArrayLike, n: ArrayLike, lambdas: str = "xyz") -> Floats:
     ----------
     [F17] Fathian et al., arXiv:1704.02672, QuEst with six points; departures in the module docstring.
     """
-    m, n, single = as_batch(m, n, lambdas, at_least=6)
-    rotation = rotation_alone(m, n)
+    m, n, single = as_batch(m, n, 6, lambdas)
     powers, regular = _powers(coefficient_rows(m, n, PRE_ROTATION))
-    regular &= np.isnan(rotation[:, 0])
-    q = np.concatenate([_candidates(powers, regular, LETTERS[a]) for a in lambdas], axis=1)
-    q = canonical(multiply(conjugate(PRE_ROTATION), q))
-    q[~regular, 0] = rotation[~regular]
-    return q[0][np.isfinite(q[0, :, 0])] if single else q
+    q = np.concatenate([_candidates(powers[:, TIMES[LETTERS[a]]]) for a in lambdas], axis=1)
+    q[~regular] = np.nan
+    return with_rotation_alone(canonical(multiply(conjugate(PRE_ROTATION), q)), m, n, single)
 
 
-def as_batch(m: ArrayLike, n: ArrayLike, lambdas: str, at_least: int) -> tuple[Floats, Floats, bool]:
-    """Check the arguments of a solver.
+def as_batch(
+    m: ArrayLike, n: ArrayLike, at_least: int, lambdas: str = "x", *, exactly: bool = False
+) -> tuple[Floats, Floats, bool]:
+    """Check the arguments of a solver; return batches, and whether one sample was given.
 
     Shapes: ``m, n`` (N, 3), returns ``m, n`` (B, N, 3).
+
+    * ``exactly``: Whether the solver takes no more matches than ``at_least``.
     """
     if not isinstance(lambdas, str) or not lambdas or set(lambdas) - set(LETTERS):
         raise InputError(f"lambdas is {lambdas!r}: give letters of 'xyz'")
     m, n = as_matches(m, n, at_least=at_least)
+    if exactly and m.shape[-2] > at_least:
+        raise InputError(f"{m.shape[-2]} matches in a sample: give {at_least}")
     return (m[None], n[None], True) if m.ndim == 2 else (m, n, False)
 
 
-def _powers(A: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+def _powers(A: Floats) -> tuple[Floats, Bools]:
     """All 35 monomials as combinations of x1: (B, 35, 20), and for which samples A2 has full rank (B,)."""
-    A1, A2 = A[..., :20], A[..., 20:]
-    Q, R = np.linalg.qr(A2)
-    pivots = np.abs(np.diagonal(R, axis1=-2, axis2=-1))
-    regular = pivots.min(axis=-1) > _SINGULAR * np.maximum(pivots.max(axis=-1), 1e-200)
-    R = np.where(regular[:, None, None], R, np.eye(15))
-    B = -np.linalg.solve(R, Q.swapaxes(-1, -2) @ A1)  # B' = -pinv(A2) A1
+    Q, R = np.linalg.qr(A[..., 20:])
+    R, regular = regular_triangle(R)
+    B = -np.linalg.solve(R, Q.swapaxes(-1, -2) @ A[..., :20])  # B' = -pinv(A2) A1
     return np.concatenate([np.broadcast_to(np.eye(20), (len(A), 20, 20)), B], axis=1), regular
 
 
-def _candidates(powers: Floats, regular: NDArray[np.bool_], letter: int) -> Floats:
-    """Rotations (B, 20, 4): eigenvectors of multiplication by ``letter / w``, NaN where there is none."""
-    B = powers[:, TIMES[letter]]
-    values, vectors = np.linalg.eig(np.where(regular[:, None, None], B, 0.0))
+def regular_triangle(R: Floats) -> tuple[Floats, Bools]:
+    """Triangular matrices (B, D, D) of QR decompositions, the identity where rank is lost, and where it is not (B,)."""
+    pivots = np.abs(np.diagonal(R, axis1=-2, axis2=-1))
+    regular = pivots.min(axis=-1) > _SINGULAR * np.maximum(pivots.max(axis=-1), 1e-200)
+    return np.where(regular[:, None, None], R, np.eye(R.shape[-1])), regular
+
+
+def _candidates(B: Floats) -> Floats:
+    """Rotations (B, 20, 4): eigenvectors of multiplication by ``lambda``, NaN where there is none."""
+    values, vectors = np.linalg.eig(B)
     q = quaternions_from_monomials(vectors.swapaxes(-1, -2))
-    keep = regular[:, None] & (values.imag >= 0)
-    return np.where(keep[..., None], q, np.nan)
+    return np.where((values.imag >= 0)[..., None], q, np.nan)
 
 
-def quaternions_from_monomials(x1: NDArray[np.complex128], ratios: Ints = _RATIOS) -> Floats:
+def quaternions_from_monomials(x1: NDArray[np.complex128], ratios: Ints = RATIOS) -> Floats:
     """Unit quaternions (..., 4) by ratios of monomials; the real parts of complex ones.
 
     Shapes: ``x1`` (..., X), ``ratios`` (4, 4), returns (..., 4).
@@ -150,6 +156,20 @@ def quaternions_from_monomials(x1: NDArray[np.complex128], ratios: Ints = _RATIO
     with np.errstate(divide="ignore", invalid="ignore"):  # a vector of zeros is no rotation: NaN
         real = (q * (phase / np.abs(phase))).real
         return np.asarray(real / np.linalg.norm(real, axis=-1, keepdims=True))
+
+
+def with_rotation_alone(q: Floats, m: Floats, n: Floats, single: bool) -> Floats:
+    """The candidates of samples, with the rotation as the only one where it explains a sample without translation.
+
+    Shapes: ``q`` (B, K, 4), ``m, n`` (B, N, 3), returns (B, K, 4).
+
+    * ``single``: Of the only sample, return the candidates without the padding: (K, 4).
+    """
+    rotation = rotation_alone(m, n)
+    rotation_only = np.isfinite(rotation[:, 0])
+    q[rotation_only] = np.nan
+    q[rotation_only, 0] = rotation[rotation_only]
+    return q[0][np.isfinite(q[0, :, 0])] if single else q
 
 
 def rotation_alone(m: Floats, n: Floats) -> Floats:

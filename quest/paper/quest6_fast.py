@@ -44,14 +44,22 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quest.errors import InputError, as_index
-from quest.geometry.epipolar import as_matches
+from quest.errors import as_index
 from quest.geometry.quaternion import conjugate, multiply
 from quest.paper.monomials import coefficient_rows
 from quest.paper.newton import polish_on_matches
-from quest.paper.quest6 import PRE_ROTATION, TIMES, quaternions_from_monomials, rotation_alone
+from quest.paper.quest6 import (
+    PRE_ROTATION,
+    RATIOS,
+    TIMES,
+    as_batch,
+    quaternions_from_monomials,
+    regular_triangle,
+    with_rotation_alone,
+)
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 #: Number of solutions for points on a plane: complex ones, and both motions of the plane with their twisted pairs.
@@ -60,9 +68,6 @@ LARGEST_NUMBER = 12
 
 #: The direction a, of no particular orientation, so that no two rotations have the same lambda by symmetry.
 DIRECTION = np.array([0.602, -0.501, 0.622])
-
-# A2 has lost rank where its QR decomposition has a pivot this small relative to the largest, see quest.paper.quest6.
-_SINGULAR = 1e-11
 
 
 def quest6_fast(m: ArrayLike, n: ArrayLike, polish: int = 1) -> Floats:
@@ -95,21 +100,11 @@ def quest6_fast(m: ArrayLike, n: ArrayLike, polish: int = 1) -> Floats:
     docstring.
     """
     steps = as_index(polish, "polish", at_least=0)
-    m, n = as_matches(m, n, at_least=6)
-    if m.shape[-2] > 6:
-        raise InputError(f"{m.shape[-2]} matches in a sample: give six")
-    single = m.ndim == 2
-    if single:
-        m, n = m[None], n[None]
+    m, n, single = as_batch(m, n, 6, exactly=True)
     C, K, regular = _null_space(coefficient_rows(m, n, PRE_ROTATION))
     q = multiply(conjugate(PRE_ROTATION), candidates_from_null_space(C, K))
     q[~regular] = np.nan
-    q = polish_on_matches(q, m, n, steps)
-    rotation = rotation_alone(m, n)
-    rotation_only = np.isfinite(rotation[:, 0])
-    q[rotation_only] = np.nan
-    q[rotation_only, 0] = rotation[rotation_only]
-    return q[0][np.isfinite(q[0, :, 0])] if single else q
+    return with_rotation_alone(polish_on_matches(q, m, n, steps), m, n, single)
 
 
 def _null_space(A: Floats) -> tuple[Floats, Floats, Bools]:
@@ -120,10 +115,7 @@ def _null_space(A: Floats) -> tuple[Floats, Floats, Bools]:
     * Returns ``K``: Basis of the null space of A; the first 20 rows are orthonormal columns.
     """
     Q, R = np.linalg.qr(A[..., 20:], mode="complete")
-    R = R[:, :15]
-    pivots = np.abs(np.diagonal(R, axis1=-2, axis2=-1))
-    regular = pivots.min(axis=-1) > _SINGULAR * np.maximum(pivots.max(axis=-1), 1e-200)
-    R = np.where(regular[:, None, None], R, np.eye(15))
+    R, regular = regular_triangle(R[:, :15])
     rotated = Q.swapaxes(-1, -2) @ A[..., :20]
     basis = np.linalg.qr(rotated[:, 15:].swapaxes(-1, -2), mode="complete")[0]
     x1 = basis[..., 5:]
@@ -146,11 +138,11 @@ def candidates_from_null_space(C: Floats, K: Floats) -> Floats:
     return candidates_from_basis(x1, B_a)
 
 
-def candidates_from_basis(x1: Floats, x1_times: Floats) -> Floats:
+def candidates_from_basis(x1: Floats, x1_times: Floats, ratios: Ints = RATIOS) -> Floats:
     """Rotations whose monomials x1 lie in a space of D dimensions.
 
-    Shapes: ``x1`` (B, 20, D), ``x1_times`` (B, 20, D), returns (B, D, 4).
+    Shapes: ``x1`` (B, X, D), ``x1_times`` (B, X, D), ``ratios`` (4, 4), returns (B, D, 4).
     """
     values, vectors = np.linalg.eig(x1.swapaxes(-1, -2) @ x1_times)
-    q = quaternions_from_monomials((x1 @ vectors).swapaxes(-1, -2))
+    q = quaternions_from_monomials((x1 @ vectors).swapaxes(-1, -2), ratios)
     return np.where((values.imag >= 0)[..., None], q, np.nan)

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 from quest.geometry.quaternion import canonical, conjugate, multiply
 from quest.paper.monomials import coefficient_rows, quartic_index
 from quest.paper.newton import polish_on_quartics
-from quest.paper.quest6 import LETTERS, PRE_ROTATION, as_batch, rotation_alone
+from quest.paper.quest6 import LETTERS, PRE_ROTATION, as_batch, with_rotation_alone
 
 Floats = NDArray[np.float64]
 
@@ -70,18 +70,14 @@ def quest7(m: ArrayLike, n: ArrayLike, lambdas: str = "xyz") -> Floats:
     ----------
     [F17] Fathian et al., arXiv:1704.02672, QuEst with seven points; departures in the module docstring.
     """
-    m, n, single = as_batch(m, n, lambdas, at_least=7)
-    rotation = rotation_alone(m, n)
+    m, n, single = as_batch(m, n, 7, lambdas)
     q, condition = _solve_rotated(m, n, lambdas, PRE_ROTATION)
     bad = condition < _BAD_CONDITION
     if bad.any():
         again, condition_again = _solve_rotated(m[bad], n[bad], lambdas, _OTHER_PRE_ROTATION)
         better = condition_again > condition[bad]
         q[bad] = np.where(better[:, None, None], again, q[bad])
-    rotation_only = np.isfinite(rotation[:, 0])
-    q[rotation_only] = np.nan
-    q[rotation_only, 0] = rotation[rotation_only]
-    return q[0][np.isfinite(q[0, :, 0])] if single else q
+    return with_rotation_alone(q, m, n, single)
 
 
 def _solve_rotated(

@@ -27,11 +27,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from quest.geometry.epipolar import as_matches
 from quest.geometry.quaternion import conjugate, multiply
 from quest.paper.monomials import rows_of_moments
 from quest.paper.newton import polish_on_matches
-from quest.paper.quest6 import PRE_ROTATION, TIMES, rotation_alone
+from quest.paper.quest6 import PRE_ROTATION, TIMES, as_batch, with_rotation_alone
 from quest.paper.quest6_fast import DIRECTION, candidates_from_basis, candidates_from_null_space
 
 Floats = NDArray[np.float64]
@@ -70,19 +69,11 @@ def questn(m: ArrayLike, n: ArrayLike) -> Floats:
     [F17] Fathian et al., arXiv:1704.02672, for the quartics. The remainder is not in the paper, see the module
     docstring.
     """
-    m, n = as_matches(m, n, at_least=7)
-    single = m.ndim == 2
-    if single:
-        m, n = m[None], n[None]
+    m, n, single = as_batch(m, n, 7)
     moments = (n[..., :, None] * m[..., None, :]).reshape(*m.shape[:2], 9)
     S = np.asarray(np.linalg.qr(moments, mode="r")).reshape(len(m), -1, 3, 3)
     q = multiply(conjugate(PRE_ROTATION), _candidates(rows_of_moments(S, PRE_ROTATION)))
-    q = polish_on_matches(q, m, n, _POLISHING_STEPS)
-    rotation = rotation_alone(m, n)
-    rotation_only = np.isfinite(rotation[:, 0])
-    q[rotation_only] = np.nan
-    q[rotation_only, 0] = rotation[rotation_only]
-    return q[0][np.isfinite(q[0, :, 0])] if single else q
+    return with_rotation_alone(polish_on_matches(q, m, n, _POLISHING_STEPS), m, n, single)
 
 
 def _candidates(A: Floats) -> Floats:

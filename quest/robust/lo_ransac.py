@@ -13,15 +13,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from quest.robust import kernels
-from quest.robust.prosac import progressive_samples, subset_size
-from quest.robust.samples import RansacReport, samples_needed
+from quest.robust.pose_problem import PoseProblem
+from quest.robust.samples import progressive_samples, samples_needed, subset_size
 
 if TYPE_CHECKING:
     from quest.robust.kernels.samples import Pool
@@ -55,6 +54,28 @@ _STEPS = 6
 _LEAST_DRAWN_INLIERS = 10
 
 
+class Options(NamedTuple):
+    """The checked arguments of :func:`quest.estimate_relative_pose` beside the bearings."""
+
+    threshold_rad: float
+    seed: int
+    confidence: float
+    max_samples: int
+    scores: Floats | None
+
+
+class RansacReport(NamedTuple):
+    """The models that a search found."""
+
+    #: (k, 7) Rows (q_wxyz, t): the refined best model, then the best model of each mode by cost, refined where it is
+    #: near the best.
+    models: Floats
+    #: (k,) Cost of each model, before it was refined but for the best one.
+    costs: Floats
+    #: Number of samples.
+    samples: int
+
+
 class _Refined(NamedTuple):
     """A refined motion (q_wxyz, t), its truncated cost on all matches, and its number of inliers."""
 
@@ -86,23 +107,14 @@ def _propose_by_five(m: Floats, n: Floats, samples: Ints, threshold_rad: float, 
 QUEST_FIVE = Proposer(5, 0.55, _propose_by_five)
 
 
-@dataclass(frozen=True, eq=False)
-class _Matches:
+class _Matches(PoseProblem):
     """Matches in random order; ``by_score`` are their rows from the best score to the worst."""
 
-    m: Floats
-    n: Floats
-    threshold_rad: float
-    by_score: Ints | None
-
-    @classmethod
-    def shuffled(
-        cls, m: Floats, n: Floats, threshold_rad: float, scores: Floats | None, rng: np.random.Generator
-    ) -> _Matches:
+    def __init__(self, m: Floats, n: Floats, options: Options, rng: np.random.Generator) -> None:
         # Matches often come sorted (by image row, by quality). The early stop of the scoring loop needs a random order.
         order = rng.permutation(len(m))
-        by_score = None if scores is None else np.argsort(-scores[order], kind="stable")
-        return cls(np.ascontiguousarray(m[order]), np.ascontiguousarray(n[order]), threshold_rad, by_score)
+        super().__init__(m[order], n[order], options.threshold_rad)
+        self.by_score = None if options.scores is None else np.argsort(-options.scores[order], kind="stable")
 
     def draw(self, rng: np.random.Generator, size: int, sampled: int, batch: int) -> Ints:
         """Samples (batch, size)."""
@@ -118,28 +130,23 @@ def _empty_pool() -> Pool:
 def lo_ransac(
     m: Floats,
     n: Floats,
-    threshold_rad: float,
+    options: Options,
     rng: np.random.Generator,
-    *,
-    confidence: float,
-    max_samples: int,
-    scores: Floats | None = None,
     start: tuple[Floats, Floats] | None = None,
     proposer: Proposer = QUEST_FIVE,
 ) -> RansacReport | None:
     """Search for the motion of least truncated cost.
 
-    See [1]_ and [2]_ of the module docstring; the order of the samples is that of :mod:`quest.robust.prosac`.
+    See [1]_ and [2]_ of the module docstring; with scores the order of the samples is that of PROSAC.
 
-    Shapes: ``m, n`` (N, 3), ``scores`` (N,).
+    Shapes: ``m, n`` (N, 3).
 
     * ``m, n``: Unit bearings in camera 1 and camera 2, N at least the size of a sample.
-    * ``scores``: Quality of the matches, higher is better: better matches are sampled earlier.
     * ``start``: A pose (R, t) to begin with: samples are taken until a better one would have been found.
-    * Returns: The models are rows (q_wxyz, t): the refined best model, then the best model of each mode, refined where
-      it is near the best. None where no sample has a solution.
+    * Returns: None where no sample has a solution.
     """
-    matches = _Matches.shuffled(m, n, threshold_rad, scores, rng)
+    threshold_rad, max_samples = options.threshold_rad, options.max_samples
+    matches = _Matches(m, n, options, rng)
     pool = _empty_pool()
     pool_R, pool_t, costs, _, _ = pool
     best: _Refined | None = None if start is None else _polish(matches, kernels.model_of_pose(*start))
@@ -162,15 +169,16 @@ def lo_ransac(
             # The samples so far came from the best-scored matches, and the share of inliers is higher among those.
             sampled_from = matches.by_score[: subset_size(len(m), proposer.sample, sampled)]
             share = max(share, _share_of_rows(matches, best, sampled_from))
-        needed = samples_needed(share, proposer.sample, confidence, proposer.yield_)
+        needed = samples_needed(share, proposer.sample, options.confidence, proposer.yield_)
         if sampled >= needed:
             break
         chunk = min(2 * chunk, _LARGEST_CHUNK, max(_FIRST_CHUNK, math.ceil(min(needed, max_samples)) - sampled))
     if best is None:
         return None
     found = int(np.isfinite(costs).sum())
-    models = kernels.models_of_poses(pool_R[:found], pool_t[:found])
-    refined = 0 if leader is None else 1
+    models = np.empty((found, 7))
+    for k in range(found):
+        models[k] = kernels.model_of_pose(pool_R[k], pool_t[k])
     if leader is not None:
         models[0] = leader.model
     # A mode whose raw model misses half of the inliers is not beside the best optimum.
@@ -178,7 +186,7 @@ def lo_ransac(
     # The noise of a sample may lead to a model beside the best optimum, which refinement takes to a local one.
     for k in range(1, min(near, 1 + _RUNNERS_UP)):
         other = _polish(matches, models[k])
-        models[k], refined = other.model, k + 1
+        models[k] = other.model
         if other.cost < best.cost:
             best = other
     for model in _refits(matches, best, rng):
@@ -186,13 +194,13 @@ def lo_ransac(
         if refit.cost < best.cost:
             best = refit
     costs = np.concatenate([[best.cost], costs[:found]])
-    return RansacReport(np.concatenate([best.model[None], models]), costs, sampled, 1 + refined)
+    return RansacReport(np.concatenate([best.model[None], models]), costs, sampled)
 
 
 def _share_of_rows(matches: _Matches, motion: _Refined, rows: Ints) -> float:
     """Share of inliers among the matches of given rows; zero where a wrong motion has as many inliers by chance."""
-    r2 = kernels.residuals_of_model(matches.m[rows], matches.n[rows], motion.model, matches.threshold_rad)
-    inliers = int((r2 < matches.threshold_rad**2).sum())
+    some = PoseProblem(matches.m[rows], matches.n[rows], matches.threshold_rad)
+    inliers = int(some.explained(motion.model, matches.threshold_rad).sum())
     return inliers / len(rows) if inliers >= _LEAST_DRAWN_INLIERS else 0.0
 
 

@@ -1,4 +1,4 @@
-"""Planes and lines among the points of a motion: the plane that explains most matches, and the width of a line."""
+"""The plane that explains most matches of a motion, and the motions of its homography."""
 
 from __future__ import annotations
 
@@ -68,12 +68,3 @@ def _motions_of_plane(H: Floats, m: Floats, model: Floats) -> list[tuple[Floats,
     # One of the two is the motion itself, up to noise; the other is the second motion of the plane.
     found.sort(key=lambda one: -abs(float(one[0][:4] @ model[:4])) - 0.25 * float(one[0][4:] @ model[4:]))
     return found
-
-
-def off_line_rad(rays: Floats) -> float:
-    """Distance of unit rays (N, 3) from their best great circle, as a standard deviation by the median.
-
-    The weight of a ray falls with its distance, so that a few rays off the line do not tilt it. It is zero for points
-    on a line.
-    """
-    return kernels.off_line(rays, _GATE_SIGMAS)

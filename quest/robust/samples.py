@@ -1,9 +1,13 @@
-"""Samples of RANSAC: how they are chosen, how many are needed, and what a search reports."""
+"""Samples of RANSAC: how many are needed; drawn uniformly, or from a growing subset of the best matches.
+
+References
+----------
+.. [C05] O. Chum, J. Matas, "Matching with PROSAC: progressive sample consensus", CVPR 2005.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,19 +15,8 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-
-@dataclass(frozen=True, eq=False)
-class RansacReport:
-    """The models that the loop found."""
-
-    #: (k, P) The best refined model first, then the best models of other samples, by cost.
-    models: Floats
-    #: (k,) Cost of each model, before it was refined but for the best one.
-    costs: Floats
-    #: Number of samples.
-    samples: int
-    #: Number of models, from the first, that are refined; the others are raw.
-    refined: int = 1
+#: After this number of samples at the latest PROSAC draws from all data, as its authors propose.
+_PROSAC_SAMPLES = 200_000
 
 
 def samples_needed(inlier_share: float, sample_size: int, confidence: float, yield_per_sample: float) -> float:
@@ -52,3 +45,44 @@ def draw_samples(rng: np.random.Generator, count: int, size: int, batch: int) ->
         if not repeated.any():
             return samples
         samples[repeated] = rng.integers(count, size=(int(repeated.sum()), size))
+
+
+def progressive_samples(rng: np.random.Generator, count: int, size: int, sampled: int, batch: int) -> Ints:
+    """Draw the samples number ``sampled`` to ``sampled + batch`` of PROSAC [C05]_.
+
+    Samples come from a growing subset of the best matches. Each sample holds the newest match of the subset and others
+    of the subset.
+
+    Shapes: returns (batch, size).
+    """
+    ends = _growth(count, size)
+    newest = np.searchsorted(ends, np.arange(sampled, sampled + batch), side="right") + size - 1
+    samples = np.empty((batch, size), np.int64)
+    uniform = newest >= count
+    samples[uniform] = draw_samples(rng, count, size, int(uniform.sum()))
+    last = newest[~uniform]
+    progressive = np.empty((len(last), size), np.int64)
+    progressive[:, 0] = last
+    # Floyd's method for a random subset of the ranks below: the end of the range replaces a number sampled before.
+    for k in range(1, size):
+        end = last - size + k
+        number = rng.integers(end + 1)
+        known = (progressive[:, 1:k] == number[:, None]).any(axis=1)
+        progressive[:, k] = np.where(known, end, number)
+    samples[~uniform] = progressive
+    return samples
+
+
+def subset_size(count: int, size: int, sampled: int) -> int:
+    """Size of the PROSAC subset after ``sampled`` samples."""
+    return min(int(np.searchsorted(_growth(count, size), sampled - 1, side="right")) + size, count)
+
+
+def _growth(count: int, size: int) -> Floats:
+    """Numbers of samples after which the subset has size + 1, size + 2, ... count matches: T_g, eq. 3 of [C05]_."""
+    grown = np.arange(size, count + 1)
+    log_share = np.zeros(len(grown))
+    for k in range(size):
+        log_share += np.log((grown - k) / (count - k))
+    steps = np.maximum(np.ceil(np.diff(_PROSAC_SAMPLES * np.exp(log_share), prepend=0.0)), 1.0)
+    return np.asarray(np.cumsum(steps))

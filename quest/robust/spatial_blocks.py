@@ -38,16 +38,9 @@ def regions_of(where: Floats, shape: tuple[int, int] = _REGIONS) -> Ints:
 
 
 def percentiles(values: Floats) -> tuple[Floats, Floats]:
-    """The 1st and the 99th percentile of each column, as ``numpy.percentile``, which takes ten times as long."""
-    last = len(values) - 1
-    ordered = np.sort(values, axis=0)
-    found = []
-    for share in (0.01, 0.99):
-        below = int(share * last)
-        a, b, part = ordered[below], ordered[min(below + 1, last)], share * last - below
-        # Rounded as numpy does: from the nearer of the two neighbours.
-        found.append(a + (b - a) * part if part < 0.5 else b - (b - a) * (1 - part))
-    return found[0], found[1]
+    """The 1st and the 99th percentile of each column."""
+    low, high = np.quantile(values, (0.01, 0.99), axis=0)
+    return low, high
 
 
 def scatter_of_sum(values: Floats, where: Floats) -> float:

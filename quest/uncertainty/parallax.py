@@ -68,11 +68,6 @@ _FAR_SIGMAS = 5.0
 #: Gaussian deviate of a probability of 1e-3 over all t: Q(4.4) = 5e-6 is 1e-3 divided by the 200 independent directions
 #: of the field.
 _FAVOURED_DEVIATE = 4.4
-#: Ratios farther than this many median absolute deviations from the median belong to outliers. Where half of the depths
-#: of a scene lie within a factor of two, all depths from a seventh of the median to infinity are within the bound.
-RATIO_MADS = 6.0
-#: A ray nearer than 1e-6 rad to t has no usable epipolar line.
-LEAST_SINE2 = 1e-12
 #: Exact bearings have residuals of a few 1e-16 after the fit of a rotation. These are rounding errors, and their
 #: direction is not random.
 _LEAST_NOISE_RAD = 1e-13
@@ -242,14 +237,14 @@ def statement_of_inliers(
         # 45 of 240 exact cameras that only rotate, with outliers, showed a translation.
         near_to = np.sum((n - m @ R0.T) ** 2, axis=1) < 2 * near_rad**2
         kernels.refine_rotation(m[near_to], n[near_to], R0, _NO_KERNEL_RAD, 1)
-    sums, count, near, far = kernels.anisotropy_sums(m, n, R0, t, near_rad, far_rad, LEAST_SINE2, _LEAST_NOISE_RAD)
+    sums, count, near, far = kernels.anisotropy_sums(m, n, R0, t, near_rad, far_rad, _LEAST_NOISE_RAD)
     z = _anisotropy_of_sums(sums, count)
     p_near = _chance_of_maximum(z, near)
     by_noise = len(m) * exp(-(_FAR_SIGMAS**2) / 2)
     # Under the null hypothesis the far matches themselves are outliers.
     pairs = comb(min(max(wrong_matches, far, 2), 2**53), 2)  # the range of a double; p_far is 1 long before that
     p_far = pairs * poisson_tail(far - 2, chance_matches + by_noise)
-    ratio, sigma = _ratio_of_sums(*kernels.ratio_sums(m, n, R, t, RATIO_MADS, LEAST_SINE2), information, noise)
+    ratio, sigma = _ratio_of_sums(*kernels.ratio_sums(m, n, R, t), information, noise)
     return ParallaxStatement(
         ratio=ratio,
         ratio_sigma=sigma,
@@ -298,7 +293,7 @@ def _anisotropy_of_sums(sums: Floats, count: int) -> float:
     if count < 4:
         return 0.0
     total, fourth, across2 = sums[4].tolist()
-    values, vectors = _eigen(sums[:3])
+    values, vectors = eigen_of(sums[:3])
     parts = sums[3] @ vectors
     used = values > 1e-12 * values.max()
     # What the best rotation leaves of the squares across: |y|^2 - y^T J (J^T J)^-1 J^T y.
@@ -306,7 +301,7 @@ def _anisotropy_of_sums(sums: Floats, count: int) -> float:
     return float((total - 2 * rest - 6 * total / (2 * count - 3)) / sqrt(0.5 * fourth))
 
 
-def _eigen(A: Floats) -> tuple[Floats, Floats]:
+def eigen_of(A: Floats) -> tuple[Floats, Floats]:
     """Eigenvalues (N,) and eigenvectors (N, N), as columns, of a small symmetric matrix; numpy takes 20 us a call."""
     A, vectors = A.copy(), np.empty_like(A)
     kernels.eigen_in_place(A, vectors)
@@ -333,17 +328,13 @@ def _ratio_of_sums(
     if weight == 0:
         return float("nan"), inf
     ratio = shift / weight
-    added = np.zeros((5, 5))
-    added[3:, 3:] = 2 * noise_rad**2 * by_noise
+    # The derivatives of the ratio by the motion, and the information about the motion.
     gradient = np.concatenate([-sums[:3], sums[3:5] - 2 * ratio * sums[5:]]) / weight
-    return ratio, _ratio_sigma(gradient, raw, added, weight, noise_rad)
-
-
-def _ratio_sigma(gradient: Floats, raw: Floats, by_noise: Floats, weight: float, noise_rad: float) -> float:
-    """Standard deviation of the ratio, from its derivatives by the motion and the information about the motion."""
-    values, vectors = _eigen(raw - by_noise)
+    information = raw.copy()
+    information[3:, 3:] -= 2 * noise_rad**2 * by_noise
+    values, vectors = eigen_of(information)
     if values.min() <= 1e-12 * values.max():
-        return inf
+        return ratio, inf
     image = (vectors / values) @ (vectors.T @ gradient)
     sigma = noise_rad * sqrt(float(image @ raw @ image) + 2 / weight)
-    return sigma if isfinite(sigma) else inf
+    return ratio, sigma if isfinite(sigma) else inf

@@ -40,6 +40,7 @@ def test_noise_of_pixels_does_not_shorten_the_focal_length():
 def test_a_turn_and_random_matches_have_no_focal_length():
     for m, n in (
         views(box(0), t=NO_TRANSLATION, R=np.eye(3), noise_rad=5e-4),
+        views(box(0, 60), t=NO_TRANSLATION, noise_rad=5e-4, outliers=0.7),
         [random_rays(np.random.default_rng(seed), 100) for seed in (0, 1)],
     ):
         found = estimate_shared_focal(pixels(m), pixels(n), CENTRE)

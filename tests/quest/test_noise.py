@@ -9,8 +9,8 @@ from make_pose_matches import NOISE_RAD, THRESHOLD_RAD, as_model, disturbed, pos
 from quest.geometry.epipolar import tangent_basis
 from quest.geometry.quaternion import matrix_from_quaternion, vector_from_rotation
 from quest.noise import best_of_modes, refine_with_noise
+from quest.robust.lo_ransac import RansacReport
 from quest.robust.pose_problem import PoseProblem
-from quest.robust.samples import RansacReport
 from tests.benchmarks.quest.reference import refine_pose, sampson_jacobian
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from rotations import FUNCTIONS, is_rotation
 
 import quest
-from quest.geometry.homography import decompose_homography, fit_homography
 from quest.geometry.quaternion import matrix_from_quaternion, quaternion_from_matrix, rotation_from_vector
 from quest.robust.rotation import fit_rotation, refine_rotation
 
@@ -134,8 +133,6 @@ def test_a_fitted_rotation_is_one_even_where_no_pair_of_rays_determines_it(seed,
     R, _ = fit_rotation(m, n, threshold_rad, rng)
     assert is_rotation(R)
     assert is_rotation(refine_rotation(R, m, n, threshold_rad))
-    poses = decompose_homography(fit_homography(m, n), m)
-    assert all(is_rotation(R) for R, _, _ in poses)
 
 
 @given(st.lists(st.floats(-1e308, 1e308, allow_subnormal=False), min_size=4, max_size=4).filter(any))

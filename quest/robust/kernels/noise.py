@@ -5,87 +5,65 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.algebra import median_in_place, rotation_of_model
+from quest.algebra import median_in_place, rotated, rotation_of_model
 from quest.jit import compiled, part
 from quest.robust.kernels.scoring import match_residual
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
+#: Ratios farther than this many median absolute deviations from the median belong to outliers. Where half of the depths
+#: of a scene lie within a factor of two, all depths from a seventh of the median to infinity are within the bound.
+_RATIO_MADS = 6.0
+#: A ray nearer than 1e-6 rad to t has no usable epipolar line.
+LEAST_SINE2 = 1e-12
+
 
 @part
-def ratio_of_depth(m: Floats, i: int, n: Floats, j: int, R: Floats, t: Floats, least_sine2: float) -> float:
-    """The ratio |t| / depth of ray ``m[i]`` matched with ``n[j]``; infinite without a usable epipolar line.
+def _ratio_of_depth(m: Floats, n: Floats, i: int, R: Floats, t: Floats) -> float:
+    """The ratio |t| / depth of match i; infinite without a usable epipolar line.
 
     Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3).
     """
-    n0, n1, n2 = n[j, 0], n[j, 1], n[j, 2]
-    d0 = n0 - (R[0, 0] * m[i, 0] + R[0, 1] * m[i, 1] + R[0, 2] * m[i, 2])
-    d1 = n1 - (R[1, 0] * m[i, 0] + R[1, 1] * m[i, 1] + R[1, 2] * m[i, 2])
-    d2 = n2 - (R[2, 0] * m[i, 0] + R[2, 1] * m[i, 1] + R[2, 2] * m[i, 2])
+    n0, n1, n2 = n[i, 0], n[i, 1], n[i, 2]
+    a0, a1, a2 = rotated(R, m, i)
     s = n0 * t[0] + n1 * t[1] + n2 * t[2]
     l0, l1, l2 = t[0] - s * n0, t[1] - s * n1, t[2] - s * n2
     sine2 = l0 * l0 + l1 * l1 + l2 * l2
-    return (d0 * l0 + d1 * l1 + d2 * l2) / sine2 if sine2 > least_sine2 else np.inf
+    return ((n0 - a0) * l0 + (n1 - a1) * l1 + (n2 - a2) * l2) / sine2 if sine2 > LEAST_SINE2 else np.inf
 
 
-@part
-def distances_from_typical(
-    m: Floats, n: Floats, R: Floats, t: Floats, least_sine2: float, use: Bools
-) -> tuple[Floats, float, float]:
-    """Distance of the ratio |t| / depth of each match from the median, in median absolute deviations.
+@compiled
+def mark_typical(m: Floats, n: Floats, R: Floats, t: Floats, use: Bools) -> None:
+    """Unmark the matches of untypical depth, by the distance of the ratio |t| / depth from the median.
 
-    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3), ``use`` (N,), returns ``distances`` (N,).
+    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3), ``use`` (N,).
 
-    * ``use``: The matches that count; the others, and those without a usable epipolar line, are at infinity.
-    * Returns: The distances, the median, and the median absolute deviation.
+    * ``use``: The matches that count; of these, those of untypical depth, and those without a usable epipolar line, are
+      set to False.
     """
     total, count = len(m), 0
     ratios, values = np.full(total, np.inf), np.empty(total)
     for i in range(total):
         if use[i]:
-            ratios[i] = ratio_of_depth(m, i, n, i, R, t, least_sine2)
+            ratios[i] = _ratio_of_depth(m, n, i, R, t)
             if ratios[i] < np.inf:
                 values[count] = ratios[i]
                 count += 1
-    if count == 0:
-        return ratios, 0.0, 0.0
-    middle = median_in_place(values[:count])
-    for i in range(count):
-        values[i] = abs(values[i] - middle)
-    spread = median_in_place(values[:count])
+    middle = spread = 0.0
+    if count > 0:
+        middle = median_in_place(values[:count])
+        for i in range(count):
+            values[i] = abs(values[i] - middle)
+        spread = median_in_place(values[:count])
     for i in range(total):
-        ratios[i] = distance_from_typical(ratios[i], middle, spread)
-    return ratios, middle, spread
-
-
-@part
-def distance_from_typical(ratio: float, middle: float, spread: float) -> float:
-    """The distance of one ratio. Where half of the ratios are equal, only these are typical."""
-    distance = abs(ratio - middle)
-    if spread > 0:
-        return distance / spread
-    return np.inf if distance > 0 else 0.0
+        distance = abs(ratios[i] - middle)
+        # Where half of the ratios are equal, only these are typical.
+        use[i] = distance / spread <= _RATIO_MADS if spread > 0 else not distance > 0
 
 
 @compiled
-def mark_typical(m: Floats, n: Floats, R: Floats, t: Floats, mads: float, least_sine2: float, use: Bools) -> None:
-    """Unmark the matches of untypical depth.
-
-    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3), ``use`` (N,).
-
-    * ``mads``: Largest distance of a typical ratio from the median, in median absolute deviations.
-    * ``use``: The matches that count; of these, those of untypical depth are set to False.
-    """
-    distances, _, _ = distances_from_typical(m, n, R, t, least_sine2, use)
-    for i in range(len(m)):
-        use[i] = distances[i] <= mads
-
-
-@compiled
-def typical_noise(
-    m: Floats, n: Floats, model: Floats, threshold_rad: float, mads: float, least_sine2: float
-) -> tuple[int, float]:
+def typical_noise(m: Floats, n: Floats, model: Floats, threshold_rad: float) -> tuple[int, float]:
     """Number of inliers of typical depth, and the median of their absolute Sampson errors; 0 without such a match.
 
     Shapes: ``m, n`` (N, 3), ``model`` (7,).
@@ -96,7 +74,7 @@ def typical_noise(
     for i in range(total):
         r2[i], behind = match_residual(m, i, n, i, R, t, 2 * limit)
         use[i] = r2[i] < limit and not behind
-    mark_typical(m, n, R, t, mads, least_sine2, use)
+    mark_typical(m, n, R, t, use)
     count = 0
     for i in range(total):
         if use[i]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.algebra import median_in_place, tangents
+from quest.algebra import median_in_place, rotated, tangents
 from quest.jit import compiled
-from quest.robust.kernels.noise import mark_typical
+from quest.robust.kernels.noise import LEAST_SINE2, mark_typical
 from quest.robust.kernels.refinement import normal_equations, refine_rotation
 from quest.robust.kernels.scoring import rays_by_row
 
@@ -52,10 +52,8 @@ def rotation_of_all(m: Floats, n: Floats, R: Floats, noise_rad: float, iteration
     # The scale falls from the median residual to the noise, so that a scene with parallax is first fitted as a whole.
     for _ in range(8):
         for i in range(len(m)):
-            values[i] = 0.0
-            for k in range(3):
-                d = n[i, k] - (R[k, 0] * m[i, 0] + R[k, 1] * m[i, 1] + R[k, 2] * m[i, 2])
-                values[i] += d * d
+            a0, a1, a2 = rotated(R, m, i)
+            values[i] = (n[i, 0] - a0) ** 2 + (n[i, 1] - a1) ** 2 + (n[i, 2] - a2) ** 2
         scale = max(2 * noise_rad, np.sqrt(0.5 * median_in_place(values)))
         if scale > 0.99 * last:  # the scale falls no further
             break
@@ -65,7 +63,7 @@ def rotation_of_all(m: Floats, n: Floats, R: Floats, noise_rad: float, iteration
 
 @compiled
 def anisotropy_sums(
-    m: Floats, n: Floats, R: Floats, t: Floats, near_rad: float, far_rad: float, least_sine2: float, least_rad: float
+    m: Floats, n: Floats, R: Floats, t: Floats, near_rad: float, far_rad: float, least_rad: float
 ) -> tuple[Floats, int, int, int]:
     """Sums over the near matches, from which the test value of a translation follows.
 
@@ -81,9 +79,7 @@ def anisotropy_sums(
     A00 = A01 = A02 = A11 = A12 = A22 = g0 = g1 = g2 = 0.0
     total = fourth = across2 = 0.0
     for i in range(len(m)):
-        a0 = R[0, 0] * m[i, 0] + R[0, 1] * m[i, 1] + R[0, 2] * m[i, 2]
-        a1 = R[1, 0] * m[i, 0] + R[1, 1] * m[i, 1] + R[1, 2] * m[i, 2]
-        a2 = R[2, 0] * m[i, 0] + R[2, 1] * m[i, 1] + R[2, 2] * m[i, 2]
+        a0, a1, a2 = rotated(R, m, i)
         d0, d1, d2 = n[i, 0] - a0, n[i, 1] - a1, n[i, 2] - a2
         along = d0 * a0 + d1 * a1 + d2 * a2
         d0, d1, d2 = d0 - along * a0, d1 - along * a1, d2 - along * a2
@@ -95,7 +91,7 @@ def anisotropy_sums(
         near += 1
         x, y, z = a1 * t[2] - a2 * t[1], a2 * t[0] - a0 * t[2], a0 * t[1] - a1 * t[0]
         sine2 = x * x + y * y + z * z
-        if not sine2 > least_sine2:
+        if not sine2 > LEAST_SINE2:
             continue
         count += 1
         length = np.sqrt(sine2)
@@ -117,9 +113,7 @@ def anisotropy_sums(
 
 
 @compiled
-def ratio_sums(
-    m: Floats, n: Floats, R: Floats, t: Floats, mads: float, least_sine2: float
-) -> tuple[float, float, Floats, Floats]:
+def ratio_sums(m: Floats, n: Floats, R: Floats, t: Floats) -> tuple[float, float, Floats, Floats]:
     """Sums over the matches, from which the ratio |t| / depth and its deviation follow.
 
     Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3), returns ``sums`` (7,), returns ``noise`` (2, 2).
@@ -130,17 +124,13 @@ def ratio_sums(
     * Returns ``noise``: Mean contribution of noise to the information about the direction of t, in units of twice its
       variance, of all matches.
     """
-    typical = np.empty(len(m), np.bool_)
-    for i in range(len(m)):
-        typical[i] = True
-    mark_typical(m, n, R, t, mads, least_sine2, typical)
+    typical = np.ones(len(m), np.bool_)
+    mark_typical(m, n, R, t, typical)
     x, y, z, u, v, w = tangents(t)
     weight = shift = noise00 = noise01 = noise11 = 0.0
     turn0 = turn1 = turn2 = part0 = part1 = part2 = line0 = line1 = line2 = 0.0
     for i in range(len(m)):
-        a0 = R[0, 0] * m[i, 0] + R[0, 1] * m[i, 1] + R[0, 2] * m[i, 2]
-        a1 = R[1, 0] * m[i, 0] + R[1, 1] * m[i, 1] + R[1, 2] * m[i, 2]
-        a2 = R[2, 0] * m[i, 0] + R[2, 1] * m[i, 1] + R[2, 2] * m[i, 2]
+        a0, a1, a2 = rotated(R, m, i)
         n0, n1, n2 = n[i, 0], n[i, 1], n[i, 2]
         p, s = a0 * t[0] + a1 * t[1] + a2 * t[2], n0 * t[0] + n1 * t[1] + n2 * t[2]
         share = 1 / max(2 - p * p - s * s, 1e-12)
@@ -178,9 +168,7 @@ def depths_and_parallax(m: Floats, n: Floats, R: Floats, t: Floats, inliers: Boo
         depths[0, i] = depths[1, i] = np.nan
         if not inliers[i]:
             continue
-        a0 = R[0, 0] * m[i, 0] + R[0, 1] * m[i, 1] + R[0, 2] * m[i, 2]
-        a1 = R[1, 0] * m[i, 0] + R[1, 1] * m[i, 1] + R[1, 2] * m[i, 2]
-        a2 = R[2, 0] * m[i, 0] + R[2, 1] * m[i, 1] + R[2, 2] * m[i, 2]
+        a0, a1, a2 = rotated(R, m, i)
         c = a0 * n[i, 0] + a1 * n[i, 1] + a2 * n[i, 2]
         p, s = a0 * t[0] + a1 * t[1] + a2 * t[2], n[i, 0] * t[0] + n[i, 1] * t[1] + n[i, 2] * t[2]
         depths[0, i], depths[1, i] = (1 - s) * (1 + s) / (c * s - p), (1 - p) * (1 + p) / (s - c * p)

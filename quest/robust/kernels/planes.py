@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.algebra import eigen_in_place, median_in_place, solve_in_place, tangents
+from quest.algebra import eigen_in_place, median_in_place, rotated, solve_in_place, tangents
 from quest.jit import compiled, part
 from quest.robust.kernels.local_optimization import draw_subset
 
@@ -27,9 +27,7 @@ def best_plane(m: Floats, n: Floats, R: Floats, t: Floats, limit: float, uniform
     lhs, gain, root, sample = np.empty(count), np.empty(count), np.empty(count), np.empty(3, np.int64)
     for i in range(count):
         n0, n1, n2 = n[i, 0], n[i, 1], n[i, 2]
-        a0 = R[0, 0] * m[i, 0] + R[0, 1] * m[i, 1] + R[0, 2] * m[i, 2]
-        a1 = R[1, 0] * m[i, 0] + R[1, 1] * m[i, 1] + R[1, 2] * m[i, 2]
-        a2 = R[2, 0] * m[i, 0] + R[2, 1] * m[i, 1] + R[2, 2] * m[i, 2]
+        a0, a1, a2 = rotated(R, m, i)
         x, y, z = n1 * t[2] - n2 * t[1], n2 * t[0] - n0 * t[2], n0 * t[1] - n1 * t[0]
         lhs[i] = -(x * (n1 * a2 - n2 * a1) + y * (n2 * a0 - n0 * a2) + z * (n0 * a1 - n1 * a0))
         gain[i] = x * x + y * y + z * z
@@ -66,9 +64,7 @@ def best_plane(m: Floats, n: Floats, R: Floats, t: Floats, limit: float, uniform
 @part
 def _transferred(H: Floats, m: Floats, n: Floats, i: int) -> tuple[float, float, float]:
     """Residual of match i, as :func:`quest.geometry.homography.homography_residuals`."""
-    a0 = H[0, 0] * m[i, 0] + H[0, 1] * m[i, 1] + H[0, 2] * m[i, 2]
-    a1 = H[1, 0] * m[i, 0] + H[1, 1] * m[i, 1] + H[1, 2] * m[i, 2]
-    a2 = H[2, 0] * m[i, 0] + H[2, 1] * m[i, 1] + H[2, 2] * m[i, 2]
+    a0, a1, a2 = rotated(H, m, i)
     norm = max(np.sqrt(a0 * a0 + a1 * a1 + a2 * a2), 1e-300)
     n0, n1, n2 = n[i, 0], n[i, 1], n[i, 2]
     d0, d1, d2 = a0 / norm - n0, a1 / norm - n1, a2 / norm - n2
@@ -79,14 +75,11 @@ def _transferred(H: Floats, m: Floats, n: Floats, i: int) -> tuple[float, float,
 
 @part
 def _fit_homography(m: Floats, n: Floats, use: Bools, H: Floats) -> None:
-    """Fit a homography, as :func:`quest.geometry.homography.fit_homography`."""
+    """Fit a homography H of unit norm by linear least squares, ``n x H m = 0``."""
     A, V = np.empty((9, 9)), np.empty((9, 9))
     # The two tangents of n are the rows of a matrix B with B^T B = 1 - n n^T. The sum of the squared equations is that
     # of the Kronecker products of 1 - n n^T and m m^T: both are symmetric, with six different entries each.
-    sums, first, second = np.empty((6, 6)), np.empty(6), np.empty(6)
-    for a in range(6):
-        for b in range(6):
-            sums[a, b] = 0.0
+    sums, first, second = np.zeros((6, 6)), np.empty(6), np.empty(6)
     for i in range(len(m)):
         if not use[i]:
             continue
@@ -112,10 +105,8 @@ def _fit_homography(m: Floats, n: Floats, use: Bools, H: Floats) -> None:
     for i in range(len(m)):
         if not use[i]:
             continue
-        dot = 0.0
-        for a in range(3):
-            dot += n[i, a] * (H[a, 0] * m[i, 0] + H[a, 1] * m[i, 1] + H[a, 2] * m[i, 2])
-        balance += 1 if dot > 0 else -1
+        a0, a1, a2 = rotated(H, m, i)
+        balance += 1 if n[i, 0] * a0 + n[i, 1] * a1 + n[i, 2] * a2 > 0 else -1
     if balance < 0:
         for a in range(3):
             for c in range(3):
@@ -159,7 +150,10 @@ def fit_plane(
 
 @compiled
 def off_line(rays: Floats, sigmas: float) -> float:
-    """Distance of rays from their best great circle, as :func:`quest.robust.plane.off_line_rad`.
+    """Distance of unit rays from their best great circle, as a standard deviation by the median.
+
+    The weight of a ray falls with its distance, so that a few rays off the line do not tilt it. The distance is zero
+    for points on a line.
 
     Shapes: ``rays`` (N, 3).
     """
@@ -197,20 +191,13 @@ def planar_information(m: Floats, n: Floats, R: Floats, t: Floats, gate_rad: flo
 
     Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3), returns ``information`` (8, 8).
     """
-    A, k, information = np.empty((3, 3)), np.empty(3), np.empty((8, 8))
-    rotated, J = np.empty(3), np.empty(8)
-    for i in range(3):
-        k[i] = 0.0
-        for j in range(3):
-            A[i, j] = 0.0
+    A, k, information, J = np.zeros((3, 3)), np.zeros(3), np.zeros((8, 8)), np.empty(8)
     # n x (R m + t (k . m)) = 0 is linear in k: the normal equations.
     for i in range(len(m)):
         n0, n1, n2 = n[i, 0], n[i, 1], n[i, 2]
-        for j in range(3):
-            rotated[j] = R[j, 0] * m[i, 0] + R[j, 1] * m[i, 1] + R[j, 2] * m[i, 2]
+        a0, a1, a2 = rotated(R, m, i)
         x, y, z = n1 * t[2] - n2 * t[1], n2 * t[0] - n0 * t[2], n0 * t[1] - n1 * t[0]
-        side = x * (n1 * rotated[2] - n2 * rotated[1]) + y * (n2 * rotated[0] - n0 * rotated[2])
-        side += z * (n0 * rotated[1] - n1 * rotated[0])
+        side = x * (n1 * a2 - n2 * a1) + y * (n2 * a0 - n0 * a2) + z * (n0 * a1 - n1 * a0)
         for j in range(3):
             k[j] -= side * m[i, j]
             for h in range(3):
@@ -218,17 +205,12 @@ def planar_information(m: Floats, n: Floats, R: Floats, t: Floats, gate_rad: flo
     if not solve_in_place(A, k):
         for j in range(3):
             k[j] = 0.0
-    for i in range(8):
-        for j in range(8):
-            information[i, j] = 0.0
     x, y, z, u, v, w = tangents(t)
     psi2 = slope = 0.0
     for i in range(len(m)):
         inverse_depth = k[0] * m[i, 0] + k[1] * m[i, 1] + k[2] * m[i, 2]
-        for j in range(3):
-            rotated[j] = R[j, 0] * m[i, 0] + R[j, 1] * m[i, 1] + R[j, 2] * m[i, 2]
-        y0, y1 = rotated[0] + inverse_depth * t[0], rotated[1] + inverse_depth * t[1]
-        y2 = rotated[2] + inverse_depth * t[2]
+        a0, a1, a2 = rotated(R, m, i)
+        y0, y1, y2 = a0 + inverse_depth * t[0], a1 + inverse_depth * t[1], a2 + inverse_depth * t[2]
         scale = 1 / np.sqrt(2 * (y0 * y0 + y1 * y1 + y2 * y2))
         b0, b1, b2, c0, c1, c2 = tangents(n[i])
         # On its line y / |y| is n up to the noise, so that the residuals are its two components tangent to n.
@@ -236,8 +218,7 @@ def planar_information(m: Floats, n: Floats, R: Floats, t: Floats, gate_rad: flo
             e0, e1, e2 = scale * b0, scale * b1, scale * b2
             if second:
                 e0, e1, e2 = scale * c0, scale * c1, scale * c2
-            J[0], J[1] = rotated[1] * e2 - rotated[2] * e1, rotated[2] * e0 - rotated[0] * e2
-            J[2] = rotated[0] * e1 - rotated[1] * e0
+            J[0], J[1], J[2] = a1 * e2 - a2 * e1, a2 * e0 - a0 * e2, a0 * e1 - a1 * e0
             J[3] = inverse_depth * (e0 * x + e1 * y + e2 * z)
             J[4] = inverse_depth * (e0 * u + e1 * v + e2 * w)
             along = e0 * t[0] + e1 * t[1] + e2 * t[2]

@@ -29,8 +29,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.algebra import orthonormalize
-from quest.jit import compiled, part
+from quest.algebra import orthonormalize, rotated
+from quest.jit import compiled, inlined, part
 from quest.robust.kernels.samples import Pool, enter_if_better
 from quest.robust.kernels.scoring import rays_by_row
 
@@ -50,16 +50,12 @@ _ROOT = 1e-10
 _W, _X, _Y, _Z = 0.7103520703773498, 0.38252034078307395, -0.29363885020383906, 0.5126932324975441
 #: The products of two unknowns (x, y, z, 1): pairs a <= b.
 _PAIRS = np.array([[0, 0], [0, 1], [0, 2], [0, 3], [1, 1], [1, 2], [1, 3], [2, 2], [2, 3], [3, 3]])
-#: The products of a pair and an unknown as (pair, unknown, monomial), each monomial from all of its pairs. The order of
-#: the monomials is xxx, yyy, xxy, xyy, xxz, xx, yyz, yy, xyz, xy, xzz, xz, x, yzz, yz, y, zzz, zz, z, 1.
-_MONOMIAL = {
-    (0, 0, 0): 0, (1, 1, 1): 1, (0, 0, 1): 2, (0, 1, 1): 3, (0, 0, 2): 4, (0, 0, 3): 5, (1, 1, 2): 6, (1, 1, 3): 7,
-    (0, 1, 2): 8, (0, 1, 3): 9, (0, 2, 2): 10, (0, 2, 3): 11, (0, 3, 3): 12, (1, 2, 2): 13, (1, 2, 3): 14,
-    (1, 3, 3): 15, (2, 2, 2): 16, (2, 2, 3): 17, (2, 3, 3): 18, (3, 3, 3): 19,
-}  # fmt: skip
+#: The order of the monomials, four letters each.
+_MONOMIALS = "xxx yyy xxy xyy xxz xx1 yyz yy1 xyz xy1 xzz xz1 x11 yzz yz1 y11 zzz zz1 z11 111"
+#: The products of a pair and an unknown as (pair, unknown, monomial), each monomial from all of its pairs.
 _PRODUCTS = np.array(
     [
-        [pair, unknown, _MONOMIAL[min(a, unknown), sorted((a, b, unknown))[1], max(b, unknown)]]
+        [pair, unknown, _MONOMIALS.index("".join("xyz1"[k] for k in sorted((a, b, unknown)))) // 4]
         for pair, (a, b) in enumerate(_PAIRS.tolist())
         for unknown in range(4)
     ]
@@ -109,6 +105,13 @@ def _essential_space(m: Floats, n: Floats, rows: Ints, A: Floats, E: Floats) -> 
     return True
 
 
+@inlined
+def _of_rows(E: Floats, a: int, i: int, b: int, j: int) -> float:
+    """The product of row i of the matrix E_a and row j of E_b."""
+    i, j = 3 * i, 3 * j
+    return float(E[a, i] * E[b, j] + E[a, i + 1] * E[b, j + 1] + E[a, i + 2] * E[b, j + 2])
+
+
 @part
 def _cubics(E: Floats, S: Floats, M: Floats) -> None:
     """Write the ten cubics as columns M (20, 10): monomial, equation; S (10, 12) is scratch."""
@@ -117,15 +120,9 @@ def _cubics(E: Floats, S: Floats, M: Floats) -> None:
         # E E' less half its trace, and the cross product of the last two rows of E: the parts of the unknowns a b.
         for i in range(3):
             for j in range(i, 3):
-                value = (
-                    E[a, 3 * i] * E[b, 3 * j] + E[a, 3 * i + 1] * E[b, 3 * j + 1] + E[a, 3 * i + 2] * E[b, 3 * j + 2]
-                )
+                value = _of_rows(E, a, i, b, j)
                 if a != b:
-                    value += (
-                        E[b, 3 * i] * E[a, 3 * j]
-                        + E[b, 3 * i + 1] * E[a, 3 * j + 1]
-                        + E[b, 3 * i + 2] * E[a, 3 * j + 2]
-                    )
+                    value += _of_rows(E, b, i, a, j)
                 S[p, 3 * i + j] = value
                 S[p, 3 * j + i] = value
         half = 0.5 * (S[p, 0] + S[p, 4] + S[p, 8])
@@ -363,10 +360,8 @@ def _pose_of(E: Floats, m: Floats, n: Floats, rows: Ints, flat: float, R: Floats
         t[0], t[1], t[2] = a0, a1, a2
         front = back = True
         for i in rows:
-            m0, m1, m2, n0, n1, n2 = m[i, 0], m[i, 1], m[i, 2], n[i, 0], n[i, 1], n[i, 2]
-            r0 = R[0, 0] * m0 + R[0, 1] * m1 + R[0, 2] * m2
-            r1 = R[1, 0] * m0 + R[1, 1] * m1 + R[1, 2] * m2
-            r2 = R[2, 0] * m0 + R[2, 1] * m1 + R[2, 2] * m2
+            n0, n1, n2 = n[i, 0], n[i, 1], n[i, 2]
+            r0, r1, r2 = rotated(R, m, i)
             cosine = r0 * n0 + r1 * n1 + r2 * n2
             if 1 - cosine * cosine > flat:
                 p, s = r0 * a0 + r1 * a1 + r2 * a2, n0 * a0 + n1 * a1 + n2 * a2

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.algebra import copy_pose, shift, solve_in_place, tangents, turn
+from quest.algebra import copy_pose, rotated, shift, solve_in_place, tangents, turn
 from quest.jit import compiled, part
 from quest.robust.loss import OUTLIERS
 
@@ -144,18 +144,6 @@ def damped_step(A: Floats, g: Floats, damping: float, damped: Floats, step: Floa
 
 
 @compiled
-def move(R: Floats, t: Floats, step: Floats, R_new: Floats, t_new: Floats) -> None:
-    """Write the pose that a step leads to.
-
-    Shapes: ``R, R_new`` (3, 3), ``t, t_new`` (3,), ``step`` (5,).
-    """
-    copy_pose(R, t, R_new, t_new)
-    x, y, z, u, v, w = tangents(t)
-    turn(R_new, step[0], step[1], step[2])
-    shift(t_new, step[3], step[4], x, y, z, u, v, w)
-
-
-@compiled
 def refine(m: Floats, n: Floats, use: Bools, R: Floats, t: Floats, scale_rad: float, iterations: int) -> None:
     """Refine a pose in place on the matches to ``use``, by damped steps.
 
@@ -177,7 +165,9 @@ def refine(m: Floats, n: Floats, use: Bools, R: Floats, t: Floats, scale_rad: fl
     for _ in range(iterations):
         if not damped_step(A, g, damping, damped, step):
             return
-        move(R, t, step, R_new, t_new)
+        copy_pose(R, t, R_new, t_new)
+        turn(R_new, step[0], step[1], step[2])
+        shift(t_new, step[3], step[4])
         cost_new = normal_equations(rays, R_new, t_new, scale2, rows, damped, step)
         if cost_new <= cost:
             gain, cost = cost - cost_new, cost_new
@@ -210,9 +200,7 @@ def refine_rotation(m: Floats, n: Floats, R: Floats, scale_rad: float, iteration
             for k in range(3):
                 A[j, k] = 0.0
         for i in range(len(m)):
-            a0 = R[0, 0] * m[i, 0] + R[0, 1] * m[i, 1] + R[0, 2] * m[i, 2]
-            a1 = R[1, 0] * m[i, 0] + R[1, 1] * m[i, 1] + R[1, 2] * m[i, 2]
-            a2 = R[2, 0] * m[i, 0] + R[2, 1] * m[i, 1] + R[2, 2] * m[i, 2]
+            a0, a1, a2 = rotated(R, m, i)
             n0, n1, n2 = n[i, 0], n[i, 1], n[i, 2]
             d2 = (n0 - a0) ** 2 + (n1 - a1) ** 2 + (n2 - a2) ** 2
             share = scale2 / (scale2 + 0.5 * d2)

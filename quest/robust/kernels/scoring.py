@@ -11,11 +11,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from quest.algebra import rotation_of_model
+from quest.algebra import rotated, rotation_of_model
 from quest.jit import compiled, part
 
 Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 #: A model is given up where the logarithm of the likelihood ratio falls below this value. One good model in a hundred
 #: is given up.
@@ -32,9 +31,7 @@ def match_residual(m: Floats, i: int, n: Floats, j: int, R: Floats, t: Floats, f
 
     * ``flat``: The sign of a depth is beyond doubt where the squared sine of the parallax exceeds this value.
     """
-    a0 = R[0, 0] * m[i, 0] + R[0, 1] * m[i, 1] + R[0, 2] * m[i, 2]
-    a1 = R[1, 0] * m[i, 0] + R[1, 1] * m[i, 1] + R[1, 2] * m[i, 2]
-    a2 = R[2, 0] * m[i, 0] + R[2, 1] * m[i, 1] + R[2, 2] * m[i, 2]
+    a0, a1, a2 = rotated(R, m, i)
     n0, n1, n2 = n[j, 0], n[j, 1], n[j, 2]
     p, s = a0 * t[0] + a1 * t[1] + a2 * t[2], n0 * t[0] + n1 * t[1] + n2 * t[2]
     c0, c1, c2 = a1 * n2 - a2 * n1, a2 * n0 - a0 * n2, a0 * n1 - a1 * n0
@@ -46,29 +43,18 @@ def match_residual(m: Floats, i: int, n: Floats, j: int, R: Floats, t: Floats, f
 
 
 @compiled
-def residuals(m: Floats, n: Floats, R: Floats, t: Floats, threshold_rad: float) -> tuple[Floats, Bools]:
-    """Residuals of one pose.
+def residuals_of_model(m: Floats, n: Floats, model: Floats, threshold_rad: float) -> Floats:
+    """Squared residuals of a pose in one row; infinite for a match behind a camera.
 
-    Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3), returns ``r2`` (N,), returns ``behind`` (N,).
+    Shapes: ``m, n`` (N, 3), ``model`` (7,), returns (N,).
 
     * ``threshold_rad``: Sampson error above which a match is an outlier. Below a parallax of sqrt(2) times this angle
       the sign of a depth is left open.
     """
-    r2, behind = np.empty(len(m)), np.empty(len(m), np.bool_)
+    R, t, r2 = rotation_of_model(model), model[4:], np.empty(len(m))
     for i in range(len(m)):
-        r2[i], behind[i] = match_residual(m, i, n, i, R, t, 2 * threshold_rad * threshold_rad)
-    return r2, behind
-
-
-@compiled
-def residuals_of_model(m: Floats, n: Floats, model: Floats, threshold_rad: float) -> Floats:
-    """Residuals as :func:`residuals`, of a pose in one row; infinite for a match behind a camera.
-
-    Shapes: ``m, n`` (N, 3), ``model`` (7,), returns (N,).
-    """
-    r2, behind = residuals(m, n, rotation_of_model(model), model[4:], threshold_rad)
-    for i in range(len(m)):
-        if behind[i]:
+        r2[i], behind = match_residual(m, i, n, i, R, t, 2 * threshold_rad * threshold_rad)
+        if behind:
             r2[i] = np.inf
     return r2
 

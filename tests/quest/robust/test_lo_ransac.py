@@ -12,9 +12,9 @@ from make_views import unit
 
 from quest import InputError, estimate_relative_pose
 from quest.geometry.quaternion import matrix_from_quaternion, quaternion_from_matrix
-from quest.robust.lo_ransac import lo_ransac
+from quest.robust.lo_ransac import Options, lo_ransac
 from quest.robust.pose_problem import PoseProblem
-from quest.robust.prosac import progressive_samples
+from quest.robust.samples import progressive_samples
 
 SEEDS = st.integers(0, 2**32 - 1)
 THRESHOLD_RAD = 2e-3
@@ -46,8 +46,8 @@ def test_the_first_sample_holds_the_best_matches_and_the_subset_grows_by_one_mat
 
 
 def search(m, n, seed: int = 0, *, scores=None, max_samples: int = 50_000):
-    rng = np.random.default_rng(seed)
-    return lo_ransac(m, n, THRESHOLD_RAD, rng, confidence=0.999, max_samples=max_samples, scores=scores)
+    options = Options(THRESHOLD_RAD, seed, 0.999, max_samples, scores)
+    return lo_ransac(m, n, options, np.random.default_rng(seed))
 
 
 @settings(max_examples=8)
@@ -60,7 +60,8 @@ def test_the_motion_is_found_with_a_cost_near_that_of_the_true_motion(seed, outl
     # Refinement minimizes a smooth cost. Its optimum differs from that of the truncated cost by the matches at the
     # gate: by 4.8 % in one of 1500 scenes, by less than 1 % in the others.
     assert report.costs[0] <= 1.06 * costs_of(problem, truth[None])[0]
-    costs, raw = costs_of(problem, report.models), [0, *range(report.refined, len(report.models))]
+    # The best model of each of the first three modes may be refined, and its cost is that before.
+    costs, raw = costs_of(problem, report.models), [0, *range(4, len(report.models))]
     assert costs[raw] == pytest.approx(report.costs[raw], rel=1e-6)
     assert (np.diff(report.costs) >= 0).all()
     if not planar:

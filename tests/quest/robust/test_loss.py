@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from make_pose_matches import THRESHOLD_RAD, as_model, matches_of_all_kinds
 
 from quest.noise import log_likelihood, log_likelihoods_of
-from quest.robust import kernels
 from quest.robust.loss import OUTLIERS, REACH, SCALE, log_likelihoods, weights
 from quest.robust.pose_problem import PoseProblem
 
@@ -28,8 +27,8 @@ def test_the_weight_is_the_derivative_of_the_likelihood_over_the_residual_and_on
 def test_the_likelihood_of_a_motion_is_the_sum_over_its_matches_and_zero_beyond_reach_and_behind_a_camera(seed):
     R, t, m, n = matches_of_all_kinds(seed)
     problem, model = PoseProblem(m, n, THRESHOLD_RAD), as_model(R, t)
-    r2, behind = kernels.residuals(m, n, R, t, THRESHOLD_RAD)
-    counts = (np.sqrt(r2) < REACH * THRESHOLD_RAD) & ~behind
+    r2 = problem.residuals(model)
+    counts = np.sqrt(r2) < REACH * THRESHOLD_RAD
     each = log_likelihoods_of(problem, model)
     assert not each[~counts].any()
     assert each[counts] == pytest.approx(log_likelihoods(np.sqrt(r2[counts]), SCALE * THRESHOLD_RAD))

@@ -16,7 +16,8 @@ from quest.geometry.quaternion import (
     rotation_from_vector,
 )
 from quest.relative_pose import Hypothesis
-from quest.robust.plane import fit_plane, off_line_rad
+from quest.robust import kernels
+from quest.robust.plane import fit_plane
 from tests.benchmarks.quest.reference import sampson_jacobian
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -85,7 +86,7 @@ def test_seven_points_and_equal_points_give_no_plane():
     assert fit_plane(MODEL, *(np.repeat(rays[:1], 20, axis=0) for rays in (m, n)), NOISE_RAD).poses == []
 
 
-# --- off_line_rad ---
+# --- off_line ---
 
 
 def strip(seed: int, half_width_rad: float, count: int = 300) -> np.ndarray:
@@ -100,7 +101,7 @@ def strip(seed: int, half_width_rad: float, count: int = 300) -> np.ndarray:
 @given(seed=SEEDS, half_width_rad=st.floats(1e-5, 0.05))
 def test_the_width_of_a_strip_is_measured(seed, half_width_rad):
     # A median of 300 values has a deviation of 7 %; the bound is five deviations.
-    assert off_line_rad(strip(seed, half_width_rad)) == pytest.approx(half_width_rad, rel=0.35)
+    assert kernels.off_line(strip(seed, half_width_rad), 3.0) == pytest.approx(half_width_rad, rel=0.35)
 
 
 # --- whether the translation of an estimate is observable ---

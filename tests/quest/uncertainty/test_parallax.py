@@ -16,7 +16,6 @@ from quest.geometry.epipolar import sampson_error
 from quest.geometry.quaternion import quaternion_from_matrix, rotation_from_vector
 from quest.robust import kernels
 from quest.tails import gaussian_tail, poisson_tail
-from quest.uncertainty.parallax import LEAST_SINE2, RATIO_MADS
 from tests.benchmarks.quest.reference import refine_pose
 
 NOISE_RAD = 1.5e-3
@@ -65,7 +64,7 @@ def refined_motion(two):
 def true_ratio(two, R, t, kept=None):
     """The true weighted mean of |t|/depth over the matches in the mean of the statement."""
     typical = np.ones(len(two.m), bool) if kept is None else kept.copy()
-    kernels.mark_typical(two.m, two.n, R, t, RATIO_MADS, LEAST_SINE2, typical)
+    kernels.mark_typical(two.m, two.n, R, t, typical)
     sine2 = 1 - (two.n[typical] @ t) ** 2
     return float(sine2 @ two.ratios[typical] / sine2.sum())
 

@@ -14,6 +14,7 @@ from make_pose_matches import (
     rotated,
 )
 
+from quest.geometry.epipolar import sampson_error
 from quest.geometry.quaternion import rotation_from_vector
 from quest.robust import kernels
 from quest.robust.loss import log_likelihoods
@@ -43,8 +44,7 @@ def test_refinement_never_raises_the_robust_cost_and_returns_a_pose(seed):
     R, t = random_pose(seed)
 
     def robust_cost() -> float:
-        r2, _ = kernels.residuals(m, n, R, t, THRESHOLD_RAD)
-        return -float(log_likelihoods(np.sqrt(r2), THRESHOLD_RAD).sum())
+        return -float(log_likelihoods(sampson_error(R, t, m, n), THRESHOLD_RAD).sum())
 
     before = robust_cost()
     kernels.refine(m, n, np.ones(len(m), bool), R, t, THRESHOLD_RAD, 20)
