@@ -285,12 +285,6 @@ def tracks(table):
     return sorted(map(sorted, found.values()))
 
 
-def test_matches_of_neighbours_make_one_track_through_all_images():
-    table, notes = chain_matches(keypoints([3, 3, 3]), [pair(0, 1, (0, 2)), pair(1, 2, (2, 1))], "x")
-    assert tracks(table) == [[(0, 0), (1, 2), (2, 1)]]
-    assert notes == ()
-
-
 def test_a_match_that_joins_two_points_of_one_image_is_dropped_and_the_tracks_are_kept():
     # Tracks a = (0,0)-(1,0)-(2,0) and b = (0,1)-(1,1)-(2,1); a wrong match of the far images 0 and 2 joins them.
     right = [pair(0, 1, (0, 0), (1, 1)), pair(1, 2, (0, 0), (1, 1))]
@@ -305,11 +299,6 @@ def test_keypoints_at_one_place_are_one():
     table, notes = chain_matches(points, [pair(0, 1, (0, 0), (1, 0))], "x")
     assert len(tracks(table)) == 1
     assert (len(table.frames), notes) == (2, ())
-
-
-def test_a_match_of_a_keypoint_that_is_not_there_is_refused():
-    with pytest.raises(SourceError, match="names a keypoint"):
-        chain_matches(keypoints([2, 2]), [pair(0, 1, (0, 2))], "x")
 
 
 @given(

@@ -50,16 +50,6 @@ def test_points_are_expected_where_they_go_on_but_for_a_shift_of_the_whole_image
     assert expected.closely
 
 
-def test_points_whose_last_step_is_not_known_are_expected_nowhere():
-    before, after = image(100, 60), image(103, 61)
-    start = corners(before)
-    moved = np.tile([-3.0, -1.0], (len(start), 1))
-    moved[::2] = np.nan
-    assert np.isnan(expected_as_before(before, after, start, moved, CONFIG).pixels[::2]).all()
-    moved[20:] = np.nan
-    assert expected_as_before(before, after, start, moved, CONFIG) is None
-
-
 def test_tracks_that_move_as_before_are_found_by_their_patches_where_flow_finds_them():
     before, after = image(100, 60), image(103.4, 60.8)
     last, found = followed(before, after, (-3.0, -1.0))
@@ -68,15 +58,3 @@ def test_tracks_that_move_as_before_are_found_by_their_patches_where_flow_finds_
     assert both.sum() > 0.85 * by_flow.kept.sum()
     assert np.linalg.norm(found.flow.pixels - last.pixels - (-3.4, -0.8), axis=1)[both].max() < 0.3
     assert (np.linalg.norm(found.flow.pixels - by_flow.pixels, axis=1)[both] < 0.1).mean() > 0.95
-
-
-def test_a_track_without_a_patch_is_sought_by_flow():
-    """As near the border of the image, or where it is flat."""
-    before, after = image(100, 60), image(103, 61)
-    last, patches = seen(before)
-    half = last.track_ids[::2]
-    patches.follow(smoothed(before), half, last.pixels[half], np.zeros((len(half), 2, 2)))
-    moved = np.tile([-3.0, -1.0], (len(last), 1))
-    found = follow(before, after, smoothed(after), last, moved, patches, CONFIG)
-    assert not found.sought.found[1::2].any()
-    assert found.flow.kept[1::2].mean() > 0.8

@@ -121,25 +121,6 @@ def test_a_blurred_frame_is_no_candidate_while_the_next_frames_will_do():
     assert due < candidates_with_steps(lasting)[1] <= 2 * due
 
 
-def test_pairs_with_too_few_matches_are_not_tried():
-    manager = KeyframeManager(CONFIG)
-    few, enough = CONFIG.keyframes.min_matches - 1, CONFIG.keyframes.min_matches
-    assert manager.best_pair_to_try([]) is None
-    assert manager.best_pair_to_try([pair(0, 5, matches=few)]) is None
-    assert manager.best_pair_to_try([pair(0, 5, matches=few), pair(1, 5, matches=enough)]).reference == 1
-
-
-def test_a_failed_pair_waits_for_a_higher_score_or_some_frames():
-    settings = CONFIG.keyframes
-    manager = KeyframeManager(CONFIG)
-    manager.failed(pair(0, 20, parallax_px=10))
-    assert manager.best_pair_to_try([pair(0, 21, parallax_px=10)]) is None
-    assert manager.best_pair_to_try([pair(0, 21, parallax_px=10.1 * settings.retry_gain)]) is not None
-    assert manager.best_pair_to_try([pair(0, 20 + settings.new_after_frames, parallax_px=10)]) is not None
-    other = pair(1, 21, parallax_px=5)
-    assert manager.best_pair_to_try([pair(0, 21, parallax_px=10), other]) is other
-
-
 def test_the_wait_is_doubled_after_each_failure_without_a_higher_score():
     """The camera stops after too short a baseline. With equal waits a full window would cost one attempt per frame."""
     settings = CONFIG.keyframes

@@ -117,13 +117,6 @@ def test_what_hides_a_patch_leaves_it_where_flow_ends_and_is_cut_after_some_fram
     assert aligned(patches, covered, start).succeeded[hidden].mean() > 0.9
 
 
-def test_tracks_at_the_border_and_unknown_ones_are_not_aligned():
-    inside, border = CENTRE + 0.3, np.array([5.0, 100.0])
-    patches = cut(TEXTURE, np.array([inside, border]))
-    found = aligned(patches, TEXTURE, np.array([inside, border, inside + 20]), ids=np.array([0, 1, 7]))
-    assert found.succeeded.tolist() == [True, False, False]
-
-
 def test_the_errors_of_a_tracker_do_not_grow_with_the_change_of_the_view():
     """A plane that turns by a quarter of a radian: a track that only moves its patch is off by more in each frame."""
     wide, K = texture(5, 600, 800), np.array([[400.0, 0, 160], [0, 400, 120], [0, 0, 1]])
