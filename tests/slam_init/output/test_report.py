@@ -95,17 +95,6 @@ def written(folder, result):
     return folder
 
 
-def test_a_map_is_reported_with_its_keyframes_and_files(tmp_path):
-    folder = written(tmp_path / "out", make_result(make_map()))
-    assert is_result_folder(folder)
-    facts = read_result(folder)
-    assert [facts[name] for name in ("status", "reason", "risk")] == ["initialized", None, 0.004]
-    assert facts["keyframes"] == [10, 17, 24, 31]
-    assert {"name": "map.ply", "bytes": (folder / "map.ply").stat().st_size} in facts["files"]
-    assert "initialized after 22 frames" in result_text(facts).splitlines()[0]
-    assert "4 (frames 10, 17, 24, 31)" in result_text(facts) and "graph.txt" in result_text(facts)
-
-
 def test_a_refusal_is_reported_with_its_advice(tmp_path):
     facts = read_result(written(tmp_path / "out", make_result(None, Verdict.PURE_ROTATION)))
     assert (facts["reason"], facts["keyframes"]) == ("pure_rotation", [])
