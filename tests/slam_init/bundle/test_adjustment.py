@@ -114,48 +114,32 @@ def exact(count=120):
     return problem(CAMERA, cloud(np.random.default_rng(10), count))
 
 
-def few_points():
-    return exact(5)
-
-
-def nan_start():
-    return replace(exact(), points=with_nan(exact().points))
-
-
-def nan_pixel():
-    return replace(exact(), pixels=with_nan(exact().pixels))
-
-
 def with_nan(values):
     return np.where(np.arange(len(values))[:, None] == 3, np.nan, values)
 
 
-def view_without_points():
-    return exact().keep(exact().views != 2)
-
-
 def unrelated_pixels():
-    pixels = np.random.default_rng(10).uniform((0, 0), (640, 480), exact().pixels.shape)
-    return replace(exact(), pixels=pixels)
+    return np.random.default_rng(10).uniform((0, 0), (640, 480), exact().pixels.shape)
 
 
-def all_behind():
-    return replace(exact(), points=-exact().points)
-
-
-def no_baseline():
-    return problem(CAMERA, cloud(np.random.default_rng(10)), [Pose.identity()] * 3)
+BAD = {
+    "few points": lambda: exact(5),
+    "a start that is no number": lambda: replace(exact(), points=with_nan(exact().points)),
+    "a pixel that is no number": lambda: replace(exact(), pixels=with_nan(exact().pixels)),
+    "a view without points": lambda: exact().keep(exact().views != 2),
+    "unrelated pixels": lambda: replace(exact(), pixels=unrelated_pixels()),
+    "all behind": lambda: replace(exact(), points=-exact().points),
+    "no baseline": lambda: problem(CAMERA, cloud(np.random.default_rng(10)), [Pose.identity()] * 3),
+}
 
 
 @pytest.mark.parametrize("config", [MAP, FOCAL], ids=["held", "adjusted"])
-@pytest.mark.parametrize(
-    "bad", [few_points, nan_start, nan_pixel, view_without_points, unrelated_pixels, all_behind, no_baseline]
-)
+@pytest.mark.parametrize("bad", BAD)
 def test_a_problem_that_cannot_be_solved_is_a_failure_with_its_cause(bad, config):
-    start = bad()
+    start = BAD[bad]()
     failure = adjust(CAMERA, start, config)
     assert isinstance(failure, BundleFailure)
     assert not failure
     assert failure.cause
     assert "\n" not in failure.cause
-    assert failure.frame == (start.frames[2] if bad is view_without_points else None)
+    assert failure.frame == (start.frames[2] if bad == "a view without points" else None)

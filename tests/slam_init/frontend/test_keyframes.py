@@ -83,27 +83,6 @@ def test_candidates_are_dropped_at_an_age_at_which_tracks_have_drifted():
     assert all(frame - min(window) <= 300 + CONFIG.keyframes.new_after_frames for frame, window in enumerate(windows))
 
 
-def test_a_new_candidate_takes_over_the_retry_condition_of_the_newest_one():
-    """Both see the same scene, so that a failure need not be repeated for each candidate."""
-    settings = CONFIG.keyframes
-    manager = KeyframeManager(CONFIG)
-    first = 100
-    manager.update(replace(observe(CAMERA, [Pose.identity()], cloud(np.random.default_rng(1)))[0], frame=first), [])
-    manager.failed(pair(first, first + 9))
-    second = first + settings.new_after_frames
-    current = replace(observe(CAMERA, [Pose.identity()], cloud(np.random.default_rng(1)))[0], frame=second)
-    manager.update(current, [pair(first, second)])
-    assert manager.candidates == [first, second]
-    assert manager.best_pair_to_try([pair(second, second + 1)]) is None
-    assert manager.best_pair_to_try([pair(second, second + 1, parallax_px=10.1 * settings.retry_gain)]) is not None
-    # At the age at which the newest candidate was joined by this one, it is tried in any case.
-    assert manager.best_pair_to_try([pair(second, second + settings.new_after_frames)]) is not None
-    # A candidate that sees another scene need not wait.
-    third = second + settings.new_after_frames
-    manager.update(replace(current, frame=third), [replace(pair(k, third), overlap=0.1) for k in manager.candidates])
-    assert manager.best_pair_to_try([pair(third, third + 1)]) is not None
-
-
 def candidates_with_steps(steps_px):
     """The candidates of a static camera after these frames."""
     return drive([Pose.identity()] * len(steps_px), steps_px)[-1]

@@ -1,22 +1,18 @@
 """Laws of the status and of the frames that are made from images."""
 
-from dataclasses import fields, replace
-
 import numpy as np
 import pytest
+from make_map import make_window_evidence
 
 from slam_init.errors import SlamInitError
 from slam_init.initializer import Initializer
-from slam_init.types.evidence import WindowEvidence
 from slam_init.types.refusal import Verdict
 from slam_init.types.result import Attempt
 from slam_init.types.status import Status
 
-WINDOW = WindowEvidence(**{field.name: 0 for field in fields(WindowEvidence)})
-
 
 def test_the_window_and_its_risk_stay_until_another_window_is_evaluated():
-    windows = [replace(WINDOW, risk=risk) for risk in (0.4, 0.001)]
+    windows = [make_window_evidence(risk) for risk in (0.4, 0.001)]
     attempts = [Attempt((0, k), Verdict.LOW_PARALLAX, window=window) for k, window in enumerate(windows, 1)]
     assert Status().risk is None
     status = Status().after(attempts[0], 0.4)

@@ -36,14 +36,6 @@ def test_a_moving_object_with_as_many_tracks_as_the_scene_around_it_may_be_the_s
     assert 0.05 < risk_of(found).moving == other_motion(found).probability < 0.5
 
 
-def test_the_tracks_of_the_other_motion_lie_on_the_object_or_it_is_taken_for_the_scene():
-    for seed in range(2):
-        body = {"moving": 0.45, "objects": 1, "object_deg_s": 30, "outliers": 0.05}
-        other = other_motion(hypotheses(seed, views=10, **body))
-        on_object = source_of(seed, **body).sequence.shot.objects.object_of_track[other.track_ids] >= 0
-        assert not len(other.track_ids) or max(on_object.mean(), 1 - on_object.mean()) > 0.9
-
-
 def test_a_small_moving_object_is_no_competing_motion():
     for seed in range(3):
         found = hypotheses(seed, moving=0.1, objects=1, object_deg_s=30, outliers=0.05)
