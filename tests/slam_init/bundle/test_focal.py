@@ -1,4 +1,4 @@
-"""The focal length as an unknown of bundle adjustment: accuracy, stated uncertainty, prior, and failed steps."""
+"""The focal length as an unknown of bundle adjustment: accuracy, prior, and failed steps."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The bearings that a frame has under the camera of a map, and the two parts of its risk."""
+"""The two parts of the risk of a map."""
 
 from dataclasses import replace
 

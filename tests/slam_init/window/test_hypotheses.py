@@ -18,6 +18,7 @@ from quest import Hypothesis
 from quest.geometry.quaternion import quaternion_from_matrix, rotation_from_vector
 from slam_init.types.pose import Pose
 from slam_init.window.hypotheses import fit_hypotheses
+from slam_init.window.locating import align_with_first
 from slam_init.window.motion import Motion
 from slam_init.window.state import Priors
 from slam_init.window.tracks import gather_tracks
@@ -166,3 +167,18 @@ def test_a_camera_that_turns_about_several_axes_may_have_another_principal_point
 
 
 # -- the points that a fit hands to the next one --------------------------------------------------
+
+
+# -- the alignment of a view begins with the proposed rotation -------------------------------------
+
+
+def test_a_proposal_finds_a_turn_that_is_too_large_for_a_start_without_one():
+    rng, turn = np.random.default_rng(0), rotation_from_vector([0.0, 2.5, 0.0])
+    rays = np.column_stack([rng.uniform(-0.5, 0.5, (80, 2)), np.ones(80)])
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    seen, found = np.stack([rays, rays @ turn.T]), np.tile(np.eye(3), (2, 1, 1))
+    align_with_first(seen, found)
+    assert np.abs(found[1] - turn).max() > 0.1
+    found[1] = rotation_from_vector([0.0, 2.4, 0.0])
+    align_with_first(seen, found)
+    np.testing.assert_allclose(found[1], turn, atol=1e-9)

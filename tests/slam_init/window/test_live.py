@@ -1,4 +1,4 @@
-"""Laws of the hypotheses that live: frames carry them, and the number of motions stays bounded."""
+"""Laws of the hypotheses that live: frames carry them, and a better motion replaces a local optimum."""
 
 from dataclasses import replace
 

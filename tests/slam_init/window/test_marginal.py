@@ -1,4 +1,4 @@
-"""Laws of the integral over fields of correlated errors: it equals the full normal equations, and finds the scale."""
+"""Laws of the integral over fields of correlated errors: it equals the full normal equations."""
 
 from dataclasses import replace
 

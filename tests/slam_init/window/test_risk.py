@@ -1,4 +1,4 @@
-"""Laws of the stated risk: its terms add up, and more views lower it."""
+"""Laws of the stated risk: more views lower it, and motions that explain the tracks as well raise it."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Laws of the refusal of all pairs of a frame by their previews."""
+"""Laws of the decision on a pair: refusals by the previews, the relative pose, and when a camera only rotates."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Residuals and scores are those of the epipolar geometry; the early stop changes no decision."""
+"""The compiled loops: residuals and scores as the epipolar geometry, refinement as the readable one, the search."""
 
 import numpy as np
 import pytest
