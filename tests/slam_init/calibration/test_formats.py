@@ -35,6 +35,8 @@ def test_every_format_gives_the_same_camera(tmp_path, name, form):
         ("1 FISHEYE 640 480 500 500 320 240", ("fisheye", (0, 0, 0, 0))),
         ("1 SIMPLE_RADIAL_FISHEYE 640 480 500 320 240 0.1", ("fisheye", (0.1, 0, 0, 0))),
         ("1 RADIAL_FISHEYE 640 480 500 320 240 0.1 0.02", ("fisheye", (0.1, 0.02, 0, 0))),
+        ("1 OPENCV_FISHEYE 640 480 500 500 320 240 .1 .02 .003 .004", ("fisheye", (0.1, 0.02, 0.003, 0.004))),
+        ("1 FULL_OPENCV 640 480 500 500 320 240 .1 .2 .03 .04 0 0 0 0", ("radtan", (0.1, 0.2, 0.03, 0.04))),
         ("1 FULL_OPENCV 640 480 500 500 320 240 0.1 0.2 0 0 0 0.3 0 0", ("rational", (0.1, 0.2, 0, 0, 0, 0.3, 0, 0))),
         (
             "1 THIN_PRISM_FISHEYE 640 480 500 500 320 240 .1 .02 .001 .002 .01 .02 .003 .004",
