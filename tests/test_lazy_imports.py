@@ -2,27 +2,15 @@
 
 import subprocess
 import sys
+import tomllib
 
 import pytest
 from paths import ROOT
 
 pytestmark = pytest.mark.process
 
-HEAVY = (
-    "av",
-    "cv2",
-    "gtsam",
-    "rerun",
-    "scipy",
-    "tqdm",
-    "matplotlib",
-    "evo",
-    "pycolmap",
-    "distributed",
-    "pandas",
-    "jinja2",
-    "pebble",
-)
+RULES = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["ruff"]["lint"]["flake8-tidy-imports"]
+HEAVY = tuple(RULES["banned-module-level-imports"])
 
 
 def loaded_by(code, names=HEAVY):

@@ -1,5 +1,7 @@
 """The example continues from the graph of a map with ISAM2."""
 
+import importlib
+
 import continue_with_isam2 as continue_with_isam2_module
 import pytest
 from continue_with_isam2 import continue_with_isam2, main, position_errors
@@ -22,7 +24,9 @@ def test_isam2_continues_from_the_graph_of_the_map(room_fed):
     assert not map_.values.exists(pose_key(poses[0].frame))  # the map itself is not changed
 
 
-def test_the_example_prints_the_reason_of_a_refusal_or_an_error(capsys):
+@pytest.mark.parametrize("example", ["continue_with_isam2", "continue_with_colmap", "own_tracks"])
+def test_an_example_prints_the_reason_of_a_refusal_or_an_error(example, capsys):
+    main = importlib.import_module(example).main
     assert main(["synth:static?frames=4&width=320&height=240"]) == 3
     assert "static_camera" in capsys.readouterr().out
     assert main(["synth:nowhere"]) == 2

@@ -64,22 +64,21 @@ def rotations_of(result):
     return []
 
 
+K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+#: The calls of the functions that take more than two views.
+CALLS = {
+    "estimate_relative_pose": lambda f, m, n: f(m, n, max_samples=50),
+    "refine_relative_pose": lambda f, m, n: f(m, n, (np.eye(3), [1.0, 0.0, 0.0])),
+    "estimate_relative_pose_px": lambda f, m, n: f(m[:, :2], n[:, :2], K, K, max_samples=50),
+    "estimate_relative_poses": lambda f, m, n: f([(m, n)], max_samples=50),
+    "estimate_upright_pose": lambda f, m, n: f(m, n, [0.0, 1.0, 0.0], [0.0, 1.0, 0.1], max_samples=50),
+    "estimate_shared_focal": lambda f, m, n: f(m[:, :2], n[:, :2], (320.0, 240.0)),
+}
+
+
 def called(name, m, n):
     """The answer of a public function that gives a rotation."""
-    if name == "estimate_relative_pose":
-        return FUNCTIONS[name](m, n, max_samples=50)
-    if name == "refine_relative_pose":
-        return FUNCTIONS[name](m, n, (np.eye(3), [1.0, 0.0, 0.0]))
-    if name == "estimate_relative_pose_px":
-        K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
-        return FUNCTIONS[name](m[:, :2], n[:, :2], K, K, max_samples=50)
-    if name == "estimate_relative_poses":
-        return FUNCTIONS[name]([(m, n)], max_samples=50)
-    if name == "estimate_upright_pose":
-        return FUNCTIONS[name](m, n, [0.0, 1.0, 0.0], [0.0, 1.0, 0.1], max_samples=50)
-    if name == "estimate_shared_focal":
-        return FUNCTIONS[name](m[:, :2], n[:, :2], (320.0, 240.0))
-    return FUNCTIONS[name](m, n)
+    return CALLS.get(name, lambda f, m, n: f(m, n))(FUNCTIONS[name], m, n)
 
 
 #: Functions that take one number of matches only.

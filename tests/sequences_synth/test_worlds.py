@@ -101,13 +101,6 @@ def test_calibration_errors_change_only_the_stated_camera(kind):
     assert bent.camera == right.camera and true_camera(bent).coefficients[0] == 0.1
 
 
-@pytest.mark.parametrize("scene", ["room", "rotate-then-move"])
-def test_options_that_do_not_apply_change_no_pixel(kind, scene):
-    neutral = {"turning_deg_s": 90.0, "speed": 1.0, "readout_direction": "up"}
-    a, b = (kind.make(scene, 4, frames=12, **options) for options in ({}, neutral))
-    assert same(kind, a, 9, b, 9) and np.array_equal(a.poses, b.poses)
-
-
 def test_a_turning_camera_has_the_requested_speed_and_no_translation(kind):
     for scene, speed in (("handheld", 20.0), ("handheld-wall", 150.0), ("pan", 60.0)):
         world = kind.make(scene, 1, frames=201, turning_deg_s=speed)

@@ -59,6 +59,28 @@ def views():
     return [replace(one, step_px=1.0, exposure_s=0.01, **further) for one in seen]
 
 
+@pytest.mark.parametrize(
+    ("axes", "named"),
+    [
+        ((1, -1, -1), "OpenGL"),
+        ((1, -1, 1), "y up"),
+        ((-1, -1, 1), "x left"),
+        ((-1, -1, -1), "from the points to the camera"),
+        ((1, 1, -1), "z backward"),
+    ],
+)
+def test_rays_in_other_axes_are_named(axes, named):
+    right = views()[0]
+    with pytest.raises(SlamInitError, match=named):
+        Initializer(CAMERA).process_tracks(replace(right, bearings=right.bearings * axes))
+
+
+def test_rays_of_another_camera_are_reported():
+    right, other = views()[0], replace(CAMERA, fx=0.5 * CAMERA.fx, fy=0.5 * CAMERA.fy)
+    with pytest.raises(SlamInitError, match=r"give camera\.bearings"):
+        Initializer(CAMERA).process_tracks(replace(right, bearings=other.bearings(right.pixels)))
+
+
 def wrong_tracks(right):
     """Calls that an initializer has to refuse, for each argument of the tracks of a frame."""
 

@@ -152,14 +152,6 @@ FORMATS = {
         f"# Camera list\n1 OPENCV 752 480 458.5 457.25 367.75 249 {RADTAN_COEFFICIENTS.replace(',', '')}\n",
         RADTAN,
     ),
-    "cameras_fisheye.txt": (
-        f"1 OPENCV_FISHEYE 752 480 458.5 457.25 367.75 249 {FISHEYE_COEFFICIENTS.replace(',', '')}",
-        FISHEYE,
-    ),
-    "cameras_full.txt": (
-        f"1 FULL_OPENCV 752 480 458.5 457.25 367.75 249 {RADTAN_COEFFICIENTS.replace(',', '')} 0 0 0 0\n",
-        RADTAN,
-    ),
 }
 
 

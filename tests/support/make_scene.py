@@ -11,7 +11,6 @@ from slam_init.config import Config
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
 from slam_init.types.history import History
-from slam_init.types.pose import Pose
 
 CAMERA = Camera("pinhole", 640, 480, 500.0, 510.0, 321.5, 238.25)
 CONFIG = Config()
@@ -73,11 +72,6 @@ def with_random_lens(camera, sigmas, rng):
     """A camera whose lens is off as its prior says: log focal length, principal point (2), k1."""
     focal, x, y, k1 = sigmas * rng.normal(size=4)
     return replace(camera.refocused(focal, k1), cx=camera.cx + x, cy=camera.cy + y)
-
-
-def between(a: Pose, b: Pose) -> Pose:
-    """The pose of b relative to a."""
-    return a.inverse() @ b
 
 
 def texture(seed: int, height: int, width: int) -> np.ndarray:

@@ -6,10 +6,10 @@ import gtsam
 import numpy as np
 import pytest
 from make_bundle import FOCAL, MAP, disturbed, kept_of, scale_of, with_outliers
-from make_map import CAMERAS, make_poses
-from make_scene import CAMERA, between, cloud, problem
+from make_map import CAMERAS
+from make_scene import CAMERA, cloud, problem
 
-from quest.geometry.quaternion import rotation_angle, vector_from_rotation
+from quest.geometry.quaternion import rotation_angle
 from slam_init.bundle.adjustment import adjust, restated
 from slam_init.bundle.problem import BundleFailure, BundleSolution, PosePrior
 from slam_init.types.pose import Pose
@@ -29,13 +29,6 @@ def test_exact_observations_leave_no_residual_and_give_the_true_poses(model):
         assert rotation_angle(pose.R.T @ true.R) < 1e-5
         np.testing.assert_allclose(pose.t, scale * true.t, atol=1e-5)
     np.testing.assert_allclose(solution.problem.points, scale * exact.points, atol=1e-4)
-
-
-@pytest.mark.parametrize("noise_px", [0.3, 1.0])
-def test_the_estimated_noise_does_not_depend_on_the_configured_one(noise_px):
-    rng = np.random.default_rng(2)
-    solution = adjust(CAMERA, problem(CAMERA, cloud(rng, 300), noise_px=noise_px, rng=rng), MAP)
-    assert solution.noise_px == pytest.approx(noise_px, rel=0.15)
 
 
 def test_outliers_are_removed_and_inliers_are_kept():
@@ -117,72 +110,36 @@ def test_held_poses_keep_the_covariance_of_what_is_known_of_them():
     assert (stated.depth_sigmas >= held.depth_sigmas * (1 - 1e-9)).mean() > 0.9
 
 
-def test_covariances_agree_with_the_scatter_of_many_runs():
-    """Monte Carlo: the errors of the adjusted poses, whitened by the stated covariance, are chi-squared."""
-    rng = np.random.default_rng(7)
-    points = cloud(rng, 60)
-    exact = problem(CAMERA, points, make_poses(3))
-    whitened = []
-    for _ in range(60):
-        noisy = replace(exact, pixels=exact.pixels + rng.normal(0, 0.5, exact.pixels.shape))
-        solution = adjust(CAMERA, noisy, MAP)
-        # The gauge fixes the scale by the longest baseline; the truth is brought to this scale.
-        truth = exact.scaled(scale_of(solution, exact))
-        error = between(truth.world_from_cam[1], solution.problem.world_from_cam[1])
-        tangent = np.concatenate([vector_from_rotation(error.R), error.t])
-        whitened.append(tangent @ np.linalg.solve(solution.pose_covariances[1], tangent))
-        widest = solution.overdispersion**2
-    # Chi-squared with 6 degrees of freedom: mean 6, standard deviation of the mean of 60 is 0.45. The covariances also
-    # know errors that tracks share, of which these have none.
-    assert 4.5 / widest < np.mean(whitened) < 7.5
-
-
 def exact(count=120):
     return problem(CAMERA, cloud(np.random.default_rng(10), count))
-
-
-def few_points():
-    return exact(5)
-
-
-def nan_start():
-    return replace(exact(), points=with_nan(exact().points))
-
-
-def nan_pixel():
-    return replace(exact(), pixels=with_nan(exact().pixels))
 
 
 def with_nan(values):
     return np.where(np.arange(len(values))[:, None] == 3, np.nan, values)
 
 
-def view_without_points():
-    return exact().keep(exact().views != 2)
-
-
 def unrelated_pixels():
-    pixels = np.random.default_rng(10).uniform((0, 0), (640, 480), exact().pixels.shape)
-    return replace(exact(), pixels=pixels)
+    return np.random.default_rng(10).uniform((0, 0), (640, 480), exact().pixels.shape)
 
 
-def all_behind():
-    return replace(exact(), points=-exact().points)
-
-
-def no_baseline():
-    return problem(CAMERA, cloud(np.random.default_rng(10)), [Pose.identity()] * 3)
+BAD = {
+    "few points": lambda: exact(5),
+    "a start that is no number": lambda: replace(exact(), points=with_nan(exact().points)),
+    "a pixel that is no number": lambda: replace(exact(), pixels=with_nan(exact().pixels)),
+    "a view without points": lambda: exact().keep(exact().views != 2),
+    "unrelated pixels": lambda: replace(exact(), pixels=unrelated_pixels()),
+    "all behind": lambda: replace(exact(), points=-exact().points),
+    "no baseline": lambda: problem(CAMERA, cloud(np.random.default_rng(10)), [Pose.identity()] * 3),
+}
 
 
 @pytest.mark.parametrize("config", [MAP, FOCAL], ids=["held", "adjusted"])
-@pytest.mark.parametrize(
-    "bad", [few_points, nan_start, nan_pixel, view_without_points, unrelated_pixels, all_behind, no_baseline]
-)
+@pytest.mark.parametrize("bad", BAD)
 def test_a_problem_that_cannot_be_solved_is_a_failure_with_its_cause(bad, config):
-    start = bad()
+    start = BAD[bad]()
     failure = adjust(CAMERA, start, config)
     assert isinstance(failure, BundleFailure)
     assert not failure
     assert failure.cause
     assert "\n" not in failure.cause
-    assert failure.frame == (start.frames[2] if bad is view_without_points else None)
+    assert failure.frame == (start.frames[2] if bad == "a view without points" else None)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from calibration_texts import OWN, assert_refused, own
+from calibration_texts import assert_refused, own
 from make_files import write
 from path_types import PATH_TYPES
 
@@ -17,12 +17,6 @@ def test_the_readers_of_calibrations_take_every_type_of_path(tmp_path, path_type
     path = path_type(write(tmp_path / "camera.yaml", own(fx=520)))
     assert load_camera(path).fx == 520
     assert load_yaml(path)["fx"] == 520
-
-
-def test_a_calibration_of_other_images_is_refused_with_both_sizes(tmp_path):
-    path = write(tmp_path / "c.yaml", OWN.format(model="none", distortion="[]"))
-    with pytest.raises(CalibrationError, match=r"752x480.*376x240"):
-        load_camera(path, (376, 240))
 
 
 BILLION_LAUGHS = "a: &a [x, x]\nb: &b [*a, *a]\nfx: *b\n"
@@ -91,11 +85,6 @@ def test_of_an_unknown_camera_the_size_is_known_and_the_focal_length_within_a_fa
     for fov_deg in (40, 60, 80, 95):
         focal_px = 320 / math.tan(math.radians(fov_deg / 2))
         assert abs(math.log(focal_px / camera.fx)) < 2 * camera.focal_sigma
-
-
-@pytest.mark.parametrize("text", ["auto", "guess"])
-def test_auto_is_the_prior(text):
-    assert load_camera(text, SIZE) == prior_camera(SIZE)
 
 
 def test_a_number_is_a_focal_length_or_a_field_of_view_across_the_longer_side():

@@ -146,9 +146,3 @@ def test_the_turn_and_two_pictures_in_one_are_named(tmp_path, size, orientation,
         (tmp_path / name).rename(tmp_path / f"z{name}")
     with pytest.raises(SourceError, match=words if "scale" not in words else "all sizes must be equal"):
         list(open_source(tmp_path).frames())
-
-
-def test_an_upright_image_of_the_right_size_has_no_note(tmp_path):
-    write_image(tmp_path / "a.jpg", picture())
-    write(tmp_path / "camera.yaml", CALIBRATION)
-    assert not any("EXIF" in note for note in open_source(tmp_path).notes)

@@ -61,24 +61,6 @@ def test_without_a_calibration_the_focal_length_is_to_be_estimated(world, pipeli
         assert camera.source == "prior" and camera.focal_sigma > 0.2
 
 
-@pytest.mark.parametrize("tagged", [b"Apple", b""])
-def test_the_metadata_of_photographs_come_before_the_prior(world, pipeline, tagged):
-    from PIL import Image
-
-    folder = world / "photographs"
-    folder.mkdir()
-    for k in range(3):
-        tags = Image.Exif()
-        if tagged:
-            tags.get_ifd(0x8769)[0xA405] = 28  # FocalLengthIn35mmFilm
-        Image.new("L", (66, 44), 90 + k).save(folder / f"{k}.jpg", exif=tags)
-    assert main(["run", "photographs"]) == 0
-    ((_, camera, _, _),) = pipeline.calls
-    assert camera.source == ("metadata" if tagged else "prior")
-    if tagged:
-        assert camera.fx == pytest.approx(66 * 28 / 36, rel=0.02) and camera.focal_sigma < 0.06
-
-
 @pytest.mark.parametrize(("summary", "code"), [(INITIALIZED, 0), (REFUSED, 3)])
 @pytest.mark.parametrize("quiet", [[], ["--quiet"]])
 def test_json_is_the_summary_and_nothing_else(world, pipeline, capfd, summary, code, quiet):

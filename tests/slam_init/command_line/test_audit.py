@@ -2,7 +2,6 @@
 
 import json
 
-import cv2
 import numpy as np
 import pycolmap
 import pytest
@@ -13,7 +12,6 @@ from slam_init.cli import main
 from slam_init.datasets.posed_images import with_axes
 from slam_init.output.handover import handover_bytes
 from slam_init.output.results import tum_text
-from slam_init.output.scene import opengl_matrix
 from slam_init.types.initial_map import Keyframe
 
 pytestmark = pytest.mark.slow
@@ -76,22 +74,6 @@ def test_a_trajectory_in_another_convention_is_the_same_map(tmp_path, capsys):
         assert (code, found["verdict"]) == (0, "sound")
         (note,) = found["notes"]
         assert f"read as {name}," in note
-
-
-@pytest.mark.slow
-def test_the_images_that_nerfstudio_lists_are_found(tmp_path, capsys):
-    source = open_source(ROOM)
-    (tmp_path / "images").mkdir()
-    listed = []
-    for frame, pose in zip(source.frames(), source.groundtruth.world_from_cam, strict=True):
-        name = f"images/{frame.index:04d}.png"
-        cv2.imwrite(str(tmp_path / name), frame.image)
-        listed.append({"file_path": name, "transform_matrix": opengl_matrix(pose).tolist()})
-    camera = source.camera
-    numbers = {"fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx + 0.5, "cy": camera.cy + 0.5}
-    (tmp_path / "transforms.json").write_text(json.dumps(numbers | {"w": 320, "h": 240, "frames": listed}))
-    code, found = message([str(tmp_path / "transforms.json")], capsys)
-    assert (code, found["verdict"]) == (0, "sound")
 
 
 def no_listed_image(folder):

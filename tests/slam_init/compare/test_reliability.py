@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from slam_init.compare import figures
 from slam_init.compare.criteria import NOT_EVALUATED, criteria_of
 from slam_init.compare.figures import RISK_EDGES, reliability_of, summary_of, table_of
-from slam_init.compare.report import main_table
 from slam_init.compare.rows import TrialRow
 from slam_init.compare.sources import describe_sources
 from slam_init.compare.statistics import wilson
@@ -86,12 +85,3 @@ def test_an_error_is_covered_up_to_the_stated_number_of_standard_deviations():
     assert (found["rotation"]["within"], found["rotation"]["maps"]) == (2, 3)
     assert found["direction"]["rate"] == wilson(1, 3)
     assert found["total"]["maps"] == 5
-
-
-def test_the_tables_of_a_terminal_name_an_external_program_by_its_label():
-    method = "mine=command:prog {images} {times} {camera} {out}"
-    plan = Plan(tuple(describe_sources(["points:room"])), ("quest", method))
-    table = table_of([row(0.001), row(None, method=method)])
-    text = main_table(summary_of(table, plan))
-    assert "mine" in text and "quest, risk all" in text
-    assert "command:" not in text

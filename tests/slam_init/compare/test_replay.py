@@ -1,30 +1,18 @@
 """Replayed tracks are those of a tracker that has run from the first frame on."""
 
 from dataclasses import replace
-from itertools import takewhile
 
 import numpy as np
 from make_scene import texture, window
-from make_source import GivenFrames, synth
+from make_source import GivenFrames
 
 from slam_init.compare.replay import replay, tracks_digest
 from slam_init.compare.sources import open_compared
 from slam_init.config import TrackingConfig
 from slam_init.frontend.tracks import Tracker
-from slam_init.initializer import Initializer
 from slam_init.types.camera import Camera
 
 CAMERA = Camera("pinhole", 320, 240, 250.0, 250.0, 159.5, 119.5)
-
-
-def test_replayed_tracks_give_the_same_map(tmp_path):
-    room = synth("room", width=320, height=240, slow_start=1)
-    by_images, by_tracks = Initializer(room.camera), Initializer(room.camera)
-    count = 1 + sum(1 for _ in takewhile(lambda frame: not by_images.process(frame), room.frames()))
-    given = GivenFrames(room.camera, tuple(room.frames(0, count)))
-    for step in replay(given, "room", 0, tmp_path):
-        by_tracks.process_tracks(step.current, revised=step.revised)
-    np.testing.assert_array_equal(by_tracks.map.points, by_images.map.points)
 
 
 def test_revised_frames_are_replayed_at_the_frame_at_which_they_were_revised(tmp_path):

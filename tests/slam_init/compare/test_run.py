@@ -4,15 +4,12 @@ import csv
 import html
 import json
 import re
-import shutil
 from collections import Counter
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from comparisons import METHODS, SOURCES, rows_of
 from path_types import PATH_TYPES
-from written import contents
 
 from slam_init.compare.rows import COLUMNS
 from slam_init.compare.run import compare
@@ -88,20 +85,6 @@ def test_rows_of_other_settings_are_not_mixed_in(plan, copied):
     trials.write_text(trials.read_text().replace('"options": {', '"options": {"of another version": 1, ', 1))
     with pytest.raises(OutputError, match="other options"):
         compare(plan, copied)
-
-
-def test_a_comparison_that_fails_leaves_the_earlier_tables(plan, finished, tmp_path, monkeypatch):
-    out = tmp_path / "out"
-    shutil.copytree(finished[0], out)
-    before = contents(out)
-    monkeypatch.setattr(Path, "write_bytes", full)
-    with pytest.raises(OutputError, match="No space left on device: make room"):
-        compare(replace(plan, methods=METHODS[:1]), out)
-    assert contents(out) == before
-
-
-def full(*_, **__):
-    raise OSError(28, "No space left on device")
 
 
 def test_the_page_loads_nothing_and_states_the_wait_and_how_each_scene_is_evaluated(finished):

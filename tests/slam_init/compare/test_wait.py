@@ -7,7 +7,6 @@ import pytest
 
 from slam_init.compare.criteria import NOT_EVALUATED, Criteria
 from slam_init.compare.figures import figures_of, table_of, wait_differences
-from slam_init.compare.report import figure_text, shown
 from slam_init.compare.rows import TrialRow
 
 
@@ -32,12 +31,6 @@ def test_trials_that_no_map_can_solve_have_no_wait():
     assert table["wait"].isna().all()
     assert math.isnan(figures_of(table)["wait"].value)
     assert wait_differences(table, ("quest", "stella"))[0]["trials"] == 0
-
-
-def test_without_a_ground_truth_no_share_is_stated_of_correct_and_false_maps():
-    rows = [row(outcome, start=k, evaluated_by=NOT_EVALUATED.rule) for k, outcome in enumerate(("accepted", "none"))]
-    figures = shown(figures_of(table_of(rows)))
-    assert [figure_text(figures[name]) for name in ("correct_rate", "false_rate", "strict_share")] == ["-"] * 3
 
 
 def test_a_difference_compares_the_same_trials_and_its_interval_the_sequences():

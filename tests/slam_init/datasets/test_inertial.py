@@ -16,7 +16,7 @@ from slam_init.datasets.views import GravitySource, SourceView, read_gravity
 from slam_init.errors import SlamInitError, SourceError
 from slam_init.initializer import Initializer
 from slam_init.runner import run
-from slam_init.types.inertial import Gravity, InertialRecord
+from slam_init.types.inertial import InertialRecord
 from slam_init.types.pose import Pose
 
 TIMES = np.arange(0, 2, 0.005)
@@ -252,14 +252,6 @@ def test_without_the_pose_of_the_sensor_there_is_a_line_that_says_what_to_write(
     table.with_suffix(".yaml").unlink()
     with pytest.raises(SourceError, match="write T_cam_imu"):
         read_inertial_file(table)
-
-
-@pytest.mark.parametrize("down", [(0, 0, 0), (0, 1), (0, np.nan, 1), "down"])
-def test_what_is_no_direction_of_gravity_is_refused(down):
-    with pytest.raises(SlamInitError, match="gravity"):
-        Gravity(down, 1.0)
-    with pytest.raises(SlamInitError, match="deviation"):
-        Gravity(np.array([0.0, 1.0, 0.0]), np.nan)
 
 
 def test_a_record_of_other_shapes_is_refused():

@@ -9,7 +9,6 @@ import pytest
 from add_a_data_set import LAYOUT
 from make_files import picture, write, write_image
 from make_layouts import FRAMES, LAYOUTS, POINT
-from paths import DATA
 
 from slam_init.datasets import detect_kind, layouts, open_source, opening
 from slam_init.datasets.layouts import read_transforms
@@ -66,7 +65,6 @@ def test_a_table_that_is_cut_off_or_no_table_is_refused_in_one_line(layout, tmp_
         ("euroc", "mav0/cam0/data.csv", "#t\n12x,a.png\n", r"data\.csv:2"),
         ("kitti", "../times.txt", "0\n", "1 times for 3 images"),
         ("kitti", "../times.txt", "0\nx\n", "times.txt:2"),
-        ("kitti", "../times.txt", "1\n0\n2\n", r"times.txt:2.*does not come after"),
         ("kitti", "../calib.txt", "P1: 1\n", "no line P2"),
         ("kitti", "../calib.txt", "P2: 1 2 3\n", "calib.txt:1"),
         ("kitti", "../calib.txt", "P2: 0 0 0 0 0 0 0 0 0 0 1 0\n", "focal"),
@@ -74,8 +72,6 @@ def test_a_table_that_is_cut_off_or_no_table_is_refused_in_one_line(layout, tmp_
         ("kitti", "../../../poses/06.txt", "2 0 0 0 0 2 0 0 0 0 2 0\n", "not a rotation"),
         ("eth3d", "rgb.txt", "0 rgb/0.png\nx rgb/1.png\n", "rgb.txt:2"),
         ("eth3d", "rgb.txt", "0 rgb/0.png\n1\n", "rgb.txt:2"),
-        ("eth3d", "rgb.txt", "1 rgb/0.png\n1 rgb/1.png\n", "rgb.txt:2"),
-        ("eth3d", "rgb.txt", "nan rgb/0.png\n", "rgb.txt:1"),
         ("eth3d", "rgb.txt", "# nothing\n", "lists no image"),
         ("eth3d", "rgb.txt", b"\xff\xfe\x00\x80", "rgb.txt"),
         ("eth3d", "groundtruth.txt", "# t\n0 1 2 3\n", "groundtruth.txt:2"),
@@ -172,20 +168,6 @@ def test_icl_nuim_poses_are_reflected_to_fit_the_images(tmp_path):
     assert np.linalg.det(pose.R) == pytest.approx(1)
 
 
-REAL = sorted(path.parent for path in DATA.glob("*/*/rgb.txt"))
-
-
-@pytest.mark.skipif(not REAL, reason="no real sequences: set SLAM_INIT_DATA to their folder")
-def test_real_sequences_open_as_they_are():
-    for folder in REAL:
-        source = open_source(folder)
-        assert source.kind == "tum" and source.camera is not None and source.groundtruth is not None
-        assert (np.diff(source.timestamps_s) > 0).all()
-        frame = next(source.frames())
-        assert frame.gray.shape == (source.camera.height, source.camera.width)
-        assert source.groundtruth.at(frame.timestamp_s) is not None
-
-
 def test_an_image_folder_is_read_in_natural_order(tmp_path):
     for name in ("img10.png", "img2.png", "img1.jpg", ".hidden.png"):
         write_image(tmp_path / name)
@@ -271,13 +253,6 @@ def test_a_frame_of_transforms_may_state_a_fisheye_of_its_own(tmp_path):
     write(path, json.dumps(content))
     models = [image.camera.model for image in read_transforms(path, tmp_path)]
     assert models[1] == "fisheye" and "fisheye" not in models[:1] + models[2:]
-
-
-def test_a_colmap_model_with_a_camera_that_is_not_supported_says_which(tmp_path):
-    folder = make_layouts.colmap_text(tmp_path)
-    write(folder / "sparse" / "0" / "cameras.txt", "3 SIMPLE_UNKNOWN 64 48 60 32 24\n")
-    with pytest.raises(CalibrationError, match=r"cameras.txt:1"):
-        open_source(folder)
 
 
 def test_images_of_another_camera_are_left_out_and_reported():

@@ -95,18 +95,6 @@ def test_the_codecs_of_phones_are_read(tmp_path, codec, pixels):
     assert (np.diff(source.timestamps_s) > 0).all()
 
 
-def test_a_video_that_is_cut_off_ends_early_or_is_refused_in_one_line(tmp_path):
-    whole = write_by_pyav(tmp_path / "whole.mkv", corner_frames(20), codec="mpeg4").read_bytes()
-    for share in (0.2, 0.5, 0.9):
-        path = write(tmp_path / "v.mkv", whole[: int(share * len(whole))])
-        try:
-            source = open_video(path)
-        except SourceError:
-            continue
-        assert 1 <= len(list(source.frames())) <= 20
-        assert len(source.timestamps_s) == len(source)
-
-
 def test_a_stream_without_a_decoder_is_one_line(tmp_path, monkeypatch):
     @contextmanager
     def opened(path):

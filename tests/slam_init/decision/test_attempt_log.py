@@ -1,12 +1,8 @@
 """Laws of the log of attempts: what it keeps, the reason of a run, and the notes for the user."""
 
-from dataclasses import replace
-
 import numpy as np
-from make_map import make_map
-from make_scene import CONFIG
 
-from slam_init.decision.attempt_log import AttemptLog, focal_notes
+from slam_init.decision.attempt_log import AttemptLog
 from slam_init.types.evidence import FreeFocal
 from slam_init.types.refusal import Verdict
 from slam_init.types.result import Attempt, stated_reason
@@ -68,12 +64,3 @@ def test_the_newest_free_fit_decides_whether_the_stated_focal_length_is_wrong():
         message = Verdict.WRONG_FOCAL_LENGTH if wrong is not None else last.verdict
         assert log.prevailing_reason() == Status().after(last, 0.0, wrong).reason == message
         assert stated_reason(Verdict.UNKNOWN_FOCAL_LENGTH, wrong) == "unknown_focal_length"
-
-
-def test_an_adjusted_focal_length_gets_a_note_only_if_the_views_hardly_determine_it():
-    prior, map_ = CONFIG.map.focal_sigma, make_map()
-    assert focal_notes(None, CONFIG.map) == ()
-    assert focal_notes(map_, CONFIG.map) == ()  # it was held fixed
-    assert focal_notes(replace(map_, focal_factor_sigma=0.7 * prior), CONFIG.map) == ()
-    (note,) = focal_notes(replace(map_, focal_factor_sigma=0.72 * prior), CONFIG.map)
-    assert "do not determine the focal length" in note

@@ -67,11 +67,3 @@ def test_the_checks_of_refused_windows_decide_nothing():
     assert unchecked.wrong_focal is None
     for one, other in zip(checked.attempts, unchecked.attempts, strict=True):
         assert (one.verdict, one.gates, one.window) == (other.verdict, other.gates, other.window)
-
-
-def test_refused_windows_are_checked_at_growing_intervals():
-    source = point_source("rotation", 1, focal_error=0.4, noise_px=0.3, points=100, views=14)
-    attempts = [attempt for attempt in seen(source.camera, source).attempts if attempt.window is not None]
-    places = [k for k, attempt in enumerate(a for a in attempts if a.window.views >= 3) if attempt.free_focal]
-    assert len(attempts) > 8
-    assert places[:2] == [3, 7]

@@ -164,19 +164,6 @@ def test_a_map_of_too_few_landmarks_is_refused_although_its_motion_is_right():
     assert outcome.accepted is None
 
 
-@pytest.mark.parametrize("seed", [0, 8])
-def test_an_ambiguous_plane_keeps_two_maps_and_one_of_them_is_right(seed):
-    source = point_source("wall", seed, baseline=0.3)
-    outcome = tried(source, (0, 11))
-    assert (outcome.attempt.verdict, outcome.attempt.stage) == (Verdict.AMBIGUOUS_PLANE, Stage.MAP)
-    assert outcome.accepted is None
-    assert len(outcome.undecided()) == 2
-    errors = [errors_deg(source, map_)[1] for map_ in outcome.undecided()]
-    assert min(errors) < 10
-    motions = [m.keyframes[1].world_from_cam.inverse() for m in outcome.undecided()]
-    assert pose_errors_deg(*motions)[1] > 2
-
-
 def test_a_pair_with_an_uncertain_direction_is_low_parallax():
     outcome = tried(point_source("wall", 16, baseline=0.08), (0, 2))
     window = outcome.attempt.window

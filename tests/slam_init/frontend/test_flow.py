@@ -8,7 +8,7 @@ from make_scene import SMALL_SIZE as SIZE
 from make_scene import texture, window
 
 from slam_init.config import TrackingConfig
-from slam_init.frontend.flow import Drift, flow
+from slam_init.frontend.flow import flow
 from slam_init.frontend.tracks import Tracker
 
 CONFIG = TrackingConfig()
@@ -112,15 +112,6 @@ def test_the_trails_of_a_blurred_image_determine_the_exposure(share):
     trail_px = round(share * step_px)
     _, found = followed(image(100, 60, 2.0, trail_px), image(100 + step_px, 60, 2.0, trail_px, seed=1))
     assert found.trail == pytest.approx(share, abs=0.3)
-
-
-def test_a_track_that_came_back_to_its_point_has_the_drift_of_that():
-    drift, ids = Drift(), np.array([3, 5, 9])
-    drift.follow(ids, np.tile(np.eye(2), (3, 1, 1)))
-    drift.return_to(np.array([5]), 0.01 * np.eye(2)[None])
-    np.testing.assert_array_equal(drift.covariances(ids), np.array([1.0, 0.01, 1.0])[:, None, None] * np.eye(2))
-    drift.follow(ids, np.tile(np.eye(2), (3, 1, 1)))
-    np.testing.assert_allclose(drift.covariances(ids)[:, 0, 0], [2.0, 1.01, 2.0])
 
 
 def test_the_drift_of_a_tracker_does_not_add_up_and_is_zero_for_new_tracks():

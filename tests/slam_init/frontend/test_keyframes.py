@@ -83,27 +83,6 @@ def test_candidates_are_dropped_at_an_age_at_which_tracks_have_drifted():
     assert all(frame - min(window) <= 300 + CONFIG.keyframes.new_after_frames for frame, window in enumerate(windows))
 
 
-def test_a_new_candidate_takes_over_the_retry_condition_of_the_newest_one():
-    """Both see the same scene, so that a failure need not be repeated for each candidate."""
-    settings = CONFIG.keyframes
-    manager = KeyframeManager(CONFIG)
-    first = 100
-    manager.update(replace(observe(CAMERA, [Pose.identity()], cloud(np.random.default_rng(1)))[0], frame=first), [])
-    manager.failed(pair(first, first + 9))
-    second = first + settings.new_after_frames
-    current = replace(observe(CAMERA, [Pose.identity()], cloud(np.random.default_rng(1)))[0], frame=second)
-    manager.update(current, [pair(first, second)])
-    assert manager.candidates == [first, second]
-    assert manager.best_pair_to_try([pair(second, second + 1)]) is None
-    assert manager.best_pair_to_try([pair(second, second + 1, parallax_px=10.1 * settings.retry_gain)]) is not None
-    # At the age at which the newest candidate was joined by this one, it is tried in any case.
-    assert manager.best_pair_to_try([pair(second, second + settings.new_after_frames)]) is not None
-    # A candidate that sees another scene need not wait.
-    third = second + settings.new_after_frames
-    manager.update(replace(current, frame=third), [replace(pair(k, third), overlap=0.1) for k in manager.candidates])
-    assert manager.best_pair_to_try([pair(third, third + 1)]) is not None
-
-
 def candidates_with_steps(steps_px):
     """The candidates of a static camera after these frames."""
     return drive([Pose.identity()] * len(steps_px), steps_px)[-1]
@@ -119,25 +98,6 @@ def test_a_blurred_frame_is_no_candidate_while_the_next_frames_will_do():
     # A video that is blurred from some frame on has candidates again.
     lasting = [0.1] * due + [0.2] * 30
     assert due < candidates_with_steps(lasting)[1] <= 2 * due
-
-
-def test_pairs_with_too_few_matches_are_not_tried():
-    manager = KeyframeManager(CONFIG)
-    few, enough = CONFIG.keyframes.min_matches - 1, CONFIG.keyframes.min_matches
-    assert manager.best_pair_to_try([]) is None
-    assert manager.best_pair_to_try([pair(0, 5, matches=few)]) is None
-    assert manager.best_pair_to_try([pair(0, 5, matches=few), pair(1, 5, matches=enough)]).reference == 1
-
-
-def test_a_failed_pair_waits_for_a_higher_score_or_some_frames():
-    settings = CONFIG.keyframes
-    manager = KeyframeManager(CONFIG)
-    manager.failed(pair(0, 20, parallax_px=10))
-    assert manager.best_pair_to_try([pair(0, 21, parallax_px=10)]) is None
-    assert manager.best_pair_to_try([pair(0, 21, parallax_px=10.1 * settings.retry_gain)]) is not None
-    assert manager.best_pair_to_try([pair(0, 20 + settings.new_after_frames, parallax_px=10)]) is not None
-    other = pair(1, 21, parallax_px=5)
-    assert manager.best_pair_to_try([pair(0, 21, parallax_px=10), other]) is other
 
 
 def test_the_wait_is_doubled_after_each_failure_without_a_higher_score():

@@ -2,7 +2,6 @@
 
 import cv2
 import numpy as np
-import pytest
 from make_scene import texture
 
 from slam_init.config import TrackingConfig
@@ -57,18 +56,6 @@ def test_a_sheared_patch_comes_back_to_its_point_from_where_flow_ends():
     assert np.median(of_flow[found.succeeded]) > 4 * np.median(errors[found.succeeded])
 
 
-@pytest.mark.parametrize(("gain", "offset"), [(0.6, 40.0), (0.8, -5.0)])
-def test_brightness_and_contrast_move_no_patch(gain, offset):
-    start = corners(TEXTURE)
-    image, true = moved(np.eye(2), (0.4, 0.3))
-    lit = np.clip(np.round(gain * image + offset), 0, 255).astype(np.uint8)
-    clear = ((lit > 0) & (lit < 255)).astype(np.uint8)
-    found = aligned(cut(TEXTURE, start), lit, true(start) + 0.3)
-    inside = cv2.erode(clear, np.ones((25, 25), np.uint8))[tuple(np.round(start).astype(int).T[::-1])] > 0
-    assert inside.sum() > 5
-    assert np.linalg.norm(found.pixels - true(start), axis=1)[inside].max() < 0.05
-
-
 def test_the_stated_drifts_are_the_errors_of_noisy_images():
     start = corners(TEXTURE)
     first, _ = moved(np.eye(2), noise=4.0, seed=1)
@@ -77,19 +64,6 @@ def test_the_stated_drifts_are_the_errors_of_noisy_images():
     errors = (found.pixels - true(start))[found.succeeded]
     whitened = np.einsum("ni,nij,nj->n", errors, np.linalg.inv(found.drifts[found.succeeded]), errors)
     assert 0.4 < np.sqrt(np.median(whitened) / 1.386) < 1.6
-
-
-def test_a_second_surface_keeps_maps_of_its_own():
-    """A disc that grows before a background at rest: the many patches of the background do not pull those of it."""
-    start = corners(TEXTURE, margin=25)
-    disc = np.linalg.norm(start - CENTRE, axis=1) < 40
-    inner = np.linalg.norm(np.stack(np.meshgrid(*map(np.arange, SIZE)), axis=-1) - CENTRE, axis=2) < 60
-    grown, true = moved(1.08 * np.eye(2), noise=0.5)
-    image = np.where(inner, grown, TEXTURE)
-    found = aligned(cut(TEXTURE, start), image, np.where(disc[:, None], true(start), start))
-    errors = np.linalg.norm(found.pixels - true(start), axis=1)[disc & found.succeeded]
-    assert 6 < len(errors) < 0.5 * len(start)
-    assert np.median(errors) < 0.04
 
 
 def test_flat_patches_are_not_cut_and_tracks_on_a_line_are_aligned():
@@ -115,13 +89,6 @@ def test_what_hides_a_patch_leaves_it_where_flow_ends_and_is_cut_after_some_fram
         assert found.succeeded[start[:, 0] > 175].all()
         patches.follow(smoothed(covered), np.arange(len(start)), start, np.zeros((len(start), 2, 2)))
     assert aligned(patches, covered, start).succeeded[hidden].mean() > 0.9
-
-
-def test_tracks_at_the_border_and_unknown_ones_are_not_aligned():
-    inside, border = CENTRE + 0.3, np.array([5.0, 100.0])
-    patches = cut(TEXTURE, np.array([inside, border]))
-    found = aligned(patches, TEXTURE, np.array([inside, border, inside + 20]), ids=np.array([0, 1, 7]))
-    assert found.succeeded.tolist() == [True, False, False]
 
 
 def test_the_errors_of_a_tracker_do_not_grow_with_the_change_of_the_view():

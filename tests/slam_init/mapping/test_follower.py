@@ -7,7 +7,6 @@ import pytest
 from continue_with_isam2 import position_errors
 
 from slam_init import Follower, SlamInitError
-from slam_init.errors import SourceError
 from slam_init.mapping.follower import follow
 from slam_init.output.summary import ContinuationRecord
 from slam_init.recording.recorder import Recorder
@@ -81,16 +80,6 @@ def test_a_frame_that_sees_no_landmark_is_not_located(room_fed):
     assert continued.keyframes == ()
     assert continued.survival == (0.0, 0.0)
     assert continued.record() == ContinuationRecord(frames=2, located=0, survival_median=0.0, survival_last=0.0)
-
-
-def test_a_frame_that_cannot_be_read_ends_the_continuation_and_not_the_run(room_fed):
-    def broken():
-        yield room_fed.following[0]
-        raise SourceError("000030.png is truncated")
-
-    continued = followed(room_fed, broken(), 5)
-    assert continued.frames == 1
-    assert continued.ended_by == "000030.png is truncated"
 
 
 def test_the_rays_of_a_frame_are_those_of_the_camera_of_the_map(room_fed, room_refined):

@@ -58,14 +58,16 @@ BENT = Camera("radtan", 640, 480, 400.0, 400.0, 319.5, 239.5, (-0.3, 0.1, 0.0, 0
 class Tracks:
     """Ten frames of points, seen by a camera that turns while it moves, through a lens that bends strongly."""
 
-    def __init__(self):
+    def __init__(self, turn=(0.4, 1.0, 0.2), step=(1.0, 0.2, 0.3), wrong=0.0):
         rng = np.random.default_rng(0)
         world = rng.uniform((-4, -3, 4), (4, 3, 10), (300, 3))
         self.poses, self.seen = {}, {}
         for k in range(10):
-            R = rotation_from_vector(0.05 * k * np.array([0.4, 1.0, 0.2]))
-            self.poses[k] = Pose(R, -R @ (0.15 * k * np.array([1.0, 0.2, 0.3])))
+            R = rotation_from_vector(0.05 * k * np.array(turn))
+            self.poses[k] = Pose(R, -R @ (0.15 * k * np.array(step)))
             pixels = BENT.project(self.poses[k].apply(world)) + 0.2 * rng.normal(size=(300, 2))
+            outliers = rng.random(300) < wrong
+            pixels[outliers] = rng.uniform((0, 0), (640, 480), (outliers.sum(), 2))
             inside = np.isfinite(pixels).all(axis=1) & (pixels > 0).all(axis=1) & (pixels < (640, 480)).all(axis=1)
             self.seen[k] = np.flatnonzero(inside), pixels[inside]
 
@@ -84,8 +86,8 @@ def lens_from(tracks, poses, camera):
     return by_all_frames(tracks, 0, 10, (poses, camera), PRIOR, Config(), bar=False)
 
 
-def test_three_poses_and_a_poor_lens_lead_to_the_lens_of_all_frames_and_a_wrong_motion_to_none():
-    tracks = Tracks()
+def test_three_poses_and_a_poor_lens_lead_to_the_lens_of_all_frames_beside_outliers_and_a_wrong_motion_to_none():
+    tracks = Tracks(wrong=0.05)
     poor = replace(BENT, fx=420.0, fy=420.0, distortion=(-0.22, 0.0, 0.0, 0.0))
     found = lens_from(tracks, {k: tracks.poses[k] for k in (0, 5, 9)}, poor)
     assert (found.first_frame, found.last_frame) == (0, 9)
@@ -97,3 +99,8 @@ def test_three_poses_and_a_poor_lens_lead_to_the_lens_of_all_frames_and_a_wrong_
     # A lens that is no polynomial of two coefficients stays.
     wide = Camera("fisheye", 640, 480, 300.0, 300.0, 319.5, 239.5, (0.0, 0.0, 0.0, 0.0), focal_sigma=0.3)
     assert by_all_frames(tracks, 0, 10, (tracks.poses, BENT), wide, Config(), bar=False) is None
+
+
+def test_a_camera_that_moves_straight_ahead_determines_no_focal_length():
+    tracks = Tracks(turn=(0.0, 0.0, 0.0), step=(0.0, 0.0, 1.0))
+    assert lens_from(tracks, tracks.poses, BENT) is None

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from make_map import make_map, make_result
+from make_map import make_map, make_result, make_window_evidence
 from make_summary import summarize, write_results
 
 from slam_init.errors import SourceError
 from slam_init.output.report import earlier_result, is_result_folder, read_result, report_text, result_text
 from slam_init.output.summary import ContinuationRecord
-from slam_init.types.evidence import Margin, WindowEvidence
+from slam_init.types.evidence import Margin
 from slam_init.types.refusal import Verdict
 from slam_init.types.result import Attempt, GroundTruthErrors
 from slam_init.types.scale import Scale, ScaleOrigin
@@ -48,8 +48,7 @@ def test_a_map_is_reported_with_its_quality():
 def test_the_risk_of_the_last_window_is_reported_with_the_depths_of_the_landmarks():
     """A window has tracks at infinity and outliers, which are no landmarks: their depths are not those of the map."""
     result = make_result(make_map())
-    zeros = WindowEvidence(**{field.name: 0 for field in fields(WindowEvidence)})
-    window = replace(zeros, risk=0.00321, direction_sigma_deg=3.14, depth_sigma=29321.0)
+    window = replace(make_window_evidence(0.00321), direction_sigma_deg=3.14, depth_sigma=29321.0)
     result = replace(result, attempts=(*result.attempts[:-1], replace(result.attempts[-1], window=window)))
     told = "0.012 that the map is wrong (0.0032 by the model, 0.009 by what it lacks)"
     assert lines_of(result)[1]["risk"] == f"{told}, direction +- 3.1 deg, depths +- 2.0%"
@@ -93,17 +92,6 @@ def test_what_a_person_has_to_know_is_reported():
 def written(folder, result):
     write_results(folder, result, summarize(result), "seed = 0\n")
     return folder
-
-
-def test_a_map_is_reported_with_its_keyframes_and_files(tmp_path):
-    folder = written(tmp_path / "out", make_result(make_map()))
-    assert is_result_folder(folder)
-    facts = read_result(folder)
-    assert [facts[name] for name in ("status", "reason", "risk")] == ["initialized", None, 0.004]
-    assert facts["keyframes"] == [10, 17, 24, 31]
-    assert {"name": "map.ply", "bytes": (folder / "map.ply").stat().st_size} in facts["files"]
-    assert "initialized after 22 frames" in result_text(facts).splitlines()[0]
-    assert "4 (frames 10, 17, 24, 31)" in result_text(facts) and "graph.txt" in result_text(facts)
 
 
 def test_a_refusal_is_reported_with_its_advice(tmp_path):

@@ -76,7 +76,7 @@ def test_a_missing_graph_is_an_error(tmp_path):
 
 @pytest.mark.parametrize("model", CAMERAS)
 def test_an_adjusted_focal_length_is_in_all_files(tmp_path, model):
-    """COLMAP computes the same reprojection error, and the graph has the calibration as a variable."""
+    """The graph has the calibration as a variable."""
     rng = np.random.default_rng(2)
     points = cloud(rng, 60)
     noisy = problem(CAMERAS[model], points, noise_px=0.5, rng=rng)
@@ -91,10 +91,6 @@ def test_an_adjusted_focal_length_is_in_all_files(tmp_path, model):
 
     read = pycolmap.Reconstruction(tmp_path / "colmap")
     np.testing.assert_allclose(read.cameras[1].params[:2], (map_.camera.fx, map_.camera.fy))
-    errors_px = np.linalg.norm(solution.problem.residuals(map_.camera), axis=1)
-    read.update_point_3d_errors()
-    by_point = [np.mean(errors_px[map_.observation_landmarks == i]) for i in range(len(map_.points))]
-    assert read.compute_mean_reprojection_error() == pytest.approx(np.mean(by_point), abs=1e-6)
 
     graph, values = load_graph(tmp_path)
     assert graph.equals(solution.recipe.graph, 1e-12)

@@ -13,7 +13,7 @@ from make_summary import summarize
 from report_run import report_run
 
 from slam_init.pictures import drawing, overview
-from slam_init.recording.recorder import ShownFrame, StoryRecorder
+from slam_init.recording.recorder import StoryRecorder
 from slam_init.types.evidence import FreeFocal, Margin
 from slam_init.types.refusal import GateName, Verdict, at_most
 from slam_init.types.result import Segment
@@ -112,35 +112,12 @@ def test_a_long_failure_shows_the_risk_alone():
         assert "risk" in labels
 
 
-def test_every_third_frame_leaves_no_hole_in_the_strip():
-    _, collections = artists_of(lambda axes: drawing.draw_decision(axes, attempts_of(6, 3, Verdict.LOW_PARALLAX)))
-    strip = next(one for one in collections if one.get_paths() and len(one.get_paths()) == 6)
-    spans = sorted((path.vertices[:, 0].min(), path.vertices[:, 0].max()) for path in strip.get_paths())
-    assert all(before[1] == pytest.approx(after[0]) for before, after in pairwise(spans))
-
-
-def test_a_link_by_descriptors_draws_no_path():
-    ids, places = np.arange(4), np.array([[100.0, 100.0], [200.0, 100.0], [300.0, 100.0], [400.0, 100.0]])
-    moved = places + np.array([[10.0, 0.0], [20.0, 0.0], [600.0, 0.0], [0.0, 900.0]])
-    before, after = (ShownFrame(k, np.zeros((60, 80), np.uint8), ids, at) for k, at in enumerate((places, moved)))
-    _, (tails,) = artists_of(lambda axes: drawing.draw_frame(axes, after, before, 1280))
-    assert len(tails.get_segments()) == 2
-
-
 def test_a_run_that_started_again_shows_each_map(story):
     map_ = make_map()
     segments = tuple(Segment(map_, 10 * k, 5, lost_at=9 + 10 * k) for k in range(3))
     shown = picture(draw(replace(make_result(map_), segments=segments), story)).max(axis=2) < 60
     corners = [np.mean(shown[rows, columns]) > 0.5 for rows in (Y1, Y2) for columns in (X1, X2)]
     assert corners == [True, True, True, False]
-
-
-def test_a_map_is_seen_in_the_view_in_which_it_fills_most():
-    map_ = make_map(points=400)
-    for flat, view in ((0, drawing.SIDE), (1, drawing.ABOVE), (2, drawing.BEHIND)):
-        stretch = np.full(3, 100.0)
-        stretch[flat] = 0.1
-        assert drawing.widest_view(replace(map_, points=map_.points * stretch)) == view
 
 
 def test_the_head_states_the_focal_length_every_note_and_the_gate_that_refused(story, reported):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import inspect
 from dataclasses import replace
 
-import numpy as np
 from make_map import make_attempts, make_frame, make_map, make_observations
 from report_run import report_run
 
@@ -46,14 +45,3 @@ def test_of_an_initialized_run_the_keyframes_and_the_pair_are_kept_and_nothing_o
     assert [shown.index for shown in recorder.frames] == [keyframe.frame for keyframe in map_.keyframes]
     assert recorder.pair is pair and pair[2].frames == (10, 31)
     assert pair[2].evaluated
-
-
-def test_a_pair_without_matches_is_not_kept():
-    recorder, none = StoryRecorder(), np.zeros((0, 2))
-    for seen in make_observations(make_map())[:2]:
-        recorder.frame(make_frame(seen.frame, seen.timestamp_s, seen.name), seen)
-    attempt = make_attempts(make_map())[0]
-    recorder.attempt(replace(attempt, pixels1=none, pixels2=none, inliers=np.zeros(0, bool)))
-    assert recorder.pair is None
-    recorder.attempt(attempt)
-    assert recorder.pair is not None

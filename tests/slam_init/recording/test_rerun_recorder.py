@@ -111,18 +111,6 @@ def test_two_undecided_maps_are_drawn_with_the_evidence_that_decides(path):
     assert "one of the maps is right" in column(path, "/candidates/evidence", "TextDocument:text")[0][0]
 
 
-def test_tracks_on_moving_objects_are_drawn_in_their_frame_only(path):
-    attempt = make_attempts(make_map())[0]
-    first, second, third, *_ = make_observations(make_map())
-    with pinhole(path) as recorder:
-        for seen in (first, second, third):
-            seen_in(recorder, seen)
-            if seen is second:
-                recorder.attempt(attempt)
-    shown = column(path, "/world/camera/image/moving", "Points2D:positions")
-    assert [len(points or ()) for points in shown] == [np.count_nonzero(attempt.moving & ~attempt.inliers), 0]
-
-
 def test_without_a_map_the_camera_turns_and_a_rolling_shutter_is_shown_before_and_after_its_correction(path):
     seen = make_observations(make_map())[0]
     corrected = seen.pixels + np.array([1.0, -2.0])
@@ -168,16 +156,6 @@ def test_of_many_frames_only_some_images_are_kept_but_all_tracks(path, monkeypat
     batches = [b for b in chunks(path, "/world/camera/image") if "EncodedImage:blob" in b.schema.names]
     assert [frame for b in batches for frame in b["frame"].to_pylist()] == [0, 1, 2, 3, 4, 6, 8, 12]
     assert len(column(path, "/stats/counts/tracks", "Scalars:scalars")) == 15
-
-
-def test_a_wide_pair_is_stacked_and_a_tall_one_put_side_by_side(path):
-    attempt = make_attempts(make_map())[0]
-    for height, second in ((200, (0, 100)), (480, (320, 0))):
-        with RerunRecorder(path, replace(CAMERAS["pinhole"], height=height), "pair") as recorder:
-            recorder.attempt(attempt)
-        ends = column(path, "/pairs/image/inliers/points", "Points2D:positions")[0]
-        expected = (attempt.pixels2[attempt.inliers] + 0.5) / 2 + second
-        np.testing.assert_allclose(ends[1::2], expected, atol=1e-3)
 
 
 def test_a_path_that_cannot_be_written_is_an_error_at_once(tmp_path):

@@ -10,9 +10,9 @@ from make_map import CAMERAS
 from read_recording import column
 
 import slam_init.recording.viewer as viewer_module
-from slam_init.errors import OutputError, SourceError, ViewerError
+from slam_init.errors import OutputError, ViewerError
 from slam_init.recording.rerun_recorder import RerunRecorder
-from slam_init.recording.viewer import SPAWN, check_recording, screenshots, serve, show, viewer_url
+from slam_init.recording.viewer import SPAWN, screenshots, serve, show, viewer_url
 
 
 @pytest.fixture
@@ -142,14 +142,3 @@ def test_a_recording_goes_to_a_viewer_and_to_its_file(tmp_path, port):
     with RerunRecorder(tmp_path / "a.rrd", CAMERAS["pinhole"], "arc", viewer=url) as recorder:
         recorder.frame_time(3.0)
     assert column(tmp_path / "a.rrd", "/stats/time/frame", "Scalars:scalars") == [[3.0]]
-
-
-def test_only_a_recording_is_opened(tmp_path):
-    (tmp_path / "good.rrd").write_bytes(b"RRF2 and so on")
-    check_recording(tmp_path / "good.rrd")
-    for name, content in (("empty", b""), ("text", b"text")):
-        (tmp_path / name).write_bytes(content)
-        with pytest.raises(SourceError, match="not a rerun recording"):
-            check_recording(tmp_path / name)
-    with pytest.raises(SourceError, match="a folder"):
-        check_recording(tmp_path)

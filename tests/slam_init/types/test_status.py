@@ -1,38 +1,24 @@
 """Laws of the status and of the frames that are made from images."""
 
-from dataclasses import fields, replace
-
 import numpy as np
 import pytest
-from make_scene import CAMERA
+from make_map import make_window_evidence
 
 from slam_init.errors import SlamInitError
 from slam_init.initializer import Initializer
-from slam_init.types.evidence import WindowEvidence
 from slam_init.types.refusal import Verdict
 from slam_init.types.result import Attempt
-from slam_init.types.status import Status, frame_of
-
-WINDOW = WindowEvidence(**{field.name: 0 for field in fields(WindowEvidence)})
+from slam_init.types.status import Status
 
 
 def test_the_window_and_its_risk_stay_until_another_window_is_evaluated():
-    windows = [replace(WINDOW, risk=risk) for risk in (0.4, 0.001)]
+    windows = [make_window_evidence(risk) for risk in (0.4, 0.001)]
     attempts = [Attempt((0, k), Verdict.LOW_PARALLAX, window=window) for k, window in enumerate(windows, 1)]
     assert Status().risk is None
     status = Status().after(attempts[0], 0.4)
     assert status.risk == 0.4
     assert status.after(None, 0.3).after(Attempt((0, 2), Verdict.TOO_FEW_MATCHES), 0.2).window == windows[0]
     assert Status.initialized(attempts[1]).risk == 0.001
-
-
-def test_an_image_gets_the_next_index_and_a_frame_keeps_its_own():
-    image = np.zeros((480, 640), np.uint8)
-    assert (frame_of(image, None, 7, CAMERA).index, frame_of(image, None, 7, CAMERA).timestamp_s) == (7, 7.0)
-    named = replace(frame_of(image, 0.5, 7, CAMERA), name="a.png")
-    assert frame_of(named, None, 12, CAMERA) is named
-    later = frame_of(named, 0.75, 12, CAMERA)
-    assert (later.index, later.name, later.timestamp_s) == (7, "a.png", 0.75)
 
 
 @pytest.mark.parametrize("size", [(20000, 2), (15, 480), (0, 10)])

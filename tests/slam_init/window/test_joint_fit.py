@@ -19,7 +19,7 @@ from make_window import (
 from sequences_synth.points import make_points
 from slam_init.bundle.focal import camera_with_focal_factor
 from slam_init.window.equations import WindowEquations
-from slam_init.window.joint_fit import costs_off_plane, fit_window, information_off_plane, start_noise_factor
+from slam_init.window.joint_fit import costs_off_plane, fit_window, start_noise_factor
 from slam_init.window.kernel import OFF_PLANE_COST
 from slam_init.window.state import Priors, start_at
 from slam_init.window.tracks import WindowTracks, gather_tracks
@@ -210,15 +210,3 @@ def test_no_track_stays_behind_where_the_distortion_moves_by_many_pixels(k1):
     fit = fit_window(tracks, start, priors, rotation_only=True)
     assert fit.state.lens.k1 == pytest.approx(k1, abs=0.01)
     assert fit.explained > 0.99 * (tracks.anchor >= 0).sum()
-
-
-def test_too_few_residuals_leave_the_noise_as_assumed():
-    window = make_window("room", 0, 2, 8, noise_px=0.1, sigma_px=0.7)
-    window = replace(window, tracks=window.tracks.with_noise(0.7))
-    assert fit_near_truth(window).noise_factor == 1
-
-
-def test_without_a_plane_there_is_no_depth_variation():
-    window = make_window("room", 1, 3, 40, noise_px=0.5, baseline=0.2)
-    fit = fit_window(window.tracks, window.start(0), PRIORS)
-    assert not information_off_plane(fit).any()

@@ -10,7 +10,7 @@ from make_window import PRIORS, hypotheses_of, pair_and_further, point_source
 from slam_init.window.hypotheses import OverlayTracks
 from slam_init.window.levels import FLOOR
 from slam_init.window.motion import OtherMotion, farthest_deg
-from slam_init.window.other_motion import _most_informative_pair, explained_tracks, other_motion
+from slam_init.window.other_motion import explained_tracks, other_motion
 from slam_init.window.risk import risk_of
 
 
@@ -36,31 +36,11 @@ def test_a_moving_object_with_as_many_tracks_as_the_scene_around_it_may_be_the_s
     assert 0.05 < risk_of(found).moving == other_motion(found).probability < 0.5
 
 
-def test_the_tracks_of_the_other_motion_lie_on_the_object_or_it_is_taken_for_the_scene():
-    for seed in range(2):
-        body = {"moving": 0.45, "objects": 1, "object_deg_s": 30, "outliers": 0.05}
-        other = other_motion(hypotheses(seed, views=10, **body))
-        on_object = source_of(seed, **body).sequence.shot.objects.object_of_track[other.track_ids] >= 0
-        assert not len(other.track_ids) or max(on_object.mean(), 1 - on_object.mean()) > 0.9
-
-
 def test_a_small_moving_object_is_no_competing_motion():
     for seed in range(3):
         found = hypotheses(seed, moving=0.1, objects=1, object_deg_s=30, outliers=0.05)
         assert other_motion(found).probability == 0
         assert explained_tracks(found).mean() > 0.75
-
-
-def test_other_tracks_are_looked_at_in_the_two_views_that_see_most_of_them_farthest_apart():
-    tracks = hypotheses(0).tracks
-    seen = np.zeros((6, len(tracks.track_ids)), bool)
-    seen[[0, 2, 5], :40] = True
-    in_time = sorted((0, 2, 5), key=lambda row: tracks.frames[row])
-    assert {*_most_informative_pair(tracks, seen)} == {in_time[0], in_time[-1]}
-    seen[in_time[-1], 10:] = False
-    assert {*_most_informative_pair(tracks, seen)} == {*in_time[:2]}
-    seen[:, 10:] = False
-    assert _most_informative_pair(tracks, seen) is None
 
 
 def test_a_new_motion_is_sought_only_where_it_can_decide_and_one_that_is_known_is_followed():

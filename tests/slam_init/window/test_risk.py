@@ -1,4 +1,4 @@
-"""Laws of the stated risk: its terms add up, and more views lower it."""
+"""Laws of the stated risk: more views lower it, and motions that explain the tracks as well raise it."""
 
 from dataclasses import replace
 
@@ -8,10 +8,8 @@ from make_window import hypotheses_of, pair_and_further, point_source, pose_erro
 from make_window import hypotheses_of_scene as hypotheses
 
 from quest.robust.spatial_blocks import regions_of
-from sequences_synth.points import PointOptions, make_points
 from slam_init.config import AcceptanceConfig
-from slam_init.datasets.synth import PointSource
-from slam_init.window.levels import FLOOR, PRINCIPAL_SIGMA
+from slam_init.window.levels import PRINCIPAL_SIGMA
 from slam_init.window.risk import risk_of
 from slam_init.window.state import Priors
 
@@ -28,16 +26,6 @@ def undecided():
 def clear():
     """A room in six views."""
     return hypotheses("room", 0, 6)
-
-
-@pytest.mark.parametrize(("scene", "views"), [("room", 2), ("wall", 5), ("desk", 4)])
-def test_the_terms_add_up(scene, views):
-    for seed in range(2):
-        risk = risk_of(hypotheses(scene, seed, views, baseline=0.08, points=150))
-        terms = (risk.direction, risk.competing, risk.rotation, risk.moving, FLOOR)
-        assert all(0 <= term <= 1 for term in terms)
-        assert risk.total == pytest.approx(min(1.0, sum(terms)))
-        assert risk.total >= FLOOR > 0
 
 
 def test_views_between_the_pair_lower_the_risk_of_a_room():
@@ -132,24 +120,6 @@ def test_a_competing_motion_that_locates_fewer_views_pays_for_the_views_it_leave
     assert without.competing < 1e-6
 
 
-def risk_with_noise(noise_px, stated_px):
-    source = point_source("room", 0, noise_px=noise_px)
-    views = pair_and_further(list(source.observations()), 6)
-    return risk_of(hypotheses_of(source.camera, views, Priors(1e-6), stated_px))
-
-
-def test_the_standard_deviations_follow_the_noise_of_the_tracks():
-    a, b = risk_with_noise(0.4, 0.4), risk_with_noise(0.8, 0.8)
-    # The error of the principal point does not follow the noise.
-    for of in (
-        lambda risk: risk.directions.sigma_deg,
-        lambda risk: risk.directions.rotation_sigma_deg,
-        lambda risk: risk.depth_sigma,
-    ):
-        assert 1.1 < of(b) / of(a) < 2.6
-    assert b.direction >= a.direction
-
-
 def test_the_direction_of_the_pair_is_the_first_of_the_views_and_that_of_a_near_view_is_less_certain():
     found = hypotheses("room", 2, 12, baseline=0.1, points=100)
     risk = risk_of(found)
@@ -157,26 +127,6 @@ def test_the_direction_of_the_pair_is_the_first_of_the_views_and_that_of_a_near_
     assert risk.directions.of_views[0] == risk.direction
     nearest = found.motions[0].frames.index(1) - 1
     assert risk.directions.of_views[nearest] > 10 * risk.direction
-
-
-def test_the_relative_errors_of_the_depths_have_the_stated_size():
-    """The focal length is known, since that of the simulated worlds has no error."""
-    ratios = []
-    for seed in range(8):
-        found = hypotheses("wall", seed, 6, priors=Priors(1e-6), baseline=0.2, outliers=0.0, points=150)
-        truth = make_points("wall", seed, PointOptions(baseline=0.2, outliers=0.0, points=150))
-        best, tracks = found.motions[0].fit.state, found.tracks
-        inverse = best.inverse_distances.copy()
-        if best.plane is not None:
-            inverse[best.on_plane] = best.rays[best.on_plane] @ best.plane
-        seen = (tracks.anchor == 0) & (inverse > 0)
-        depths = truth.depths(0)[tracks.track_ids] / best.rays[:, 2]
-        relative = np.linalg.norm(best.t[1]) / np.linalg.norm(true_motion(PointSource.of(truth), 0, 11).t)
-        errors = np.log(inverse * depths * relative)[seen]
-        # The median of the absolute value of a Gaussian is 0.67 standard deviations.
-        ratios.append(np.median(np.abs(errors)) / 0.67 / risk_of(found).depth_sigma)
-    # Depths of a plane share their errors, so one window says little.
-    assert 0.6 < np.sqrt(np.mean(np.square(ratios))) < 1.7
 
 
 def test_the_stated_size_of_the_error_fields_grows_with_that_of_the_tracks():

@@ -14,28 +14,6 @@ def views_of(points, views=5, seed=1):
     return source.camera, pair_and_further(list(source.observations()), views)
 
 
-def test_few_tracks_are_all_taken_with_their_pixels():
-    camera, views = views_of(60)
-    tracks = gather_tracks(camera, views, 0.7)
-    ids, counts = np.unique(np.concatenate([view.track_ids for view in views]), return_counts=True)
-    np.testing.assert_array_equal(tracks.track_ids, ids[counts >= 2])
-    for k, view in enumerate(views):
-        np.testing.assert_array_equal(
-            tracks.track_ids[tracks.seen[k]], np.intersect1d(view.track_ids, ids[counts >= 2])
-        )
-        at = np.searchsorted(view.track_ids, tracks.track_ids[tracks.seen[k]])
-        np.testing.assert_array_equal(tracks.pixels[k, tracks.seen[k]], view.pixels[at])
-
-
-def test_the_first_view_is_the_reference_and_tracks_have_their_ray_in_the_first_view_that_sees_them():
-    camera, views = views_of(60)
-    tracks = gather_tracks(camera, views, 0.7)
-    assert tracks.frames == tuple(view.frame for view in views)
-    np.testing.assert_array_equal(tracks.anchor, np.argmax(tracks.seen, axis=0))
-    for i, a in enumerate(tracks.anchor):
-        np.testing.assert_allclose(tracks.rays[i], camera.bearings(tracks.pixels[a, i])[0])
-
-
 def test_the_chosen_tracks_are_spread_over_the_image():
     camera, views = views_of(1500)
     # All tracks of the right half are dropped, except a few.
