@@ -1,4 +1,4 @@
-"""The covariance of the flow, the drift of tracks over many steps, and the exposure by the trails of blurred images."""
+"""The flow, its covariance, drifts over many steps, the exposure by trails, and tracks that their patches find."""
 
 import cv2
 import numpy as np
@@ -8,8 +8,10 @@ from make_scene import SMALL_SIZE as SIZE
 from make_scene import texture, window
 
 from slam_init.config import TrackingConfig
-from slam_init.frontend.flow import Drift, flow
+from slam_init.frontend.flow import expected_as_before, flow, follow
+from slam_init.frontend.patches import Patches, smoothed
 from slam_init.frontend.tracks import Tracker
+from slam_init.types.frame import Observations
 
 CONFIG = TrackingConfig()
 TEXTURE = texture(1, 600, 1200)
@@ -114,15 +116,6 @@ def test_the_trails_of_a_blurred_image_determine_the_exposure(share):
     assert found.trail == pytest.approx(share, abs=0.3)
 
 
-def test_a_track_that_came_back_to_its_point_has_the_drift_of_that():
-    drift, ids = Drift(), np.array([3, 5, 9])
-    drift.follow(ids, np.tile(np.eye(2), (3, 1, 1)))
-    drift.return_to(np.array([5]), 0.01 * np.eye(2)[None])
-    np.testing.assert_array_equal(drift.covariances(ids), np.array([1.0, 0.01, 1.0])[:, None, None] * np.eye(2))
-    drift.follow(ids, np.tile(np.eye(2), (3, 1, 1)))
-    np.testing.assert_allclose(drift.covariances(ids)[:, 0, 0], [2.0, 1.01, 2.0])
-
-
 def test_the_drift_of_a_tracker_does_not_add_up_and_is_zero_for_new_tracks():
     tracker = Tracker(CAMERA, CONFIG)
     seen = [tracker.track(window(TEXTURE, 100 + 4.3 * k, 60 + 1.7 * k, *SIZE, index=k)) for k in range(6)]
@@ -132,3 +125,60 @@ def test_the_drift_of_a_tracker_does_not_add_up_and_is_zero_for_new_tracks():
     new = ~np.isin(seen[-1].track_ids, seen[-2].track_ids)
     assert not seen[-1].drifts[new].any()
     assert seen[-1].step_px > 0
+
+
+def seen(gray):
+    """The corners of a frame as tracks, and their patches."""
+    pixels, patches = corners(gray), Patches()
+    ids = np.arange(len(pixels))
+    patches.follow(smoothed(gray), ids, pixels, np.zeros((len(pixels), 2, 2)))
+    return Observations(0, 0.0, "", ids, pixels, CAMERA.bearings(pixels)), patches
+
+
+def tracks_followed(before, after, moved):
+    last, patches = seen(before)
+    return last, *follow(before, after, smoothed(after), last, np.tile(moved, (len(last), 1)), patches, CONFIG)
+
+
+@pytest.mark.parametrize("shake", [(0.0, 0.0), (14.0, -9.0)])
+def test_points_are_expected_where_they_go_on_but_for_a_shift_of_the_whole_image(shake):
+    """All moved by (3, 1) before, and the camera turns besides."""
+    before, after = image(100, 60), image(103 + shake[0], 61 + shake[1])
+    start = corners(before)
+    expected = expected_as_before(before, after, start, np.tile([-3.0, -1.0], (len(start), 1)), CONFIG)
+    np.testing.assert_allclose(
+        expected.pixels - start, np.tile([-3 - shake[0], -1 - shake[1]], (len(start), 1)), atol=0.1
+    )
+    assert expected.closely
+
+
+def test_points_whose_last_step_is_not_known_are_expected_nowhere():
+    before, after = image(100, 60), image(103, 61)
+    start = corners(before)
+    moved = np.tile([-3.0, -1.0], (len(start), 1))
+    moved[::2] = np.nan
+    assert np.isnan(expected_as_before(before, after, start, moved, CONFIG).pixels[::2]).all()
+    moved[20:] = np.nan
+    assert expected_as_before(before, after, start, moved, CONFIG) is None
+
+
+def test_tracks_that_move_as_before_are_found_by_their_patches_where_flow_finds_them():
+    before, after = image(100, 60), image(103.4, 60.8)
+    last, found, sought = tracks_followed(before, after, (-3.0, -1.0))
+    by_flow = flow(before, after, last.pixels, CONFIG)
+    both = sought.found & by_flow.kept
+    assert both.sum() > 0.85 * by_flow.kept.sum()
+    assert np.linalg.norm(found.pixels - last.pixels - (-3.4, -0.8), axis=1)[both].max() < 0.3
+    assert (np.linalg.norm(found.pixels - by_flow.pixels, axis=1)[both] < 0.1).mean() > 0.95
+
+
+def test_a_track_without_a_patch_is_sought_by_flow():
+    """As near the border of the image, or where it is flat."""
+    before, after = image(100, 60), image(103, 61)
+    last, patches = seen(before)
+    half = last.track_ids[::2]
+    patches.follow(smoothed(before), half, last.pixels[half], np.zeros((len(half), 2, 2)))
+    moved = np.tile([-3.0, -1.0], (len(last), 1))
+    found, sought = follow(before, after, smoothed(after), last, moved, patches, CONFIG)
+    assert not sought.found[1::2].any()
+    assert found.kept[1::2].mean() > 0.8
