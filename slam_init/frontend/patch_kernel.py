@@ -148,24 +148,13 @@ def sums_of_line(around: Floats32, j: int, mean: float, contrast: float, patch: 
         y = 0.5 * (around[j + 2, i + 1] - around[j, i + 1])
         grey_level = (around[j + 1, i + 1] - mean) / contrast
         patch[0, j, i], patch[1, j, i], patch[2, j, i] = grey_level, x, y
-        xx, xy, yy, xg, yg = x * x, x * y, y * y, x * grey_level, y * grey_level
-        columns[0, i] += xx
-        columns[1, i] += xx * down
-        columns[2, i] += xx * down * down
-        columns[3, i] += xy
-        columns[4, i] += xy * down
-        columns[5, i] += xy * down * down
-        columns[6, i] += yy
-        columns[7, i] += yy * down
-        columns[8, i] += yy * down * down
-        columns[9, i] += x
-        columns[10, i] += x * down
-        columns[11, i] += y
-        columns[12, i] += y * down
-        columns[13, i] += xg
-        columns[14, i] += xg * down
-        columns[15, i] += yg
-        columns[16, i] += yg * down
+        for k, product in enumerate((x * x, x * y, y * y)):
+            columns[3 * k, i] += product
+            columns[3 * k + 1, i] += product * down
+            columns[3 * k + 2, i] += product * down * down
+        for k, product in enumerate((x, y, x * grey_level, y * grey_level)):
+            columns[9 + 2 * k, i] += product
+            columns[10 + 2 * k, i] += product * down
 
 
 @inlined
@@ -291,23 +280,17 @@ def follow_inverse(at: Floats, step: Floats) -> None:
 
 @compiled
 def align_patches(
-    pairs: Pairs,
-    size: Ints,
-    slots: Ints,
-    patches: Floats32,
-    inverses: Floats,
-    brightness: Floats,
-    pixels: Floats,
-    affine: Floats,
+    pairs: Pairs, size: Ints, slots: Ints, patches: Floats32, inverses: Floats, brightness: Floats, places: Floats
 ) -> Floats:
     """Align patches with an image, from the places and the affine maps that are given and moved.
 
     The inverse compositional method (Baker and Matthews, "Lucas-Kanade 20 years on", 2004): slopes and normal equations
     stay those of the patch.
 
-    Shapes: ``pairs`` (H W - 1,), ``size`` (2,), ``slots`` (N,), ``pixels`` (N, 2), ``affine`` (N, 4), returns (N,); see
+    Shapes: ``pairs`` (H W - 1,), ``size`` (2,), ``slots`` (N,), ``places`` (N, 6), returns (N,); see
     :func:`cut_patches`.
 
+    * ``places``: Pixels and affine maps.
     * Returns: Root of the mean square of what the last step leaves, as its linearization predicts, over the contrast;
       infinite where the alignment leaves the image or finds no contrast.
     """
@@ -318,7 +301,7 @@ def align_patches(
     at, sums, step = np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS)
     for n in range(len(slots)):
         slot, remains = slots[n], np.inf
-        at[:2], at[2:6], at[6:] = pixels[n], affine[n], brightness[slot]
+        at[:6], at[6:] = places[n], brightness[slot]
         for _ in range(_STEPS):
             if not is_inside(at, width, height):
                 remains = np.inf
@@ -344,7 +327,7 @@ def align_patches(
                 break
         left[n] = remains
         if np.isfinite(remains) and np.isfinite(at.sum()):
-            pixels[n], affine[n] = at[:2], at[2:6]
+            places[n] = at[:6]
     return left
 
 

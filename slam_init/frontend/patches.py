@@ -146,11 +146,11 @@ class Patches:
         rows, slots = self._slots_of(track_ids)
         placed = np.isfinite(pixels[rows]).all(axis=1)
         rows, slots = rows[placed], slots[placed]
-        ends, affine = pixels[rows], self._affine[slots]
+        places = np.hstack([pixels[rows], self._affine[slots]])
         sought.residuals[rows] = align_patches(
-            pairs_of(image), np.array(image.shape), slots, self._patches, self._inverses, self._brightness, ends, affine
+            pairs_of(image), np.array(image.shape), slots, self._patches, self._inverses, self._brightness, places
         )
-        sought.pixels[rows], sought.affine[rows] = ends, affine
+        sought.pixels[rows], sought.affine[rows] = places[:, :2], places[:, 2:]
         return sought
 
     def align(

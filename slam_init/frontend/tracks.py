@@ -64,6 +64,8 @@ class _Last(NamedTuple):
     seen: Observations
     gray: Image
     trackable: Trackable | None
+    #: (N, 2) By how much each track had moved since the frame before; NaN where it was not in that.
+    moved: Floats
 
 
 class _Linked(NamedTuple):
@@ -73,6 +75,8 @@ class _Linked(NamedTuple):
     pixels: Floats
     #: Covariances of the drift since they began, px^2: of the first tracks. Descriptors found the others without one.
     drifts: Floats
+    #: Standard deviation of the step of a typical track; 0 where descriptors found the tracks.
+    step_px: float
     by_descriptors: bool
 
 
@@ -89,10 +93,9 @@ class Tracker:
         self.revised: tuple[Observations, ...] = ()
         self._config = config
         self._last: _Last | None = None
-        self._before: Observations | None = None
         self._trackable: Trackable | None = None
         self._sift_frames: deque[_SiftFrame] = deque(maxlen=config.sift_frames)
-        self._patches, self._step_px = Patches(), 0.0
+        self._patches = Patches()
         self._exposures_s: deque[float] = deque(maxlen=_TRAIL_FRAMES)
         self._next_id = 0
 
@@ -107,7 +110,7 @@ class Tracker:
         gray = frame.gray if self._trackable is None else self._trackable.blanked(frame.gray)
         smooth = smoothed(gray)
         self.revised = ()
-        ids, pixels, drifts, by_descriptors = self._link(frame, gray, smooth)
+        ids, pixels, drifts, step_px, by_descriptors = self._link(frame, gray, smooth)
         wanted = self._config.max_tracks
         if not by_descriptors and len(ids) < (1 - self._config.refill_share) * wanted:
             new = self._detect(gray, pixels, wanted - len(ids))
@@ -116,9 +119,12 @@ class Tracker:
         seen = self._seen(frame, ids, pixels, drifts)
         self._patches.follow(smooth, seen.track_ids, seen.pixels, seen.drifts)
         exposure_s = float(np.median(self._exposures_s)) if self._exposures_s else 0.0
-        seen = replace(seen, step_px=self._step_px, exposure_s=exposure_s)
-        self._before = None if self._last is None else self._last.seen
-        self._last = _Last(seen, gray, self._trackable)
+        seen = replace(seen, step_px=step_px, exposure_s=exposure_s)
+        moved = np.full((len(seen), 2), np.nan)
+        if self._last is not None:
+            now, then = common_tracks(seen, self._last.seen)
+            moved[now] = seen.pixels[now] - self._last.seen.pixels[then]
+        self._last = _Last(seen, gray, self._trackable, moved)
         self.history.put(seen)
         return seen
 
@@ -127,17 +133,24 @@ class Tracker:
 
         * ``drifts``: Those of the first tracks, as of :class:`_Linked`; 0 for the others.
         """
+        none = (np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 3)))
+        empty = Observations(frame.index, frame.timestamp_s, frame.name, *none)
+        return self._with(empty, ids, pixels, colors_at(frame.image, pixels), drifts)
+
+    def _with(self, known: Observations, ids: Ints, pixels: Floats, colors: Image, drifts: Floats) -> Observations:
+        """A frame with more tracks; see :meth:`_seen`."""
+        ids, pixels = np.concatenate([known.track_ids, ids]), np.concatenate([known.pixels, pixels])
+        more = np.zeros((len(ids) - len(known.drifts) - len(drifts), 2, 2))
         bearings, order = self.history.camera.bearings(pixels), np.argsort(ids)
         order = order[np.isfinite(bearings[order]).all(axis=1)]
-        return Observations(
-            frame=frame.index,
-            timestamp_s=frame.timestamp_s,
-            name=frame.name,
+        return replace(
+            known,
             track_ids=ids[order],
             pixels=pixels[order],
             bearings=bearings[order],
-            colors=colors_at(frame.image, pixels[order]),
-            drifts=np.concatenate([drifts, np.zeros((len(ids) - len(drifts), 2, 2))])[order],
+            colors=np.concatenate([known.colors, colors])[order],
+            drifts=np.concatenate([known.drifts, drifts, more])[order],
+            readout_s=0.0,
         )
 
     def _check_size(self, frame: Frame) -> None:
@@ -156,14 +169,9 @@ class Tracker:
         """The tracks of the last frame that are found in this one."""
         last = self._last
         if last is None:
-            return _Linked(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)), False)
-        moved = np.full((len(last.seen), 2), np.nan)
-        if self._before is not None:
-            now, then = common_tracks(last.seen, self._before)
-            moved[now] = last.seen.pixels[now] - self._before.pixels[then]
-        found, sought = follow(last.gray, gray, smooth, last.seen, moved, self._patches, self._config)
+            return _Linked(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)), 0.0, False)
+        found, sought = follow(last.gray, gray, smooth, last.seen, last.moved, self._patches, self._config)
         self._clear(found)
-        self._step_px = found.step_px
         interval_s = frame.timestamp_s - last.seen.timestamp_s
         if found.trail is not None and interval_s > 0:
             self._exposures_s.append(found.trail * interval_s)
@@ -197,7 +205,6 @@ class Tracker:
         for old, i_old, i_new in reversed(matches):
             self._join(old, sift, i_old, i_new)
         self._sift_frames.append(sift)
-        self._step_px = 0.0
         kept[kept] = confirmed
         # The flow may have lost the other points only since it did not know where to look. They are sought once more
         # where the matches around them went.
@@ -213,11 +220,10 @@ class Tracker:
         by_flow = self._aligned(last, smooth, found, None)
         # Of two tracks that meet in one place only that of the flow is kept, as it is the older one.
         linked = np.flatnonzero(sift.track_ids >= 0)
-        if len(by_flow.ids):
-            squares = np.sum((sift.pixels[linked][:, None] - by_flow.pixels[None]) ** 2, axis=2)
-            linked = linked[squares.min(axis=1) > (0.5 * self._config.min_distance * gray.shape[1]) ** 2]
+        squares = np.sum((sift.pixels[linked][:, None] - by_flow.pixels[None]) ** 2, axis=2)
+        linked = linked[squares.min(axis=1, initial=np.inf) > (0.5 * self._config.min_distance * gray.shape[1]) ** 2]
         ids = np.concatenate([by_flow.ids, sift.track_ids[linked]])
-        return _Linked(ids, np.concatenate([by_flow.pixels, sift.pixels[linked]]), by_flow.drifts, True)
+        return _Linked(ids, np.concatenate([by_flow.pixels, sift.pixels[linked]]), by_flow.drifts, 0.0, True)
 
     def _clear(self, found: Flow) -> None:
         """End the tracks that come near ignored pixels."""
@@ -234,7 +240,7 @@ class Tracker:
         drifts[aligned.succeeded] = aligned.drifts[aligned.succeeded]
         # Tracks that flow has left apart may come back to one place.
         single = first_per_cell(aligned.pixels, 0.5 * self._config.min_distance * smooth.shape[1])
-        return _Linked(ids[single], aligned.pixels[single], drifts[single], False)
+        return _Linked(ids[single], aligned.pixels[single], drifts[single], found.step_px, False)
 
     def _detect(self, gray: Image, occupied: Floats, count: int) -> Floats:
         """Up to ``count`` corners (n, 2) at a distance from the occupied pixels."""
@@ -273,22 +279,9 @@ class Tracker:
 
     def _add_to_history(self, frame: int, ids: Ints, pixels: Floats) -> None:
         known = self.history[frame]
-        # The flow may have continued a track into this frame already.
-        seen = np.isfinite(self.history.camera.bearings(pixels)).all(axis=1) & ~np.isin(ids, known.track_ids)
-        ids, pixels = ids[seen], pixels[seen]
-        all_ids = np.concatenate([known.track_ids, ids])
-        order = np.argsort(all_ids)
-        colors = np.concatenate([known.colors, np.full((len(ids), 3), 128, np.uint8)])
-        all_pixels = np.concatenate([known.pixels, pixels])[order]
-        enriched = replace(
-            known,
-            track_ids=all_ids[order],
-            pixels=all_pixels,
-            bearings=self.history.camera.bearings(all_pixels),
-            colors=colors[order],
-            drifts=np.concatenate([known.drifts, np.zeros((len(ids), 2, 2))])[order],
-            readout_s=0.0,
-        )
+        added = np.flatnonzero(~np.isin(ids, known.track_ids))  # the flow may have continued a track into this frame
+        grey = np.full((len(added), 3), 128, np.uint8)
+        enriched = self._with(known, ids[added], pixels[added], grey, np.zeros((0, 2, 2)))
         self.history.put(enriched)
         self.revised = (*self.revised, enriched)
 

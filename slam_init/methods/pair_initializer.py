@@ -13,7 +13,7 @@ from slam_init.config import Config
 from slam_init.decision.attempt_log import AttemptLog
 from slam_init.decision.map_candidates import MapCandidates, Outcome
 from slam_init.errors import SlamInitError
-from slam_init.frontend.frame_clock import FrameClock
+from slam_init.frontend.checks import FrameClock
 from slam_init.frontend.matched_tracks import make_tracker
 from slam_init.mapping.map_building import map_with_views
 from slam_init.methods.two_view import TwoViewMethod, undistorted_pixels
