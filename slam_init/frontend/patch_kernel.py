@@ -12,7 +12,7 @@ import numpy as np
 
 from quest.algebra import median_in_place, solve_in_place
 from quest.jit import compiler_of, inlined
-from slam_init.frontend.patches import SIDE_PX, UNKNOWNS, WIDE
+from slam_init.frontend.patch_size import SIDE_PX, UNKNOWNS, WIDE
 from slam_init.types.arrays import Bools, Floats, Floats32, Image, Ints, Ints32, Pairs
 
 compiled = compiler_of(Path(__file__).parent)

@@ -25,18 +25,11 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from slam_init.frontend.patch_size import SIDE_PX, UNKNOWNS, WIDE
 from slam_init.types.arrays import Bools, Floats, Image, Ints, Pairs
 
 Number = TypeVar("Number", bound=np.generic)
 
-#: Side of a patch, as the window of the flow has it by default.
-SIDE_PX = 21
-#: A line of a patch, with a pixel beyond each end, is filled up to this: a processor works on eight numbers at once.
-#: That the compiler knows the length halves the time of an alignment.
-WIDE = 24
-#: Unknowns of an alignment: the displacement, the affine map (row by row, as displacements at the border of the patch),
-#: and the mean and the contrast of the image.
-UNKNOWNS = 8
 #: What the motion of a patch leaves at an edge, px: it turns, bends, and hides what is behind it. Unlike noise it is
 #: alike along the edge and does not average out, so that a track slides along the edge by this times the ratio of the
 #: slopes across and along. Across the epipolar lines of true poses, tracks whose ratio is 2, 4, 7 and 15 are off by .1,

@@ -22,7 +22,8 @@ import numpy as np
 from slam_init.config import TrackingConfig
 from slam_init.frontend.flow import Flow, flow, follow
 from slam_init.frontend.masking import Trackable
-from slam_init.frontend.patches import SIDE_PX, Patches, Sought, smoothed
+from slam_init.frontend.patch_size import SIDE_PX
+from slam_init.frontend.patches import Patches, Sought, smoothed
 from slam_init.frontend.sift import detect_sift, first_per_cell, match_descriptors
 from slam_init.types.arrays import Bools, Floats, Image, Ints
 from slam_init.types.camera import Camera
