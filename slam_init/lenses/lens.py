@@ -2,7 +2,7 @@
 
 A :class:`LensModel` is a profile, which maps rays of any angle to lens coordinates (u, v), and a distortion of these
 coordinates. The pixel is ``(fx u' + cx, fy v' + cy)`` with the distorted coordinates (u', v'). The inverse of the
-distortion is Newton's method for all models (:mod:`slam_init.lenses.kernel`).
+distortion is Newton's method for all models (:mod:`slam_init.lenses.undistortion`).
 
 The field of ``pinhole``, ``radtan`` and a ``fisheye`` whose image ends before 89 degrees is a part of the plane z = 1:
 up to the radius at which the distorted radius stops growing. That of the others ends earlier, at the angle from which
@@ -284,7 +284,7 @@ class LensModel:
             found = np.column_stack([distorted, np.sqrt(square + 1)])
             found[~(square <= limit * limit)] = np.nan
             return found
-        from slam_init.lenses.kernel import undistorted
+        from slam_init.lenses.undistortion import undistorted
 
         return undistorted(np.ascontiguousarray(distorted), self._start(distorted), np.array(self.bending), limit)
 
@@ -335,7 +335,7 @@ class LensModel:
 
     @property
     def numbers(self) -> Floats:
-        """The lens for the compiled projection (:mod:`slam_init.lenses.kernel`).
+        """The lens for the compiled projection (:mod:`slam_init.lenses.ray`).
 
         Shapes: returns (20,).
         """

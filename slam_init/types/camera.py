@@ -28,7 +28,7 @@ from slam_init.lenses.lens import (
 from slam_init.types.arrays import Floats, as_array, as_number, set_fields
 
 if TYPE_CHECKING:
-    from slam_init.lenses.kernel import Projection
+    from slam_init.lenses.points import Projection
 
 # Range of the focal length in units of the longer side: a fisheye of 180 degrees has 0.3, a telescope 100. A value
 # outside is in a wrong unit (metres, a fraction of the width), and later numbers would overflow.
@@ -359,7 +359,7 @@ class Camera(Described):
 
         Shapes: ``points`` (N, 3).
         """
-        from slam_init.lenses.kernel import projected
+        from slam_init.lenses.points import projected
 
         return projected(self.numbers, np.asarray(points, float).reshape(-1, 3))
 
@@ -368,13 +368,13 @@ class Camera(Described):
 
         Shapes: ``points, moves`` (N, 3), returns (N, 2).
         """
-        from slam_init.lenses.kernel import moved
+        from slam_init.lenses.points import moved
 
         return moved(self.numbers, points, moves)
 
     @cached_property
     def numbers(self) -> Floats:
-        """The camera for compiled loops (:mod:`slam_init.lenses.kernel`).
+        """The camera for compiled loops (:mod:`slam_init.lenses.point`).
 
         Shapes: returns (31,).
         """

@@ -6,7 +6,7 @@
   camera: :mod:`slam_init.window.locating` finds the poses of views that a motion does not know, and
   :mod:`slam_init.window.planarity` decides whether the points lie on a plane;
 * :mod:`slam_init.window.state` holds the unknowns of a fit, :mod:`slam_init.window.equations` their equations (compiled
-  in :mod:`slam_init.window.kernel`, :mod:`slam_init.window.elimination` and :mod:`slam_init.lenses.kernel`);
+  in :mod:`slam_init.window.kernel`, :mod:`slam_init.window.elimination` and :mod:`slam_init.lenses.point`);
 * :mod:`slam_init.window.joint_fit` fits poses, points, plane and focal length;
 * :mod:`slam_init.window.linearization` expands the cost of a fit, and integrates out the smooth errors that the tracks
   of a view share;

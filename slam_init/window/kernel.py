@@ -41,7 +41,7 @@ import numpy as np
 
 from quest.algebra import tangents
 from quest.jit import inlined
-from slam_init.lenses.kernel import project_point, radial_and_tangential
+from slam_init.lenses.point import project_point, radial_and_tangential
 from slam_init.types.arrays import Floats
 from slam_init.window import rows as at
 from slam_init.window.arguments import FIELD_TERMS, ZOOM_TERMS, Equations, Known, Layout, Observed, Room, Unknowns

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from quest.algebra import copy_pose, tangents, turn
-from slam_init.lenses.kernel import project_point
+from slam_init.lenses.point import project_point
 from slam_init.types.arrays import Floats
 from slam_init.window.arguments import Equations, Known, Layout, Observed, Room, Unknowns
 from slam_init.window.compiler import compiled, part

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from quest.algebra import tangents
-from slam_init.lenses.kernel import project_point
+from slam_init.lenses.point import project_point
 from slam_init.window.arguments import FIELD_TERMS, ZOOM_TERMS
 from slam_init.window.kernel import OFF_PLANE_COST
 from slam_init.window.state import WindowState

@@ -8,7 +8,7 @@ from make_lenses import LENSES as OTHER_LENSES
 from make_lenses import directions
 from make_map import CAMERAS
 
-from slam_init.lenses.kernel import project_point
+from slam_init.lenses.point import project_point
 
 LENSES = OTHER_LENSES | {f"narrow {name}": camera for name, camera in CAMERAS.items()}
 
