@@ -38,7 +38,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.calibration.choosing import GivenCamera
+from slam_init.calibration.files import GivenCamera
 from slam_init.config import Config
 from slam_init.decision.attempt_log import AttemptLog
 from slam_init.decision.current_pose import CurrentPose

@@ -10,17 +10,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slam_init.calibration.choosing import GivenCamera, camera_of_size, check_given
-from slam_init.calibration.files import prior_camera
+from slam_init.calibration.files import GivenCamera, camera_of_size, check_given, prior_camera
 from slam_init.config import TrackingConfig
 from slam_init.errors import SlamInitError, check_type
-from slam_init.frontend.conventions import check_pixels, check_rays
-from slam_init.frontend.frame_clock import FrameClock
+from slam_init.frontend.checks import FrameClock, check_pixels, check_rays
 from slam_init.frontend.matched_tracks import make_tracker
 from slam_init.frontend.matchers import Matcher
 from slam_init.frontend.picture_check import PictureCheck
 from slam_init.frontend.rolling_shutter import RollingShutter
-from slam_init.frontend.static_overlay import StaticOverlay
 from slam_init.types.arrays import Floats, Image, as_array
 from slam_init.types.camera import Camera
 from slam_init.types.frame import MOST_NUMBERS, Frame, Observations
@@ -62,7 +59,7 @@ class Intake:
         self.history = self.tracker.history
         self.shutter = RollingShutter(self.history.camera)
         self.masked = 0.0
-        self._clock, self._overlay, self._pictures = FrameClock(self.history), StaticOverlay(), PictureCheck()
+        self._clock, self._pictures = FrameClock(self.history), PictureCheck()
         self._thread: int | None = None
         self._source = ""
         self._gravity_contradicts = False
@@ -112,8 +109,7 @@ class Intake:
             raise
         self._source = "images"
         self.masked = 0.0 if frame.mask is None else 1.0 - np.count_nonzero(frame.mask) / frame.mask.size
-        self._overlay.observe(frame, current)
-        self._pictures.observe(frame.gray)
+        self._pictures.observe(frame, current)
         return current
 
     def observed(self, tracks: object, pixels: object, timestamp_s: float | None) -> Observations:
@@ -196,8 +192,7 @@ class Intake:
         """Notes about the time stamps, an estimated readout, and what is in the image and not in the scene."""
         note = "gravity is left out: its directions in the frames contradict the rotations of the map"
         gravity = (note,) if self._gravity_contradicts else ()
-        images = (*self._overlay.notes, *self._pictures.notes)
-        return (*self._clock.notes, *self._shutter_notes(), *images, *gravity)
+        return (*self._clock.notes, *self._shutter_notes(), *self._pictures.notes, *gravity)
 
     def _completed_lens(self, image: Image | Frame) -> CurrentLens:
         """The lens of the given camera with the size of the first image; what is no image is refused by its frame."""

@@ -11,15 +11,14 @@ from typing import get_args
 
 import numpy as np
 
-from slam_init.calibration.choosing import GivenCamera, camera_of_metadata, camera_of_source
+from slam_init.calibration.files import GivenCamera, camera_of_metadata, camera_of_source
 from slam_init.config import Config, config_toml
 from slam_init.datasets.inertial import Gyroscope, InertialSensor, StepRotations, gyroscope_of, inertial_of
 from slam_init.datasets.live import without_password
 from slam_init.datasets.track_source import TrackProvider
 from slam_init.errors import ConfigError, OutputError, SlamInitError, SourceError, check_type
 from slam_init.evaluation.metrics import compare_with_groundtruth, scale_error
-from slam_init.frontend.frame_memory import FrameMemory
-from slam_init.frontend.orb import describe_landmarks
+from slam_init.frontend.orb import FrameMemory, describe_landmarks
 from slam_init.initializer import FittedPoses, Initializer
 from slam_init.mapping.follower import Continuation, FrameTracker, follow
 from slam_init.mapping.reduction import Reduction

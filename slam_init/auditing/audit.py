@@ -20,7 +20,7 @@ from slam_init.decision.evaluated_window import EvaluatedWindow
 from slam_init.decision.lens import priors_of
 from slam_init.decision.two_views import MatchedPair, match_pair, pose_at_fitting_threshold
 from slam_init.errors import ConfigError, SlamInitError, check_type
-from slam_init.frontend.conventions import check_rays
+from slam_init.frontend.checks import check_rays
 from slam_init.frontend.keyframes import PairPreview, preview_pairs
 from slam_init.frontend.static_tracks import static_tracks, without
 from slam_init.mapping.views import further_views

@@ -30,9 +30,8 @@ import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from slam_init.errors import SourceError
 from slam_init.system.regular_file import check_inside, open_regular
@@ -75,8 +74,7 @@ _UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 _VIDEO_FOCAL = "com.apple.quicktime.camera.focal_length.35mm_equivalent"
 
 
-@dataclass(frozen=True)
-class MetadataFocal:
+class MetadataFocal(NamedTuple):
     """A focal length from metadata."""
 
     #: In pixels of the image.
@@ -159,8 +157,7 @@ def _exif(path: Path, root: Path | None) -> dict[int, Any] | None:
             return {}
 
 
-@dataclass(frozen=True)
-class PhotographFacts:
+class PhotographFacts(NamedTuple):
     """What EXIF states of a photograph besides its focal length; the defaults where it states nothing."""
 
     #: From 1 (upright) to 8.

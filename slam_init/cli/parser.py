@@ -293,8 +293,7 @@ def chosen_camera(arguments: argparse.Namespace, source: Source, start: int) -> 
 
     It is checked against the first image used.
     """
-    from slam_init.calibration.choosing import camera_of_metadata, camera_of_source, orientation_of
-    from slam_init.calibration.files import AUTO, load_camera
+    from slam_init.calibration.files import AUTO, camera_of_metadata, camera_of_source, load_camera, orientation_of
 
     asked = arguments.camera
     if asked is None:

@@ -1,4 +1,4 @@
-"""Lucas-Kanade flow from one frame to the next, and how far each track has drifted.
+"""Lucas-Kanade flow from one frame to the next, and the tracks of a frame in the next one.
 
 The flow minimizes the difference of two image patches. To first order, the covariance of its displacement is
 ``sigma_I^2 G^-1``: ``sigma_I`` is what remains of the difference, and ``G`` the sum of the products of the gradients
@@ -10,18 +10,28 @@ steps add up: this is the drift of a track, until its patch brings it back to it
 On rendered images with up to 16 px of blur, the errors of a step are 0.6 to 1.1 times these standard deviations (see
 ``_SCALE``) in the weak direction and in the strong one alike, while they themselves grow four times; beyond 16 px of
 blur 1.3 and 1.8 times.
+
+Most of the time of the flow is spent at each point in each octave of the images, there and back. So a few points are
+followed through all octaves. They show whether all move as in the step before, but for a shift that all have in common,
+as when the camera turns more or less (:func:`expected_as_before`):
+
+* to half a pixel: the patch of each track is aligned from where it is expected. One that is found there needs no flow.
+* to some pixels: the flow seeks the points near their places, in the finest two octaves.
+* else: the flow seeks them in all octaves.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from slam_init.config import TrackingConfig
+from slam_init.frontend.patches import MISFIT_PX, Patches, Sought, anisotropy
 from slam_init.frontend.sift import first_per_cell
-from slam_init.types.arrays import Bools, Floats, Floats32, Image, Ints
+from slam_init.types.arrays import Bools, Floats, Floats32, Image, Ints, evenly_spaced
+from slam_init.types.frame import Observations
 
 #: Standard deviation of a step over the mean absolute difference of the patches by the root of the mean squared
 #: gradient, measured on rendered images. With independent errors of the pixels it would be 0.06: 1.25 over the root of
@@ -32,9 +42,6 @@ _SCALE = 0.13
 _SHARP_PX = 7.0
 #: Trails are measured where most points move by more than this between two frames: shorter ones look like corners.
 _LEAST_MOTION_PX = 8.0
-#: The exposure is the median over this number of such frames: the share of gradients along the motion depends on what
-#: the camera sees.
-_TRAIL_FRAMES = 15
 #: The flow assumes equal brightness. A change of the mean by less is left to it: what the camera sees changes too.
 _LEAST_GAIN = 1.05
 #: Pixels of an image in one of the coarse image that gives the gain: a shift between two photographs is then a few
@@ -45,12 +52,20 @@ _STEP_PX = 2
 #: Added to the mean squares of gradients, so that a flat patch has a finite covariance: a few times the 0.02 that
 #: rounding grey levels makes.
 _ROUNDING = 0.1
-#: What the motion of a patch leaves at an edge, px: it turns, bends, and hides what is behind it. Unlike noise it is
-#: alike along the edge and does not average out, so that a track slides along the edge by this times the ratio of the
-#: slopes across and along. Across the epipolar lines of true poses, tracks whose ratio is 2, 4, 7 and 15 are off by .1,
-#: .13, .2 and .5 px (median), and some by the length of the edge.
-#: Class: measured.
-MISFIT_PX = 0.05
+#: Points that show whether all move as before: a twentieth of all. Fewer than half of them give no share.
+_SAMPLES, _LEAST_SAMPLES = 48, 24
+#: Points are near where they are expected within this distance, px: half of what the window of the flow reaches from
+#: its centre in the finest octave, so that the octave above it finds them in any case.
+_NEAR_PX = 5.0
+#: The other points are sought near their places where this share of the few are found near theirs: some few are lost,
+#: or lie on a moving object.
+_NEAR_SHARE = 0.8
+#: An alignment that begins this close to the place, px, mostly ends there: on four videos 0 to 3 % of the tracks end
+#: elsewhere from up to half a pixel, and 1 to 14 % from half a pixel to one.
+_CLOSE_PX = 0.5
+#: Patches are sought where this share of the few are that close to where they are expected. Where more are elsewhere,
+#: many alignments begin too far away, and most tracks need the flow besides.
+_CLOSE_SHARE = 2 / 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,11 +86,6 @@ class Flow:
     #: Standard deviation of a typical displacement, px: the median of the geometric means over both directions; 0 where
     #: no point survives.
     step_px: float
-
-    def copy(self) -> Flow:
-        """The same with arrays of its own."""
-        arrays = (self.kept.copy(), self.pixels.copy(), self.covariances.copy(), self.remainders.copy())
-        return Flow(*arrays, self.trail, self.step_px)
 
     def put(self, rows: Ints, other: Flow) -> None:
         """Take the flow of some of the points, (M,), from elsewhere."""
@@ -101,8 +111,6 @@ def flow(
     * ``expected``: Where the points are in the next frame to within some pixels; NaN where that is not known.
     * ``and_back``: Whether points must come back. Without it each point that is found survives.
     """
-    if len(pixels) == 0:
-        return Flow(np.zeros(0, bool), np.zeros((0, 2)), np.zeros((0, 2, 2)), np.zeros(0), None, 0.0)
     before, after = _equally_bright(before, after)
     start, end, remainders = pixels.astype(np.float32), pixels.astype(np.float32), np.zeros(len(pixels))
     closed = np.zeros(len(pixels), bool)
@@ -198,7 +206,7 @@ def gradient_products(image: Image, pixels: Floats, window_px: int) -> Floats:
 
     Shapes: ``image`` (H, W), ``pixels`` (N, 2), returns (N, 2, 2).
     """
-    from slam_init.frontend.gradient_kernel import sums_of_products
+    from slam_init.frontend.patch_kernel import sums_of_products
 
     radius = window_px // (2 * _STEP_PX)
     last = (np.array(image.shape) - 1) // _STEP_PX
@@ -208,12 +216,6 @@ def gradient_products(image: Image, pixels: Floats, window_px: int) -> Floats:
     # Gradients are eight times the slope.
     xx, xy, yy = (sums.T / 64 * (1 / (2 * radius + 1) ** 2)).astype(np.float32).astype(float)
     return np.stack([np.stack([xx + _ROUNDING, xy], axis=1), np.stack([xy, yy + _ROUNDING], axis=1)], axis=1)
-
-
-def anisotropy(products: Floats) -> Floats:
-    """Differences (N,) of the eigenvalues of structure tensors (N, 2, 2): 0 where the slopes have no direction."""
-    xx, xy, yy = products[:, 0, 0], products[:, 0, 1], products[:, 1, 1]
-    return np.asarray(np.hypot(xx - yy, 2 * xy))
 
 
 def _trail(products: Floats, motions: Floats) -> float | None:
@@ -231,51 +233,70 @@ def _trail(products: Floats, motions: Floats) -> float | None:
     return min(_SHARP_PX * (1 / share - 1) / float(np.median(lengths)), 1.0)
 
 
-class Exposure:
-    """The exposure time of a camera, from the trails of its blurred images."""
+class Expected(NamedTuple):
+    """Where points are expected in the next frame."""
 
-    def __init__(self) -> None:
-        self._found: deque[float] = deque(maxlen=_TRAIL_FRAMES)
-
-    def update(self, trail: float | None, interval_s: float) -> float:
-        """Take the trails of a frame.
-
-        * Returns: The exposure time in seconds; 0 where no image showed a trail.
-        """
-        if trail is not None and interval_s > 0:
-            self._found.append(trail * interval_s)
-        return float(np.median(self._found)) if self._found else 0.0
+    #: (N, 2) NaN where no step is known.
+    pixels: Floats
+    #: Whether most points are close to their places.
+    closely: bool
+    #: The flow of the few points that show it.
+    few: Flow
 
 
-class Drift:
-    """How far the tracks have drifted since they began."""
+def follow(
+    before: Image,
+    after: Image,
+    smooth: Image,
+    last: Observations,
+    moved: Floats,
+    patches: Patches,
+    config: TrackingConfig,
+) -> tuple[Flow, Sought | None]:
+    """Follow the tracks of a frame into the next one.
 
-    def __init__(self) -> None:
-        self._ids, self._sums = np.zeros(0, np.int64), np.zeros((0, 2, 2))
+    Shapes: ``before, after, smooth`` (H, W), ``moved`` (N, 2).
 
-    def follow(self, track_ids: Ints, covariances: Floats) -> None:
-        """Take the step of the tracks that survive a flow.
+    * ``smooth``: The next frame, :func:`~slam_init.frontend.patches.smoothed`.
+    * ``moved``: By how much each track moved in the step before; NaN where that is not known.
+    * Returns: The flow, and the patches that were found without it.
+    """
+    pixels = last.pixels
+    expected = expected_as_before(before, after, pixels, moved, config)
+    if expected is None or not expected.closely:
+        return flow(before, after, pixels, config, None if expected is None else expected.pixels), None
+    sought = patches.seek(smooth, last.track_ids, expected.pixels)
+    near = sought.found & (np.linalg.norm(sought.pixels - expected.pixels, axis=1) <= _CLOSE_PX)
+    sought.residuals[~near] = np.inf
+    # The few points show the blur as all points do. What is stated of a patch that is found replaces the rest.
+    unknown, few = np.tile(np.eye(2), (len(pixels), 1, 1)), expected.few
+    found = Flow(near, sought.pixels.copy(), unknown, np.zeros(len(pixels)), few.trail, few.step_px)
+    others = np.flatnonzero(~near)
+    found.put(others, flow(before, after, pixels[others], config, expected.pixels[others]))
+    return found, sought
 
-        Shapes: ``track_ids`` (N,), ``covariances`` (N, 2, 2).
-        """
-        self._ids, self._sums = track_ids, covariances + self.covariances(track_ids)
 
-    def return_to(self, track_ids: Ints, covariances: Floats) -> None:
-        """Take the drifts of some tracks that were brought back to their points.
+def expected_as_before(
+    before: Image, after: Image, pixels: Floats, moved: Floats, config: TrackingConfig
+) -> Expected | None:
+    """Where points are expected that move as in the step before, but for a shift that all have in common.
 
-        Shapes: ``track_ids`` (N,), ``covariances`` (N, 2, 2).
-        """
-        _, at, of = np.intersect1d(self._ids, track_ids, assume_unique=True, return_indices=True)
-        self._sums[at] = covariances[of]
+    A few points are sought in all octaves. They show the shift, by which the camera turns more or less than before.
 
-    def covariances(self, track_ids: Ints) -> Floats:
-        """Covariances of the drift.
+    Shapes: ``before, after`` (H, W), ``pixels, moved`` (N, 2).
 
-        Shapes: ``track_ids`` (N,), returns (N, 2, 2).
-
-        * Returns: In px^2; zero for tracks that are new, or that descriptors found.
-        """
-        drifts = np.zeros((len(track_ids), 2, 2))
-        _, at, of = np.intersect1d(track_ids, self._ids, assume_unique=True, return_indices=True)
-        drifts[at] = self._sums[of]
-        return drifts
+    * ``moved``: By how much each point moved in the step before; NaN where that is not known.
+    * Returns: None where a fifth of the few points are not near their places, or where too few steps are known.
+    """
+    known = np.flatnonzero(np.isfinite(moved).all(axis=1))
+    if len(known) < _LEAST_SAMPLES:
+        return None
+    chosen = known[evenly_spaced(len(known), _SAMPLES)]
+    few = flow(before, after, pixels[chosen], config, and_back=False)
+    more = (few.pixels - pixels[chosen] - moved[chosen])[few.kept]
+    shift = np.median(more, axis=0) if len(more) else np.zeros(2)
+    misses_px = np.linalg.norm(more - shift, axis=1)
+    if (misses_px <= _NEAR_PX).sum() < _NEAR_SHARE * len(chosen):
+        return None
+    closely = (misses_px <= _CLOSE_PX).sum() >= _CLOSE_SHARE * len(chosen)
+    return Expected(pixels + moved + shift, bool(closely), few)

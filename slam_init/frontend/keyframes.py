@@ -18,7 +18,6 @@ import numpy as np
 from quest.geometry.quaternion import rotation_angle
 from quest.robust.rotation import refine_rotation
 from slam_init.config import Config
-from slam_init.types.arrays import Floats
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import PreviewEvidence
 from slam_init.types.frame import Observations
@@ -77,19 +76,13 @@ def preview_pairs(
 
     * Returns: In the order of the references, with zero motion and parallax for fewer than 3 common tracks.
     """
-    aligned = [_align(camera, reference, current, noise_px) for reference in references]
-    # The angles of all rotations at once take as long as that of one.
-    angles_deg = np.degrees(rotation_angle(np.array([R for _, R in aligned]).reshape(-1, 3, 3))).tolist()
-    return [replace(pair, rotation_deg=angle) for (pair, _), angle in zip(aligned, angles_deg, strict=True)]
+    return [_preview(camera, reference, current, noise_px) for reference in references]
 
 
-def _align(
-    camera: Camera, reference: Observations, current: Observations, noise_px: float
-) -> tuple[PairPreview, Floats]:
-    """The preview of a pair without the angle of its rotation, and the rotation."""
+def _preview(camera: Camera, reference: Observations, current: Observations, noise_px: float) -> PairPreview:
     i, j = common_tracks(reference, current)
     if len(i) < 3:
-        return PairPreview(len(i), 0.0, 0.0, 0.0, 0.0, 0.0, reference.frame, current.frame, 0.0), np.eye(3)
+        return PairPreview(len(i), 0.0, 0.0, 0.0, 0.0, 0.0, reference.frame, current.frame, 0.0)
     m, n, pixels = reference.bearings[i], current.bearings[j], current.pixels[j]
     motion_px = float(np.percentile(np.linalg.norm(pixels - reference.pixels[i], axis=1), 90))
     gate_px = difference_gate(noise_px)
@@ -98,18 +91,17 @@ def _align(
     R = refine_rotation(np.eye(3), m, n, *scales_px / camera.focal_px, iterations=4)
     left_px = np.linalg.norm(n - m @ R.T, axis=1) * camera.focal_px
     cells = np.clip((pixels / (camera.width, camera.height) * _GRID).astype(int), 0, np.subtract(_GRID, 1))
-    pair = PairPreview(
+    return PairPreview(
         reference=reference.frame,
         current=current.frame,
         matches=len(i),
         overlap=len(i) / max(len(reference), len(current)),
         motion_px=motion_px,
-        rotation_deg=0.0,
+        rotation_deg=float(np.degrees(rotation_angle(R))),
         parallax_px=float(np.median(left_px)),
         parallax_share=float(np.mean(left_px > gate_px)),
         spread=len(np.unique(cells @ _ONE_NUMBER)) / (_GRID[0] * _GRID[1]),
     )
-    return pair, R
 
 
 @dataclass(frozen=True)

@@ -84,7 +84,8 @@ class MatchTracker(Tracker):
         for old, (points_old, points_new) in zip(recent, matches, strict=True):
             self._join(old, new, old.at(points_old), new.at(points_new))
         tracked = np.flatnonzero(new.track_ids >= 0)
-        observed = self._seen(frame, new.track_ids[tracked], new.pixels[tracked])  # each image is measured again
+        # Each image is measured again, so that no track drifts.
+        observed = self._seen(frame, new.track_ids[tracked], new.pixels[tracked], np.zeros((0, 2, 2)))
         self.history.put(observed)
         self._recent.append(new)
         return observed

@@ -1,5 +1,7 @@
 """ORB descriptors of the landmarks of a map, for systems that find places again by them (ORB-SLAM, pySLAM).
 
+What needs the images of a map's keyframes gets them from a :class:`FrameMemory`.
+
 A landmark has the descriptor of the newest keyframe whose image is at hand: an image takes 10 ms, and this one sees
 nearly all landmarks. The landmarks are corners
 of the full image, so that their octave is 0. Their orientation is that of the intensity centroid [1]_, as in ORB: the
@@ -12,15 +14,36 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from slam_init.types.arrays import Bools, Floats, Image
+from slam_init.types.frame import Frame
 from slam_init.types.initial_map import Descriptors, InitialMap
 
 #: Bytes of a descriptor, and diameter of the patch of its orientation.
 _BYTES, _PATCH = 32, 31
+
+
+class FrameMemory(dict[int, Image]):
+    """The grey images of the last frames, by absolute index.
+
+    * ``max_bytes``: The oldest images are dropped beyond this. The newest one stays in any case.
+    """
+
+    def __init__(self, max_bytes: int) -> None:
+        super().__init__()
+        self._free = max_bytes
+
+    def reading(self, frames: Iterator[Frame]) -> Iterator[Frame]:
+        """Give frames on, and remember their images."""
+        for frame in frames:
+            self[frame.index] = frame.gray
+            self._free -= frame.gray.nbytes
+            while self._free < 0 and len(self) > 1:
+                self._free += self.pop(next(iter(self))).nbytes
+            yield frame
 
 
 def describe_landmarks(map_: InitialMap, images: Mapping[int, Image]) -> Descriptors:

@@ -1,4 +1,8 @@
-"""The compiled loops of :mod:`slam_init.frontend.patches`: patches are cut out of an image, and aligned with others."""
+"""The compiled loops of tracking.
+
+Those of :mod:`slam_init.frontend.patches`: patches are cut out of an image, and aligned with others. That of
+:func:`slam_init.frontend.flow.gradient_products`.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ import numpy as np
 from quest.algebra import median_in_place, solve_in_place
 from quest.jit import compiler_of, inlined
 from slam_init.frontend.patch_size import SIDE_PX, UNKNOWNS, WIDE
-from slam_init.types.arrays import Bools, Floats, Floats32, Ints, Ints32, Pairs
+from slam_init.types.arrays import Bools, Floats, Floats32, Image, Ints, Ints32, Pairs
 
 compiled = compiler_of(Path(__file__).parent)
 
@@ -144,24 +148,13 @@ def sums_of_line(around: Floats32, j: int, mean: float, contrast: float, patch: 
         y = 0.5 * (around[j + 2, i + 1] - around[j, i + 1])
         grey_level = (around[j + 1, i + 1] - mean) / contrast
         patch[0, j, i], patch[1, j, i], patch[2, j, i] = grey_level, x, y
-        xx, xy, yy, xg, yg = x * x, x * y, y * y, x * grey_level, y * grey_level
-        columns[0, i] += xx
-        columns[1, i] += xx * down
-        columns[2, i] += xx * down * down
-        columns[3, i] += xy
-        columns[4, i] += xy * down
-        columns[5, i] += xy * down * down
-        columns[6, i] += yy
-        columns[7, i] += yy * down
-        columns[8, i] += yy * down * down
-        columns[9, i] += x
-        columns[10, i] += x * down
-        columns[11, i] += y
-        columns[12, i] += y * down
-        columns[13, i] += xg
-        columns[14, i] += xg * down
-        columns[15, i] += yg
-        columns[16, i] += yg * down
+        for k, product in enumerate((x * x, x * y, y * y)):
+            columns[3 * k, i] += product
+            columns[3 * k + 1, i] += product * down
+            columns[3 * k + 2, i] += product * down * down
+        for k, product in enumerate((x, y, x * grey_level, y * grey_level)):
+            columns[9 + 2 * k, i] += product
+            columns[10 + 2 * k, i] += product * down
 
 
 @inlined
@@ -287,23 +280,17 @@ def follow_inverse(at: Floats, step: Floats) -> None:
 
 @compiled
 def align_patches(
-    pairs: Pairs,
-    size: Ints,
-    slots: Ints,
-    patches: Floats32,
-    inverses: Floats,
-    brightness: Floats,
-    pixels: Floats,
-    affine: Floats,
+    pairs: Pairs, size: Ints, slots: Ints, patches: Floats32, inverses: Floats, brightness: Floats, places: Floats
 ) -> Floats:
     """Align patches with an image, from the places and the affine maps that are given and moved.
 
     The inverse compositional method (Baker and Matthews, "Lucas-Kanade 20 years on", 2004): slopes and normal equations
     stay those of the patch.
 
-    Shapes: ``pairs`` (H W - 1,), ``size`` (2,), ``slots`` (N,), ``pixels`` (N, 2), ``affine`` (N, 4), returns (N,); see
+    Shapes: ``pairs`` (H W - 1,), ``size`` (2,), ``slots`` (N,), ``places`` (N, 6), returns (N,); see
     :func:`cut_patches`.
 
+    * ``places``: Pixels and affine maps.
     * Returns: Root of the mean square of what the last step leaves, as its linearization predicts, over the contrast;
       infinite where the alignment leaves the image or finds no contrast.
     """
@@ -314,7 +301,7 @@ def align_patches(
     at, sums, step = np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS)
     for n in range(len(slots)):
         slot, remains = slots[n], np.inf
-        at[:2], at[2:6], at[6:] = pixels[n], affine[n], brightness[slot]
+        at[:6], at[6:] = places[n], brightness[slot]
         for _ in range(_STEPS):
             if not is_inside(at, width, height):
                 remains = np.inf
@@ -340,7 +327,7 @@ def align_patches(
                 break
         left[n] = remains
         if np.isfinite(remains) and np.isfinite(at.sum()):
-            pixels[n], affine[n] = at[:2], at[2:6]
+            places[n] = at[:6]
     return left
 
 
@@ -383,3 +370,41 @@ def distribution_of_maps(places: Floats, maps: Floats, variances: Floats) -> tup
                 sigmas = np.sqrt(squares[i] / variance)
                 weights[i] = min(_FAR_SIGMAS / max(sigmas, _FAR_SIGMAS), 1.0) / variance
     return means, scatter
+
+
+@inlined
+def mirrored(index: int, last: int) -> int:
+    """An index of a row that goes on mirrored at both ends, without these twice."""
+    while index < 0 or index > last:
+        index = -index if index < 0 else 2 * last - index
+    return index
+
+
+@compiled
+def sums_of_products(image: Image, centres: Ints, radius: int, step: int) -> Ints:
+    """Sums over patches of the products of the gradients, at each ``step``-th pixel of each row and column.
+
+    Shapes: ``image`` (H, W), ``centres`` (N, 2), returns (N, 3).
+
+    * ``centres``: Row and column, in steps.
+    * ``radius``: Of a patch, in steps.
+    * Returns: Of dx dx, dx dy and dy dy, with gradients that are eight times the slope (Sobel's).
+    """
+    height, width = image.shape
+    last_row, last_column = (height - 1) // step, (width - 1) // step
+    sums = np.zeros((len(centres), 3), np.int64)
+    for n in range(len(centres)):
+        xx, xy, yy = np.int64(0), np.int64(0), np.int64(0)
+        for j in range(-radius, radius + 1):
+            row = step * mirrored(centres[n, 0] + j, last_row)
+            above, below = mirrored(row - 1, height - 1), mirrored(row + 1, height - 1)
+            for i in range(-radius, radius + 1):
+                column = step * mirrored(centres[n, 1] + i, last_column)
+                left, right = mirrored(column - 1, width - 1), mirrored(column + 1, width - 1)
+                falling = np.int64(image[below, right]) - np.int64(image[above, left])
+                rising = np.int64(image[above, right]) - np.int64(image[below, left])
+                dx = falling + rising + 2 * (np.int64(image[row, right]) - np.int64(image[row, left]))
+                dy = falling - rising + 2 * (np.int64(image[below, column]) - np.int64(image[above, column]))
+                xx, xy, yy = xx + dx * dx, xy + dx * dy, yy + dy * dy
+        sums[n, 0], sums[n, 1], sums[n, 2] = xx, xy, yy
+    return sums

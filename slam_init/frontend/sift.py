@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,8 +24,7 @@ _LEAST_RANGE = 10
 _MOST_PIXELS = 1920 * 1080
 
 
-@dataclass(frozen=True, eq=False)
-class SiftFeatures:
+class SiftFeatures(NamedTuple):
     """Keypoints of an image."""
 
     #: (N, 2) Raw pixels; at most one keypoint in each pixel.

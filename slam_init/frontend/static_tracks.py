@@ -18,7 +18,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from slam_init.types.arrays import Floats, Ints
+from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.frame import Observations
 
 #: Static tracks deviate from their first pixel by less than one of these, in pixels: the noise of trackers.
@@ -46,15 +46,26 @@ def static_tracks(reference: Observations, current: Observations, further: Seque
     track_ids, deviations_px = _deviations(reference, current, further)
     least, found = math.log(_LEAST_PROBABILITY), track_ids[:0]
     for static_px in _STATIC_PX if len(track_ids) else ():
-        static = deviations_px < static_px
-        k, n = int(static.sum()), int((deviations_px < _SLOW * static_px).sum())
-        if np.median(deviations_px) < _MOVES * static_px or k > _LARGEST_SHARE * len(static):
+        static, log_probability = chance_of_static(deviations_px, static_px, _SLOW)
+        if np.median(deviations_px) < _MOVES * static_px or static.mean() > _LARGEST_SHARE:
             break
         # The noise of the tracks is not known: the least probable of the sets is the one that holds the whole overlay.
-        log_probability = math.log(math.comb(n, k)) - k * math.log(_SLOW)
         if log_probability <= least:
             least, found = log_probability, track_ids[static]
     return np.asarray(found)
+
+
+def chance_of_static(deviations_px: Floats, static_px: float, slow: float) -> tuple[Bools, float]:
+    """Which tracks are static, and the logarithm of the probability that as many are in a scene.
+
+    Shapes: ``deviations_px`` (N,), returns ``static`` (N,).
+
+    * ``static_px``: Static tracks deviate by less.
+    * ``slow``: They are compared with those that deviate by less than this many times more.
+    """
+    static = deviations_px < static_px
+    k, n = int(static.sum()), int((deviations_px < slow * static_px).sum())
+    return static, math.log(math.comb(n, k)) - k * math.log(slow)
 
 
 def without(view: Observations, track_ids: Ints) -> Observations:

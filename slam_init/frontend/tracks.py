@@ -1,6 +1,6 @@
 """Features and tracks: the image points of different frames that show the same point of the world.
 
-In video, points are followed from frame to frame (:mod:`~slam_init.frontend.following`): by the patches around them
+In video, points are followed from frame to frame (:mod:`~slam_init.frontend.flow`): by the patches around them
 where they began, and by Lucas-Kanade flow with a forward-backward check. If the flow loses more than half of
 the tracks in one step (photographs, a cut, a fast pan), SIFT descriptors link the frame to the last few frames, if they
 link more points than the flow, or as many and contradict it. The tracks that the flow kept go on beside the new ones
@@ -15,12 +15,12 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from slam_init.config import TrackingConfig
-from slam_init.frontend.flow import Drift, Exposure, Flow, flow
-from slam_init.frontend.following import Followed, follow
+from slam_init.frontend.flow import Flow, flow, follow
 from slam_init.frontend.masking import Trackable
 from slam_init.frontend.patch_size import SIDE_PX
 from slam_init.frontend.patches import Patches, Sought, smoothed
@@ -38,6 +38,9 @@ _NEIGHBOURS, _LEAST_CONFIRMED = 4, 2 / 3
 #: descriptors contradict gives way. Fewer matches contradict nothing: where lamps flicker, four tenths of a right flow
 #: agree with the few matches there are.
 _CHANCE = 2.0
+#: The exposure is the median over this number of frames with trails: the share of gradients along the motion depends on
+#: what the camera sees.
+_TRAIL_FRAMES = 15
 
 
 @dataclass(eq=False)
@@ -56,6 +59,28 @@ class _SiftFrame(Keypoints):
     descriptors: Floats
 
 
+class _Last(NamedTuple):
+    """The last frame."""
+
+    seen: Observations
+    gray: Image
+    trackable: Trackable | None
+    #: (N, 2) By how much each track had moved since the frame before; NaN where it was not in that.
+    moved: Floats
+
+
+class _Linked(NamedTuple):
+    """Tracks that are found in a frame."""
+
+    ids: Ints
+    pixels: Floats
+    #: Covariances of the drift since they began, px^2: of the first tracks. Descriptors found the others without one.
+    drifts: Floats
+    #: Standard deviation of the step of a typical track; 0 where descriptors found the tracks.
+    step_px: float
+    by_descriptors: bool
+
+
 class Tracker:
     """Follows features from frame to frame and keeps their history.
 
@@ -68,14 +93,11 @@ class Tracker:
         self.history = History(camera, history_limit)
         self.revised: tuple[Observations, ...] = ()
         self._config = config
-        self._last: Observations | None = None
-        self._before: Observations | None = None
-        self._last_gray: Image | None = None
+        self._last: _Last | None = None
         self._trackable: Trackable | None = None
-        self._last_trackable: Trackable | None = None
         self._sift_frames: deque[_SiftFrame] = deque(maxlen=config.sift_frames)
-        self._drift, self._patches = Drift(), Patches()
-        self._exposure, self._exposure_s, self._step_px = Exposure(), 0.0, 0.0
+        self._patches = Patches()
+        self._exposures_s: deque[float] = deque(maxlen=_TRAIL_FRAMES)
         self._next_id = 0
 
     def track(self, frame: Frame) -> Observations:
@@ -89,34 +111,47 @@ class Tracker:
         gray = frame.gray if self._trackable is None else self._trackable.blanked(frame.gray)
         smooth = smoothed(gray)
         self.revised = ()
-        ids, pixels, by_descriptors = self._link(frame, gray, smooth)
+        ids, pixels, drifts, step_px, by_descriptors = self._link(frame, gray, smooth)
         wanted = self._config.max_tracks
         if not by_descriptors and len(ids) < (1 - self._config.refill_share) * wanted:
             new = self._detect(gray, pixels, wanted - len(ids))
             ids = np.concatenate([ids, self._new_ids(len(new))])
             pixels = np.concatenate([pixels, new])
-        seen = self._seen(frame, ids, pixels)
-        drifts = self._drift.covariances(seen.track_ids)
-        self._patches.follow(smooth, seen.track_ids, seen.pixels, drifts)
-        self._before = self._last
-        self._last = replace(seen, drifts=drifts, step_px=self._step_px, exposure_s=self._exposure_s)
-        self._last_gray, self._last_trackable = gray, self._trackable
-        self.history.put(self._last)
-        return self._last
+        seen = self._seen(frame, ids, pixels, drifts)
+        self._patches.follow(smooth, seen.track_ids, seen.pixels, seen.drifts)
+        exposure_s = float(np.median(self._exposures_s)) if self._exposures_s else 0.0
+        seen = replace(seen, step_px=step_px, exposure_s=exposure_s)
+        moved = np.full((len(seen), 2), np.nan)
+        if self._last is not None:
+            now, then = common_tracks(seen, self._last.seen)
+            moved[now] = seen.pixels[now] - self._last.seen.pixels[then]
+        self._last = _Last(seen, gray, self._trackable, moved)
+        self.history.put(seen)
+        return seen
 
-    def _seen(self, frame: Frame, ids: Ints, pixels: Floats) -> Observations:
-        """The tracks of a frame, without drift and without pixels beyond the field of view, which have no ray."""
+    def _seen(self, frame: Frame, ids: Ints, pixels: Floats, drifts: Floats) -> Observations:
+        """The tracks of a frame without pixels beyond the field of view, which have no ray.
+
+        * ``drifts``: Those of the first tracks, as of :class:`_Linked`; 0 for the others.
+        """
+        none = (np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 3)))
+        empty = Observations(frame.index, frame.timestamp_s, frame.name, *none)
+        return self._with(empty, ids, pixels, colors_at(frame.image, pixels), drifts)
+
+    def _with(self, known: Observations, ids: Ints, pixels: Floats, colors: Image, drifts: Floats) -> Observations:
+        """A frame with more tracks; see :meth:`_seen`."""
+        ids, pixels = np.concatenate([known.track_ids, ids]), np.concatenate([known.pixels, pixels])
+        more = np.zeros((len(ids) - len(known.drifts) - len(drifts), 2, 2))
         bearings, order = self.history.camera.bearings(pixels), np.argsort(ids)
         order = order[np.isfinite(bearings[order]).all(axis=1)]
-        return Observations(
-            frame=frame.index,
-            timestamp_s=frame.timestamp_s,
-            name=frame.name,
+        return replace(
+            known,
             track_ids=ids[order],
             pixels=pixels[order],
             bearings=bearings[order],
-            colors=colors_at(frame.image, pixels[order]),
-            drifts=np.zeros((len(order), 2, 2)),
+            colors=np.concatenate([known.colors, colors])[order],
+            drifts=np.concatenate([known.drifts, drifts, more])[order],
+            readout_s=0.0,
         )
 
     def _check_size(self, frame: Frame) -> None:
@@ -131,112 +166,82 @@ class Tracker:
             return self._trackable
         return Trackable(frame.mask, max(self._config.window_px, SIDE_PX))
 
-    def _link(self, frame: Frame, gray: Image, smooth: Image) -> tuple[Ints, Floats, bool]:
-        """Tracks found in this frame: ids, pixels, and whether descriptors linked them (else flow did)."""
-        if self._last is None or self._last_gray is None:
-            return np.zeros(0, np.int64), np.zeros((0, 2)), False
-        followed = self._followed(gray, smooth)
-        found = followed.flow
-        self._step_px = found.step_px
-        self._exposure_s = self._exposure.update(found.trail, frame.timestamp_s - self._last.timestamp_s)
-        if found.kept.sum() >= self._config.flow_survival * len(self._last) and found.kept.any():
-            return *self._aligned(smooth, found, followed.sought), False
-        return self._link_by_descriptors(frame.index, gray, smooth, followed)
+    def _link(self, frame: Frame, gray: Image, smooth: Image) -> _Linked:
+        """The tracks of the last frame that are found in this one."""
+        last = self._last
+        if last is None:
+            return _Linked(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 2, 2)), 0.0, False)
+        found, sought = follow(last.gray, gray, smooth, last.seen, last.moved, self._patches, self._config)
+        self._clear(found)
+        interval_s = frame.timestamp_s - last.seen.timestamp_s
+        if found.trail is not None and interval_s > 0:
+            self._exposures_s.append(found.trail * interval_s)
+        if found.kept.sum() >= self._config.flow_survival * len(last.seen) and found.kept.any():
+            return self._aligned(last, smooth, found, sought)
+        return self._link_by_descriptors(last, frame.index, gray, smooth, found, sought)
 
     def _link_by_descriptors(
-        self, index: int, gray: Image, smooth: Image, followed: Followed
-    ) -> tuple[Ints, Floats, bool]:
+        self, last: _Last, index: int, gray: Image, smooth: Image, found: Flow, sought: Sought | None
+    ) -> _Linked:
         """Link a frame in which the flow has lost most tracks: by descriptors, or by the flow where they link fewer."""
-        assert self._last is not None
-        assert self._last_gray is not None
-        found, kept = followed.flow, followed.flow.kept
+        kept, seen = found.kept, last.seen
         sift = self._detect_sift(index, gray, self._trackable)
-        if not self._sift_frames or self._sift_frames[-1].frame != self._last.frame:
+        if not self._sift_frames or self._sift_frames[-1].frame != seen.frame:
             # The last frame was linked by flow, or not at all. Its keypoints are the first to match with.
             self._sift_frames.clear()
-            self._sift_frames.append(self._detect_sift(self._last.frame, self._last_gray, self._last_trackable))
+            self._sift_frames.append(self._detect_sift(seen.frame, last.gray, last.trackable))
         matches = [
             (old, *match_descriptors(old.descriptors, sift.descriptors, self._config.sift_ratio))
             for old in self._sift_frames
         ]
-        last, i_last, i_now = matches[-1]
-        matched = last.pixels[i_last], sift.pixels[i_now]
-        confirmed = self._confirmed(matched, np.flatnonzero(kept), found.pixels[kept])
+        newest, i_last, i_now = matches[-1]
+        matched, tolerance_px = (newest.pixels[i_last], sift.pixels[i_now]), self._config.forward_backward_px
+        confirmed = confirmed_by(*matched, seen.pixels[kept], found.pixels[kept], tolerance_px)
         more = int(kept.sum()) - len(i_last)
         if more >= 0 and (more > _CHANCE * np.sqrt(kept.sum()) or confirmed.any() or not kept.any()):
             # The next frame may have lost the flow as well: it matches with these keypoints then.
             self._sift_frames.clear()
             self._sift_frames.append(sift)
-            return *self._aligned(smooth, found, followed.sought), False
+            return self._aligned(last, smooth, found, sought)
         for old, i_old, i_new in reversed(matches):
             self._join(old, sift, i_old, i_new)
         self._sift_frames.append(sift)
-        self._step_px = 0.0
-        found = self._guided(gray, matched, found, confirmed)
-        found.kept[np.isin(self._last.track_ids, sift.track_ids)] = False
-        flow_ids, flow_pixels = self._aligned(smooth, found, Sought.nowhere(len(kept)))
+        kept[kept] = confirmed
+        # The flow may have lost the other points only since it did not know where to look. They are sought once more
+        # where the matches around them went.
+        lost = np.flatnonzero(~kept)
+        expected = expected_by(*matched, seen.pixels[lost])
+        if len(expected):
+            guided = flow(last.gray, gray, seen.pixels[lost], self._config, expected)
+            self._clear(guided)
+            again = guided.kept
+            again[again] = confirmed_by(*matched, seen.pixels[lost[again]], guided.pixels[again], tolerance_px)
+            found.put(lost, guided)
+        kept[np.isin(seen.track_ids, sift.track_ids)] = False
+        by_flow = self._aligned(last, smooth, found, None)
         # Of two tracks that meet in one place only that of the flow is kept, as it is the older one.
         linked = np.flatnonzero(sift.track_ids >= 0)
-        pixels = np.concatenate([flow_pixels, sift.pixels[linked]])
-        ids = np.concatenate([flow_ids, sift.track_ids[linked]])
-        single = np.ones(len(ids), bool)
-        if len(flow_ids):
-            squares = np.sum((sift.pixels[linked][:, None] - flow_pixels[None]) ** 2, axis=2)
-            single[len(flow_ids) :] = squares.min(axis=1) > (0.5 * self._config.min_distance * gray.shape[1]) ** 2
-        return ids[single], pixels[single], True
-
-    def _followed(self, gray: Image, smooth: Image) -> Followed:
-        """The tracks of the last frame in the next one, without those that come near ignored pixels."""
-        assert self._last is not None
-        assert self._last_gray is not None
-        moved = np.full((len(self._last), 2), np.nan)
-        if self._before is not None:
-            now, then = common_tracks(self._last, self._before)
-            moved[now] = self._last.pixels[now] - self._before.pixels[then]
-        followed = follow(self._last_gray, gray, smooth, self._last, moved, self._patches, self._config)
-        self._clear(followed.flow)
-        return followed
-
-    def _guided(self, gray: Image, matched: tuple[Floats, Floats], found: Flow, confirmed: Bools) -> Flow:
-        """The flow that matches confirm; other points are sought once more where the matches around them went.
-
-        The flow may have lost them only since it did not know where to look.
-        """
-        assert self._last is not None
-        assert self._last_gray is not None
-        found = found.copy()
-        found.kept[found.kept] = confirmed
-        lost = np.flatnonzero(~found.kept)
-        expected = expected_by(*matched, self._last.pixels[lost])
-        if len(expected):
-            guided = flow(self._last_gray, gray, self._last.pixels[lost], self._config, expected)
-            self._clear(guided)
-            kept = guided.kept
-            kept[kept] = self._confirmed(matched, lost[kept], guided.pixels[kept])
-            found.put(lost, guided)
-        return found
+        squares = np.sum((sift.pixels[linked][:, None] - by_flow.pixels[None]) ** 2, axis=2)
+        linked = linked[squares.min(axis=1, initial=np.inf) > (0.5 * self._config.min_distance * gray.shape[1]) ** 2]
+        ids = np.concatenate([by_flow.ids, sift.track_ids[linked]])
+        return _Linked(ids, np.concatenate([by_flow.pixels, sift.pixels[linked]]), by_flow.drifts, 0.0, True)
 
     def _clear(self, found: Flow) -> None:
         """End the tracks that come near ignored pixels."""
         if self._trackable is not None:
             found.kept[~self._trackable.patches_are_clear(found.pixels)] = False
 
-    def _aligned(self, smooth: Image, found: Flow, sought: Sought) -> tuple[Ints, Floats]:
-        """The tracks of the last frame that are found, brought back to their points: ids and pixels."""
-        assert self._last is not None
+    def _aligned(self, last: _Last, smooth: Image, found: Flow, sought: Sought | None) -> _Linked:
+        """The tracks of the last frame that are found, brought back to their points."""
         kept = found.kept
-        ids = self._last.track_ids[kept]
-        self._drift.follow(ids, found.covariances[kept])
-        aligned = self._patches.align(smooth, ids, found.pixels[kept], found.remainders[kept], sought[kept])
-        self._drift.return_to(ids[aligned.succeeded], aligned.drifts[aligned.succeeded])
+        ids = last.seen.track_ids[kept]
+        sought = None if sought is None else Sought(*(one[kept] for one in sought))
+        aligned = self._patches.align(smooth, ids, found.pixels[kept], found.remainders[kept], sought)
+        drifts = found.covariances[kept] + last.seen.drifts[kept]
+        drifts[aligned.succeeded] = aligned.drifts[aligned.succeeded]
         # Tracks that flow has left apart may come back to one place.
         single = first_per_cell(aligned.pixels, 0.5 * self._config.min_distance * smooth.shape[1])
-        return ids[single], aligned.pixels[single]
-
-    def _confirmed(self, matched: tuple[Floats, Floats], chosen: Ints, moved: Floats) -> Bools:
-        """Which of some points of the last frame the matches confirm."""
-        assert self._last is not None
-        return confirmed_by(*matched, self._last.pixels[chosen], moved, self._config.forward_backward_px)
+        return _Linked(ids[single], aligned.pixels[single], drifts[single], found.step_px, False)
 
     def _detect(self, gray: Image, occupied: Floats, count: int) -> Floats:
         """Up to ``count`` corners (n, 2) at a distance from the occupied pixels."""
@@ -275,22 +280,9 @@ class Tracker:
 
     def _add_to_history(self, frame: int, ids: Ints, pixels: Floats) -> None:
         known = self.history[frame]
-        # The flow may have continued a track into this frame already.
-        seen = np.isfinite(self.history.camera.bearings(pixels)).all(axis=1) & ~np.isin(ids, known.track_ids)
-        ids, pixels = ids[seen], pixels[seen]
-        all_ids = np.concatenate([known.track_ids, ids])
-        order = np.argsort(all_ids)
-        colors = np.concatenate([known.colors, np.full((len(ids), 3), 128, np.uint8)])
-        all_pixels = np.concatenate([known.pixels, pixels])[order]
-        enriched = replace(
-            known,
-            track_ids=all_ids[order],
-            pixels=all_pixels,
-            bearings=self.history.camera.bearings(all_pixels),
-            colors=colors[order],
-            drifts=np.concatenate([known.drifts, np.zeros((len(ids), 2, 2))])[order],
-            readout_s=0.0,
-        )
+        added = np.flatnonzero(~np.isin(ids, known.track_ids))  # the flow may have continued a track into this frame
+        grey = np.full((len(added), 3), 128, np.uint8)
+        enriched = self._with(known, ids[added], pixels[added], grey, np.zeros((0, 2, 2)))
         self.history.put(enriched)
         self.revised = (*self.revised, enriched)
 

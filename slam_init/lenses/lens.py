@@ -94,34 +94,6 @@ _LEAST_DENOMINATOR = math.sin(math.radians(1.0))
 _TINY = 1e-12
 
 
-def unproject_profile(kind: Profile, shape: Shape, uv: Floats) -> Floats:
-    """The rays of lens coordinates, by the profile of a lens.
-
-    Shapes: ``uv`` (N, 2), returns (N, 3).
-    """
-    with np.errstate(all="ignore"):  # coordinates without a ray end as NaN
-        if kind == Profile.PANORAMA:
-            longitude, latitude = uv[:, 0], uv[:, 1]
-            level = np.cos(latitude)
-            rays = np.column_stack([np.sin(longitude) * level, np.sin(latitude), np.cos(longitude) * level])
-            return np.where((np.abs(latitude) <= math.pi / 2)[:, None], rays, np.nan)
-        radius = np.hypot(uv[:, 0], uv[:, 1])
-        if kind == Profile.SPHERE:
-            # The inverse of EUCM gives the ray from the centre of the shifted sphere.
-            xi, a, b = shape
-            r2 = radius * radius
-            z = (1 - b * a * a * r2) / (a * np.sqrt(1 - (2 * a - 1) * b * r2) + (1 - a))
-            length = (z * xi + np.sqrt(z * z + (1 - xi * xi) * r2)) / (z * z + r2)
-            rays = np.column_stack([length[:, None] * uv, length * z - xi])
-            return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
-        angle = radius
-        if kind == Profile.FIELD_OF_VIEW:
-            w = shape[0]
-            angle = np.where(w * radius < math.pi / 2, np.arctan(np.tan(w * radius) / (2 * math.tan(w / 2))), np.nan)
-        scale = np.where(radius > _TINY, np.sin(angle) / np.where(radius > _TINY, radius, 1.0), 1.0)
-        return np.column_stack([uv * scale[:, None], np.cos(angle)])
-
-
 # Of the derivatives of the distortion: its square is nothing beside any number.
 _IMAGINARY_STEP = 1e-30
 
@@ -159,8 +131,6 @@ class Bending(NamedTuple):
 
         Shapes: ``uv`` (N, 2), returns (N, 2).
         """
-        if self == STRAIGHT:
-            return uv
         u, v = uv[:, 0], uv[:, 1]
         s = u * u + v * v
         ratio, _ = self._ratio(s)
@@ -170,14 +140,6 @@ class Bending(NamedTuple):
                 v * ratio + self.p1 * (s + 2 * v * v) + 2 * self.p2 * u * v + s * (self.s3 + s * self.s4),
             ]
         )
-
-    def jacobian(self, uv: Floats) -> Floats:
-        """Differentiate :meth:`apply`, exactly: by imaginary steps, of which no difference is taken.
-
-        Shapes: ``uv`` (N, 2), returns (N, 2, 2).
-        """
-        columns = (np.imag(self.apply(uv + 1j * axis)) for axis in _IMAGINARY_STEP * np.eye(2))
-        return np.stack(list(columns), axis=-1) / _IMAGINARY_STEP
 
     def least_growth(self, radius: Floats, directions: int) -> Floats:
         """Compute by how much a small step of the coordinates moves the distorted ones at least.
@@ -189,7 +151,10 @@ class Bending(NamedTuple):
         """
         directions = directions if any(self[7:]) else 1
         angles = 2 * np.pi / directions * np.arange(directions)
-        J = self.jacobian((radius[:, None, None] * np.column_stack([np.cos(angles), np.sin(angles)])).reshape(-1, 2))
+        uv = (radius[:, None, None] * np.column_stack([np.cos(angles), np.sin(angles)])).reshape(-1, 2)
+        # The derivatives by imaginary steps are exact, since no difference is taken.
+        columns = (np.imag(self.apply(uv + 1j * axis)) for axis in _IMAGINARY_STEP * np.eye(2))
+        J = np.stack(list(columns), axis=-1) / _IMAGINARY_STEP
         middle, half = 0.5 * (J[:, 0, 0] + J[:, 1, 1]), 0.5 * (J[:, 0, 0] - J[:, 1, 1])
         eigenvalues = middle - np.hypot(half, 0.5 * (J[:, 0, 1] + J[:, 1, 0]))
         _, denominator = self._ratio(radius * radius)
@@ -344,7 +309,29 @@ class LensModel:
             length = found[:, 2:].copy()
             found[:, 2] = 1.0
             return np.asarray(found / length)
-        return unproject_profile(self.profile, self.shape, self.undistort(distorted))
+        uv = self.undistort(distorted)
+        with np.errstate(all="ignore"):  # coordinates without a ray end as NaN
+            if self.profile == Profile.PANORAMA:
+                longitude, latitude = uv[:, 0], uv[:, 1]
+                level = np.cos(latitude)
+                rays = np.column_stack([np.sin(longitude) * level, np.sin(latitude), np.cos(longitude) * level])
+                return np.where((np.abs(latitude) <= math.pi / 2)[:, None], rays, np.nan)
+            radius = np.hypot(uv[:, 0], uv[:, 1])
+            if self.profile == Profile.SPHERE:
+                # The inverse of EUCM gives the ray from the centre of the shifted sphere.
+                xi, a, b = self.shape
+                r2 = radius * radius
+                z = (1 - b * a * a * r2) / (a * np.sqrt(1 - (2 * a - 1) * b * r2) + (1 - a))
+                length = (z * xi + np.sqrt(z * z + (1 - xi * xi) * r2)) / (z * z + r2)
+                rays = np.column_stack([length[:, None] * uv, length * z - xi])
+                return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
+            angle = radius
+            if self.profile == Profile.FIELD_OF_VIEW:
+                w = self.shape[0]
+                angle = np.arctan(np.tan(w * radius) / (2 * math.tan(w / 2)))
+                angle = np.where(w * radius < math.pi / 2, angle, np.nan)
+            scale = np.where(radius > _TINY, np.sin(angle) / np.where(radius > _TINY, radius, 1.0), 1.0)
+            return np.column_stack([uv * scale[:, None], np.cos(angle)])
 
     @property
     def numbers(self) -> Floats:

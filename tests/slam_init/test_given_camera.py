@@ -9,7 +9,7 @@ from make_files import write, write_image
 from make_scene import CAMERA
 
 from slam_init import Camera, Config, Initializer, SlamInitError, load_camera, open_source, prior_camera, run
-from slam_init.calibration.choosing import camera_of_size, camera_of_source
+from slam_init.calibration.files import camera_of_size, camera_of_source
 from slam_init.errors import CalibrationError, ConfigError
 from slam_init.recording.recorder import Recorder
 from slam_init.types.frame import Frame, Observations

@@ -9,8 +9,7 @@ from make_video import corner_frames, write_by_pyav
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
-from slam_init.calibration.choosing import camera_of_source
-from slam_init.calibration.files import load_camera
+from slam_init.calibration.files import camera_of_source, load_camera
 from slam_init.calibration.metadata import focal_from_metadata
 from slam_init.datasets import open_source
 from slam_init.errors import CalibrationError, SourceError

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from slam_init.frontend.frame_memory import FrameMemory
+from slam_init.frontend.orb import FrameMemory
 from slam_init.types.frame import Frame
 
 

@@ -4,6 +4,9 @@ import cv2
 import numpy as np
 
 from slam_init.frontend.picture_check import PictureCheck
+from slam_init.types.frame import Frame, Observations
+
+NO_TRACKS = Observations(0, 0.0, "", np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros((0, 3)))
 
 
 def texture(seed):
@@ -14,7 +17,7 @@ def texture(seed):
 def notes_on(images):
     check = PictureCheck()
     for image in images:
-        check.observe(image)
+        check.observe(Frame(0, 0.0, "", image), NO_TRACKS)
     return check.notes
 
 

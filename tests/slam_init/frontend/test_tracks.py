@@ -10,7 +10,7 @@ from make_scene import SMALL_SIZE as SIZE
 from make_scene import texture, window
 
 from slam_init.config import TrackingConfig
-from slam_init.frontend import following
+from slam_init.frontend import flow as flow_module
 from slam_init.frontend.tracks import Tracker
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
@@ -118,7 +118,7 @@ def test_matches_guide_the_flow_so_that_tracks_go_on_over_a_jump():
 @pytest.mark.parametrize(("keypoints", "by_descriptors"), [(600, True), (450, False)])
 def test_a_flow_that_descriptors_contradict_gives_way_where_they_link_as_many(monkeypatch, keypoints, by_descriptors):
     """Of two photographs flow follows two fifths of the tracks to wrong places. Fewer matches contradict nothing."""
-    flow = following.flow
+    flow = flow_module.flow
 
     def wrong(before, after, pixels, *rest, **options):
         found = flow(before, after, pixels, *rest, **options)
@@ -126,7 +126,7 @@ def test_a_flow_that_descriptors_contradict_gives_way_where_they_link_as_many(mo
         return replace(found, kept=kept, pixels=pixels + np.array([9.0, 2.0]))
 
     frames = frames_from((100, 60), (160, 60))
-    monkeypatch.setattr(following, "flow", wrong)
+    monkeypatch.setattr(flow_module, "flow", wrong)
     config = replace(CONFIG, sift_features=keypoints)
     tracker, (seen, linked) = follow(frames, config=config)
     moved = displacement(tracker.history[0], linked)
