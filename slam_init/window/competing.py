@@ -27,8 +27,7 @@ from slam_init.window.levels import (
 )
 from slam_init.window.motion import FittedMotion
 from slam_init.window.state import Priors
-from slam_init.window.tails import at_any_time
-from slam_init.window.uncertainty import ExpandedFit, expand_for_evidence, places_of
+from slam_init.window.uncertainty import ExpandedFit, at_any_time, expand_for_evidence, places_of
 
 #: A scale of the fields with a smaller probability changes nothing.
 #: Class: level.
@@ -148,7 +147,7 @@ def _cost_with_fields(motion: FittedMotion, priors: Priors, expanded: ExpandedFi
     if not scale_px:
         return unknowns + motion.fit.cost
     with_fields = replace(priors, field_sigma_px=scale_px)
-    return unknowns + fit_window(motion.tracks, motion.fit.state, with_fields, max_steps=_STEPS_WITH_FIELDS).cost
+    return unknowns + fit_window(motion.fit.tracks, motion.fit.state, with_fields, max_steps=_STEPS_WITH_FIELDS).cost
 
 
 def _wrong_if_right(best: FittedMotion, other: FittedMotion, sigma_deg: float) -> float:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slam_init.types.arrays import Bools, Floats
-from slam_init.types.correlated_errors import FIELD_SCALES_PX, LARGEST_PULL_SIGMAS, CorrelatedErrors
+from slam_init.types.correlated_errors import LARGEST_PULL_SIGMAS, CorrelatedErrors
 from slam_init.window.equations import WindowEquations, tangent_bases
 from slam_init.window.joint_fit import JointFit
 from slam_init.window.kernel import TUKEY_GATES
@@ -154,14 +154,6 @@ class ErrorMarginal:
     def lowered_cost(self) -> Floats:
         """(S,) how much the fields lower the cost."""
         return np.asarray(self.fields.spread @ self.fields.pull**2)
-
-    @staticmethod
-    def expected_scale_px(weights: Floats) -> float:
-        """Expected scale of the fields.
-
-        Shapes: ``weights`` (S,).
-        """
-        return float(weights @ FIELD_SCALES_PX)
 
     def of(self, J: Floats) -> tuple[Floats, Floats]:
         """Posterior of linear functions of the unknowns, for each scale.

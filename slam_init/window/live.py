@@ -21,7 +21,6 @@ from slam_init.window.hypotheses import (
 )
 from slam_init.window.levels import LARGEST_VOTE
 from slam_init.window.motion import Motion, fit_motion
-from slam_init.window.other_motion import bearings_of_best
 from slam_init.window.state import Priors
 from slam_init.window.tracks import gather_tracks
 
@@ -124,7 +123,7 @@ class LiveHypotheses:
         with single_threaded():
             motions = [one for one in motions_at_focal(hypotheses, 0.0) if not one.is_near(best.motion)]
             if hypotheses.planar:
-                motions = [with_plane(one, tracks, bearings_of_best(hypotheses)) for one in motions]
+                motions = [with_plane(one, tracks, hypotheses.bearings) for one in motions]
             fits = [fit_motion(tracks, one, hypotheses.priors) for one in motions]
             # By more than one track may vote: less is chance, or another end of the same optimum.
             better = [

@@ -70,8 +70,7 @@ def locate_views(
 
 def _resected(tracks: WindowTracks, motion: Motion, bearings: Floats, rotations: Floats) -> dict[int, Pose]:
     """The poses of the views that a motion knows or that its points locate, by row."""
-    frames = enumerate(tracks.frames)
-    known = {row: motion.cam_from_world[frame] for row, frame in frames if frame in motion.cam_from_world}
+    known = motion.known_in(tracks)
     if len(known) < 2 or len(known) == len(tracks.frames):
         return known
     threshold_rad = _RESECTION_SIGMAS * tracks.noise_px / tracks.camera.focal_px

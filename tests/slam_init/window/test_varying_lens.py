@@ -7,10 +7,10 @@ import pytest
 from make_window import hypotheses_of_changing_lens as hypotheses
 from make_window import looks_small
 
+from slam_init.window.direction_term import varying_lens
 from slam_init.window.levels import ZOOMS
 from slam_init.window.risk import risk_of, with_zooming_rotation
 from slam_init.window.uncertainty import expand
-from slam_init.window.varying_lens import varying_lens
 from slam_init.window.zooming_rotation import with_zooms
 
 
