@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slam_init.types.arrays import Bools, Floats
+from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.correlated_errors import FIELD_SCALES_PX
 from slam_init.types.lens import CALIBRATED_SIGMA, PULL_FREEDOM, LensPrior
@@ -141,7 +141,8 @@ def direction_term(hypotheses: WindowHypotheses) -> DirectionTerm:
     by_tracks_deg = direction_sigmas_deg(expanded)
     # What the fit does not know widens its deviations, but not that of the principal point with its own prior.
     by_point_deg = direction_by_principal_point_deg(expanded)[:, None]
-    of_fit_deg = _widened(by_tracks_deg, factor, by_point_deg)
+    of_rest_deg = np.sqrt(np.maximum(by_tracks_deg**2 - by_point_deg**2, 0.0))
+    of_fit_deg = np.hypot(factor * of_rest_deg, by_point_deg)
     of_map_deg = np.hypot(of_fit_deg, moved.directions_deg[:, None])
     varying = varying_lens(expanded)
     rotations_of_fit_deg = factor * rotation_sigmas_deg(expanded)
@@ -198,7 +199,9 @@ class _Optimism:
 def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> _Optimism:
     """Factors for what the covariance of the direction does not know."""
     few_views = (1 + FEW_VIEWS / math.sqrt(len(best.rows) - 1)) ** 2
-    pull2 = sum(pull**2 for pull in hypotheses.priors.lens_pulls(best.fit.state))
+    priors, lens = hypotheses.priors, best.fit.state.lens
+    pull2 = ((lens.log_scale - priors.mean.log_scale) / priors.focal_sigma) ** 2
+    pull2 += ((lens.k1 - priors.mean.k1) / priors.k1_sigma) ** 2
     # Tracks that stay near without being explained may lie on moving objects. As many again may be explained by chance,
     # and each of these pulls by about half a standard deviation of a track. The variance of their sum is that of pulls
     # in the same direction, times their correlation.
@@ -208,11 +211,6 @@ def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> _Optimism:
     # What a fit explains in part leaves residuals that neighbours share.
     shared = variance_by_correlation(best.fit, places)
     return _Optimism(few_views, pull2 / PULL_FREEDOM, objects + shared - 1)
-
-
-def _widened(sigmas_deg: Floats, factor: float, fixed_deg: Floats) -> Floats:
-    """Standard deviations with a factor on all but a part that has a deviation of its own."""
-    return np.asarray(np.hypot(factor * np.sqrt(np.maximum(sigmas_deg**2 - fixed_deg**2, 0.0)), fixed_deg))
 
 
 def _with_varying_lens(sigmas_deg: Floats, varying: VaryingLens, view: int) -> Floats:
@@ -257,10 +255,7 @@ def residual_agreement(fit: JointFit, of: Bools, places: Floats) -> float:
     # Of two tracks the views count that see both.
     lengths = np.sqrt(np.where(used, squares, 0.0) @ used.T.astype(float))
     cosines = np.einsum("ivq,jvq->ij", errors, errors) / np.maximum(lengths * lengths.T, 1e-300)
-    apart = np.sum((places[index, None] - places[index]) ** 2, axis=2)
-    np.fill_diagonal(apart, np.inf)
-    nearest = np.argpartition(apart, _COMPARED - 1, axis=1)[:, :_COMPARED]
-    of_track = np.take_along_axis(cosines, nearest, axis=1).mean(axis=1)
+    of_track = np.take_along_axis(cosines, _nearest(places[index], _COMPARED), axis=1).mean(axis=1)
     bound = float(of_track.mean() + _BOUND_SIGMAS * of_track.std() / np.sqrt(len(index)))
     return min(max(bound, 0.0), 1.0)
 
@@ -272,12 +267,16 @@ def _neighbours(places: Floats, used: Bools) -> Floats:
     count = min(max(round(NEIGHBOURHOOD * len(index)), 1), len(index) - 1)
     if count < 1:
         return near
-    x, y = places[index].T
+    near[index[:, None], index[_nearest(places[index], count)]] = 1.0
+    return near
+
+
+def _nearest(places: Floats, count: int) -> Ints:
+    """The rows (N, count) of the places that are nearest to each place (N, 2)."""
+    x, y = places.T
     squares = (x[:, None] - x) ** 2 + (y[:, None] - y) ** 2
     np.fill_diagonal(squares, np.inf)
-    nearest = np.argpartition(squares, count - 1, axis=1)[:, :count]
-    near[index[:, None], index[nearest]] = 1.0
-    return near
+    return np.argpartition(squares, count - 1, axis=1)[:, :count]
 
 
 # -- a lens that changes from view to view -----------------------------------------------------------------------------
@@ -331,11 +330,8 @@ def varying_lens(expanded: ExpandedFit) -> VaryingLens:
     J, along = expanded.directions, expanded.directions @ follow
     fixed = J @ covariance @ np.swapaxes(J, 1, 2) + along @ given @ np.swapaxes(along, 1, 2)
     by_mode, largest_fixed = along @ B, np.maximum(np.linalg.eigvalsh(fixed)[:, -1], 1e-300)
-    log_weights, factors, moved_deg = (
-        [math.log(1 - lens_changes * sum(prior for _, prior in (*ZOOMS, *SHIFTS)))],
-        [np.ones(views - 1)],
-        [np.zeros(views - 1)],
-    )
+    log_weights = [math.log(1 - lens_changes * sum(prior for _, prior in (*ZOOMS, *SHIFTS)))]
+    factors, moved_deg = [np.ones(views - 1)], [np.zeros(views - 1)]
     for root, prior in _modes(tracks.camera, tracks.times_s) if lens_changes else ():
         scaled = root.T @ (0.5 * (information + information.T)) @ root + np.eye(len(root))
         posterior = root @ np.linalg.inv(scaled) @ root.T

@@ -26,6 +26,7 @@ from quest.noise import GATE_SIGMAS
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.lens import UNKNOWN_K1_SIGMA, UNKNOWN_PRINCIPAL_SIGMA, Lens
 from slam_init.types.pose import Pose
+from slam_init.window.arguments import Limits
 from slam_init.window.equations import explained_at_most
 from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
 from slam_init.window.levels import LARGEST_VOTE, UNDECIDED, WRONG_FOCAL, WRONG_FOCAL_COST
@@ -84,10 +85,6 @@ class WindowHypotheses:
     other_before: OtherMotion | None = None
     #: The tracks that are left out since they stay at their pixel; None without them.
     overlay: OverlayTracks | None = None
-
-    def beside(self, again: WindowHypotheses) -> WindowHypotheses:
-        """Other fits to the same tracks, with what is known of the window beside its tracks."""
-        return replace(again, other_before=self.other_before, overlay=self.overlay)
 
     @cached_property
     def expanded(self) -> ExpandedFit:
@@ -163,11 +160,7 @@ class WindowHypotheses:
 
 
 def motions_of_pair(
-    pose: RelativePose,
-    frames: tuple[int, ...],
-    rays1: Floats,
-    rays2: Floats,
-    readout_s: float = 0.0,
+    pose: RelativePose, frames: tuple[int, ...], rays1: Floats, rays2: Floats, readout_s: float = 0.0
 ) -> list[Motion]:
     """The motions that explain the matches of a pair.
 
@@ -258,10 +251,7 @@ def with_rotation_refitted(hypotheses: WindowHypotheses) -> WindowHypotheses:
 
 
 def _fitted(
-    tracks: WindowTracks,
-    motions: Sequence[Motion],
-    bearings: Floats,
-    priors: Priors,
+    tracks: WindowTracks, motions: Sequence[Motion], bearings: Floats, priors: Priors
 ) -> tuple[bool, list[FittedMotion]]:
     """Whether the points lie on a plane, and the different optima of located motions, the best first."""
     if any(motion.plane is not None for motion in motions):
@@ -279,7 +269,7 @@ def _fit_each(tracks: WindowTracks, motions: Sequence[Motion], priors: Priors) -
         same = [one for one in fits if set(one.frames) == set(motion.cam_from_world)]
         hopeless = min((one.fit.cost for one in same), default=math.inf) + FAR_BEHIND
         give_up = math.inf if all(one.is_new for one in same) else _GIVEN_UP * hopeless
-        fits.append(fit_motion(tracks, motion, priors, hopeless, give_up=give_up))
+        fits.append(fit_motion(tracks, motion, priors, Limits(hopeless=hopeless, give_up=give_up)))
     return fits
 
 
@@ -313,15 +303,12 @@ def _fit_rotation(
     any_focal = replace(
         priors, focal_sigma=max(WRONG_FOCAL, priors.focal_sigma), k1_sigma=max(UNKNOWN_K1_SIGMA, priors.k1_sigma)
     )
-    start: Motion | WindowState
-    if living:
-        start = living[0]
-    else:
-        start = approached(tracks, rotating(tracks, rotations, Lens(readout_s=tracks.readout_s)), any_focal)
+    lens = Lens(readout_s=tracks.readout_s)
+    start = None if living else approached(tracks, rotating(tracks, rotations, lens), any_focal)
     # Far from the answer the principal point would follow outliers.
     any_focal = replace(any_focal, principal_sigma_px=UNKNOWN_PRINCIPAL_SIGMA * tracks.camera.width)
     hopeless = _hopeless_rotation(tracks, rotations, priors, best)
-    wrong = _fit_turning(tracks, start, any_focal, hopeless)
+    wrong = _fit_turning(tracks, living[0] if start is None else start, any_focal, hopeless)
     ends = [_turning_motion(wrong)]
     wrong = replace(wrong, cost=wrong.cost + (0.0 if unknown else WRONG_FOCAL_COST))
     if unknown or wrong.cost > hopeless:
@@ -352,7 +339,7 @@ def _fit_turning(tracks: WindowTracks, start: WindowState | Motion, priors: Prio
         R, points, lens = np.array([start.cam_from_world[frame].R for frame in tracks.frames]), start.points, start.lens
     first = rotating(tracks, R, lens)
     known = None if points is None else points.start(tracks, first)
-    return fit_window(tracks, first, priors, known=known, rotation_only=True, hopeless=hopeless)
+    return fit_window(tracks, first, priors, known=known, rotation_only=True, limits=Limits(hopeless=hopeless))
 
 
 def _with_stated_focal(lens: Lens) -> Lens:

@@ -12,13 +12,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.inertial import RelativeRotation
 from slam_init.types.lens import CurrentLens
-from slam_init.window.hypotheses import (
-    WindowHypotheses,
-    fit_hypotheses,
-    motions_at_focal,
-    motions_of_pair,
-    with_plane,
-)
+from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_at_focal, motions_of_pair, with_plane
 from slam_init.window.levels import LARGEST_VOTE
 from slam_init.window.motion import Motion, fit_motion
 from slam_init.window.state import Priors
@@ -100,8 +94,7 @@ class LiveHypotheses:
             priors = priors if tracks.sweep_px_s.any() else replace(priors, readout_sigma_s=0.0)
             hypotheses = fit_hypotheses(tracks, [*self._motions, *self._proposed], priors, self._rotations)
         if hypotheses is None:
-            self._proposed = []
-            self._motions, self._rotations = [], ()
+            self.forget()
             return None
         self._noise_px = hypotheses.tracks.noise_px
         gain, freedom = hypotheses.gain_over_rotation
@@ -134,7 +127,9 @@ class LiveHypotheses:
                 return None
             motions = [*better, *(one.motion for one in hypotheses.motions)]
             again = fit_hypotheses(tracks, motions, hypotheses.priors, hypotheses.rotations)
-        return None if again is None else hypotheses.beside(again)
+        if again is None:
+            return None
+        return replace(again, other_before=hypotheses.other_before, overlay=hypotheses.overlay)
 
     def keep(self, hypotheses: WindowHypotheses) -> None:
         """Go on with the motions of hypotheses, but for those that the tracks vote against."""

@@ -16,10 +16,9 @@ by ``m`` ::
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -29,13 +28,9 @@ from slam_init.frontend.rolling_shutter import readout_places
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.lens import SAME_LENS, Lens
 from slam_init.types.pose import Pose
-from slam_init.window.joint_fit import MAX_STEPS, JointFit, fit_window, start_noise_factor
-from slam_init.window.levels import (
-    NEAR_DIRECTION_DEG,
-    NEAR_ROTATION_DEG,
-    SAME_DIRECTION_DEG,
-    SAME_ROTATION_DEG,
-)
+from slam_init.window.arguments import Limits
+from slam_init.window.joint_fit import LIMITS, JointFit, fit_window, start_noise_factor
+from slam_init.window.levels import NEAR_DIRECTION_DEG, NEAR_ROTATION_DEG, SAME_DIRECTION_DEG, SAME_ROTATION_DEG
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
 
@@ -132,11 +127,11 @@ class OtherMotion:
     #: That it is the camera's, and the best motion that of a moving object; 0 where its tracks are few or show none.
     probability: float = 0.0
     #: (M,) The tracks that have this motion; empty where there is none.
-    track_ids: Ints = dataclasses.field(default_factory=lambda: np.zeros(0, int))
+    track_ids: Ints = field(default_factory=lambda: np.zeros(0, int))
     #: In all views that these tracks locate; None without one.
     fitted: FittedMotion | None = None
     #: (K,) Tracks of the best motion, which do not have this one.
-    of_best: Ints = dataclasses.field(default_factory=lambda: np.zeros(0, int))
+    of_best: Ints = field(default_factory=lambda: np.zeros(0, int))
 
 
 def difference_deg(a: Pose, b: Pose) -> tuple[float, float]:
@@ -154,22 +149,13 @@ def farthest_deg(one: Motion, other: Motion) -> tuple[float, float]:
     return max((rotation for rotation, _ in apart), default=0.0), max((aside for _, aside in apart), default=0.0)
 
 
-def fit_motion(
-    tracks: WindowTracks,
-    motion: Motion,
-    priors: Priors,
-    hopeless: float = math.inf,
-    *,
-    max_steps: int = MAX_STEPS,
-    give_up: float = math.inf,
-) -> FittedMotion:
+def fit_motion(tracks: WindowTracks, motion: Motion, priors: Priors, limits: Limits = LIMITS) -> FittedMotion:
     """Fit a motion to the views that it knows; see :func:`.joint_fit.fit_window`."""
     rows = tuple(motion.known_in(tracks))
     part, start = _started(tracks, motion, motion.plane)
     part = with_translation(part, start)
     known = None if motion.points is None else motion.points.start(part, start)
-    fit = fit_window(part, start, priors, known=known, hopeless=hopeless, give_up=give_up, max_steps=max_steps)
-    return FittedMotion(fit, rows, motion.is_new)
+    return FittedMotion(fit_window(part, start, priors, known=known, limits=limits), rows, motion.is_new)
 
 
 def noise_factor_at(tracks: WindowTracks, motion: Motion, priors: Priors) -> float:
@@ -230,12 +216,9 @@ class WarmStart:
         lengths = np.linalg.norm(v, axis=1)
         known = (self.track_ids[at] == tracks.track_ids) & (tracks.anchor >= 0) & (lengths > 0)
         lengths = np.where(known, lengths, 1.0)
-        return replace(
-            state,
-            rays=np.where(known[:, None], v / lengths[:, None], state.rays),
-            inverse_distances=np.where(known, w / lengths, state.inverse_distances),
-            on_plane=np.where(known, self.on_plane[at], state.on_plane) & (state.plane is not None),
-        )
+        on_plane = self.on_plane[at] & (state.plane is not None)
+        points = replace(state, rays=v / lengths[:, None], inverse_distances=w / lengths, on_plane=on_plane)
+        return state.with_points_of(points, known)
 
     def of_tracks(self, track_ids: Ints) -> Floats:
         """The points of some tracks in the world.

@@ -29,6 +29,7 @@ from quest.noise import GATE_SIGMAS
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.lens import Lens
 from slam_init.types.pose import Pose
+from slam_init.window.arguments import Limits
 from slam_init.window.hypotheses import WindowHypotheses, rotating
 from slam_init.window.joint_fit import JointFit, costs_off_plane, fit_window
 from slam_init.window.levels import (
@@ -182,7 +183,7 @@ def _rotation_by(hypotheses: WindowHypotheses, some: Ints) -> JointFit:
 def _costs_of_rotation(tracks: WindowTracks, fit: JointFit) -> Floats:
     """The costs of some tracks in a camera that only rotates, as others have located it."""
     start = rotating(tracks, fit.state.R, fit.state.lens)
-    return fit_window(tracks, start, fit.priors, rotation_only=True, max_steps=0).track_costs
+    return fit_window(tracks, start, fit.priors, rotation_only=True, limits=Limits(max_steps=0)).track_costs
 
 
 def _overlay(hypotheses: WindowHypotheses) -> OtherMotion:
@@ -248,7 +249,7 @@ def _votes(hypotheses: WindowHypotheses, costs: Floats) -> Floats:
 
 def costs_at(hypotheses: WindowHypotheses, motion: Motion) -> Floats:
     """The cost (T,) of each track in all views at the poses of a motion, each with a distance of its own."""
-    everywhere = fit_motion(hypotheses.tracks, motion, hypotheses.priors, max_steps=0)
+    everywhere = fit_motion(hypotheses.tracks, motion, hypotheses.priors, Limits(max_steps=0))
     costs = costs_off_plane(everywhere.fit)
     return hypotheses.costs_of(replace(everywhere, fit=replace(everywhere.fit, track_costs=costs)))
 

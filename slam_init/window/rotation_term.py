@@ -159,21 +159,20 @@ def zooming_probability(hypotheses: WindowHypotheses) -> float:
     # It is not worth its fits where even a certain zoom would be no more than what is not modelled.
     if hypotheses.priors.lens_changes * LENS_ZOOMS <= FLOOR:
         return 0.0
-    probability = _probability_beside_zooms(hypotheses, with_zooms(hypotheses))
+    probability = _probability_beside_zooms(hypotheses)
     if probability > FLOOR and keeps_errors(hypotheses):
         wide = with_errors_in_noise(hypotheses)
-        probability = min(probability, _probability_beside_zooms(wide, with_zooms(wide), lasting_in_noise=True))
+        probability = min(probability, _probability_beside_zooms(wide, lasting_in_noise=True))
     return probability
 
 
-def _probability_beside_zooms(
-    hypotheses: WindowHypotheses, zoomed: ZoomingRotation, *, lasting_in_noise: bool = False
-) -> float:
+def _probability_beside_zooms(hypotheses: WindowHypotheses, *, lasting_in_noise: bool = False) -> float:
     """The same by one model of the errors that a tracker keeps.
 
     See :func:`rotation_probability` for ``lasting_in_noise``.
     """
-    explained = 0.5 * (hypotheses.rotation_only.cost - zoomed.cost)
+    zoomed = with_zooms(hypotheses)
+    explained = 0.5 * (hypotheses.rotation_only.cost - zoomed.hypotheses.rotation_only.cost)
     # A zoom looks like a motion toward a plane, so that a few moving objects before it look like its depth variation.
     # Tracks that lie on a plane are no such moving objects.
     objects = explained > zoomed.hypotheses.gain_over_rotation[0] and not hypotheses.planar

@@ -80,12 +80,8 @@ class ExpandedFit:
 
         Shapes: returns (S,).
         """
-        return np.asarray(np.exp(self.marginal.log_evidence + np.log(FIELD_PRIOR) - self.log_evidence))
-
-    @property
-    def log_evidence(self) -> float:
-        """Logarithm of the probability of the tracks with fields of unknown scale, over that without fields."""
-        return float(np.logaddexp.reduce(self.marginal.log_evidence + np.log(FIELD_PRIOR)))
+        log_weights = self.marginal.fields.log_evidence + np.log(FIELD_PRIOR)
+        return np.asarray(np.exp(log_weights - np.logaddexp.reduce(log_weights)))
 
     @cached_property
     def directions(self) -> Floats:
@@ -207,7 +203,7 @@ def suspected_k1(lens: LensPrior) -> float | None:
 def _sigma_of(column: int, marginal: ErrorMarginal) -> float:
     """Standard deviation of an unknown, over all scales of the fields of correlated errors."""
     J = np.eye(1, len(marginal.shift), column)
-    log_weights = marginal.log_evidence + np.log(FIELD_PRIOR)
+    log_weights = marginal.fields.log_evidence + np.log(FIELD_PRIOR)
     weights = np.exp(log_weights - log_weights.max())
     shifts, covariances = marginal.of(J)
     variance = float(weights @ (covariances[:, 0, 0] + shifts[:, 0] ** 2) / weights.sum())
@@ -292,15 +288,12 @@ def moved_by_lens(expanded: ExpandedFit, *, held: bool) -> MovedByLens:
     * ``held``: Whether the map keeps focal length and distortion too.
     """
     lin, fit, covariance = expanded.linearization, expanded.fit, expanded.marginal.covariance
-    state, priors = fit.state, fit.priors
-    columns: list[int] = []
-    offsets: list[float] = []
-    if held:
-        columns += [lin.k1_column - 1, lin.k1_column]
-        offsets += [state.lens.log_scale - priors.mean.log_scale, state.lens.k1 - priors.mean.k1]
+    state, lens, mean = fit.state, fit.state.lens, fit.priors.mean
+    columns = [lin.k1_column - 1, lin.k1_column] if held else []
+    offsets = [lens.log_scale - mean.log_scale, lens.k1 - mean.k1] if held else []
     if lin.principal_columns is not None:
         columns += [lin.principal_columns.start, lin.principal_columns.start + 1]
-        offsets += state.lens.principal_px
+        offsets += lens.principal_px
     if not columns:
         return MovedByLens(np.zeros(len(state.R) - 1), np.zeros(len(state.R) - 1))
     moved = covariance[:, columns] @ np.linalg.solve(covariance[np.ix_(columns, columns)], np.array(offsets))

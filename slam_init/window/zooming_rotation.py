@@ -20,7 +20,7 @@ from quest.algebra import turn
 from slam_init.types.arrays import Floats, evenly_spaced
 from slam_init.types.camera import Camera
 from slam_init.types.lens import Lens
-from slam_init.window.arguments import ZOOM_TERMS
+from slam_init.window.arguments import ZOOM_TERMS, Limits
 from slam_init.window.hypotheses import WindowHypotheses, approached, rotating
 from slam_init.window.joint_fit import fit_window
 from slam_init.window.levels import LARGEST_ZOOM, SHIFTS, ZOOM_LEAVES, ZOOMED_COST
@@ -46,7 +46,8 @@ _LEAST_TRACKS = 4
 class ZoomingRotation:
     """A camera that rotates, and whose images zoom and shift from view to view."""
 
-    #: Those of the window with this camera in place of the one that only rotates, and both undone in the tracks.
+    #: Those of the window with this camera in place of the one that only rotates, and both undone in the tracks. The
+    #: cost of the camera has the price of the zooms and the shifts.
     hypotheses: WindowHypotheses
     #: (V,) Of the views of the window.
     zooms: Floats
@@ -54,11 +55,6 @@ class ZoomingRotation:
     shifts: Floats
     #: What both cost, in twice the nats.
     price: float = 0.0
-
-    @property
-    def cost(self) -> float:
-        """Of the fit, with the price of the zooms and the shifts."""
-        return self.hypotheses.rotation_only.cost
 
     def errors_px(self, tracks: WindowTracks, priors: Priors) -> Floats:
         """What the model of the zooms leaves of their displacements (V, T): standard deviations of the tracks.
@@ -88,7 +84,8 @@ def with_zooms(hypotheses: WindowHypotheses) -> ZoomingRotation:
     lens, none = Lens(readout_s=hypotheses.motions[0].fit.state.lens.readout_s), np.zeros((len(R), 2))
     R, zooms = _located(tracks, R, lens)
     found = _fitted(hypotheses, rotating(zoomed(tracks, zooms), R, lens), zooms, none, priors)
-    return found if found.cost < hypotheses.rotation_only.cost else ZoomingRotation(hypotheses, none[:, 0], none)
+    gains = found.hypotheses.rotation_only.cost < hypotheses.rotation_only.cost
+    return found if gains else ZoomingRotation(hypotheses, none[:, 0], none)
 
 
 def _fitted(
@@ -117,7 +114,7 @@ def _fitted(
     # The image zooms about the principal point, as far as that is known.
     part = zoomed(tracks, zooms, shifts - zooms[:, None] * np.array(state.lens.principal_px))
     undone, priors = replace(state, field=np.zeros_like(state.field)), replace(priors, zoom_sigma=0.0)
-    fit = fit_window(part, undone, priors, rotation_only=True, max_steps=0)
+    fit = fit_window(part, undone, priors, rotation_only=True, limits=Limits(max_steps=0))
     fit = replace(fit, cost=fit.cost + price)
     return ZoomingRotation(replace(hypotheses, tracks=part, rotation_only=fit), zooms, shifts, price)
 

@@ -18,7 +18,7 @@ from quest import Hypothesis
 from quest.geometry.quaternion import quaternion_from_matrix, rotation_from_vector
 from slam_init.types.pose import Pose
 from slam_init.window.hypotheses import fit_hypotheses
-from slam_init.window.joint_fit import MAX_STEPS
+from slam_init.window.joint_fit import LIMITS
 from slam_init.window.motion import Motion
 from slam_init.window.state import Priors
 from slam_init.window.tracks import gather_tracks
@@ -209,7 +209,7 @@ def test_a_fit_that_goes_on_takes_few_steps_and_costs_no_more(scene):
     first = hypotheses_of(source.camera, views, PRIORS)
     again = fit_hypotheses(first.tracks, [one.motion for one in first.motions], PRIORS, first.rotations)
     best = again.motions[0]
-    assert best.fit.iterations <= MAX_STEPS
+    assert best.fit.iterations <= LIMITS.max_steps
     assert best.fit.cost <= first.motions[0].fit.cost + 0.2
     assert best.same_as(first.motions[0])
     assert again.rotation_only.cost <= first.rotation_only.cost + 0.2

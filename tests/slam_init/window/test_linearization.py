@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from make_window import PRIORS, fit_near_truth, make_window
 
+from slam_init.window.arguments import Limits
 from slam_init.window.joint_fit import fit_window
 from slam_init.window.linearization import linearize_with_fields
 from slam_init.window.state import start_at
@@ -42,7 +43,7 @@ def test_the_variance_of_a_distance_is_the_inverse_of_its_curvature():
     for seed in range(40):
         window = make_window("room", seed, 4, 60, noise_px=0.7, baseline=0.3)
         truth = window.true_state()
-        fit = fit_window(window.tracks, truth, PRIORS, max_steps=0)
+        fit = fit_window(window.tracks, truth, PRIORS, limits=Limits(max_steps=0))
         moved = start_at(window.tracks, window.R, window.t)
         found = linearize_with_fields(fit)
         used = window.tracks.seen.all(axis=0)
