@@ -218,9 +218,9 @@ def _copied(state: WindowState) -> Unknowns:
 def _state_of(unknowns: Unknowns, before: WindowState) -> WindowState:
     """The state in some arrays, which are its own from now on; ``before`` has the same tracks on the plane."""
     R, t, field, plane, rays, inverse_distances, numbers, on_plane = unknowns
-    *lens, x, y = numbers.tolist()
-    kept = None if before.plane is None else plane
-    return WindowState(R, t, rays, inverse_distances, Lens(*lens, (x, y)), field, kept, on_plane)
+    log_scale, k1, readout_s, x, y = numbers.tolist()
+    lens, kept = Lens(log_scale, k1, readout_s, (x, y)), None if before.plane is None else plane
+    return WindowState(R, t, rays, inverse_distances, lens, field, kept, on_plane)
 
 
 def explained_at_most(freedom: Ints) -> Floats:
