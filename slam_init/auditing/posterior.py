@@ -30,9 +30,8 @@ from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses
 from slam_init.window.levels import EVEN_ODDS, FLOOR, SHORTEST_BASELINE, WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
 from slam_init.window.motion import FittedMotion
 from slam_init.window.risk import WindowRisk, risk_of, with_zooming_rotation
-from slam_init.window.tails import three_directions
 from slam_init.window.tracks import with_lasting_errors
-from slam_init.window.uncertainty import direction_uncertainty
+from slam_init.window.uncertainty import direction_uncertainty, three_directions
 
 #: Probability that the camera of a map only rotates, before any track is seen. Of .5, .2 and .1 the last one stated
 #: best how many maps were false: 66 of 287 maps with competing motions, where 63 were (docs/measurements/accuracy.md).

@@ -23,7 +23,6 @@ from slam_init.types.evidence import FreeFocal
 from slam_init.types.lens import CALIBRATED_SIGMA
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_at_focal, with_plane
 from slam_init.window.motion import Motion
-from slam_init.window.other_motion import bearings_of_best
 from slam_init.window.risk import likely_lens
 from slam_init.window.state import Priors
 from slam_init.window.tracks import gain_of_shared_errors
@@ -145,6 +144,6 @@ def _fit_without_plane(
     )
     if free is None or not hypotheses.planar:
         return free
-    best = with_plane(replace(free.motions[0].motion, points=None), tracks, bearings_of_best(free))
+    best = with_plane(replace(free.motions[0].motion, points=None), tracks, free.bearings)
     on_plane = fit_hypotheses(tracks, [best], priors, free.rotations)
     return on_plane if on_plane is not None and on_plane.planar else free

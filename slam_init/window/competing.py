@@ -16,19 +16,13 @@ from quest.robust.spatial_blocks import regions_of
 from slam_init.types.arrays import Floats
 from slam_init.types.correlated_errors import FIELD_PRIOR, FIELD_SCALES_PX
 from slam_init.types.evidence import Margin
+from slam_init.window.arguments import Limits
 from slam_init.window.hypotheses import FAR_BEHIND, WindowHypotheses
 from slam_init.window.joint_fit import fit_window
-from slam_init.window.levels import (
-    OBJECTS_MOVE,
-    SHARE_OF_OBJECTS,
-    UNDECIDED,
-    WRONG_DIRECTION_DEG,
-    WRONG_ROTATION_DEG,
-)
+from slam_init.window.levels import OBJECTS_MOVE, SHARE_OF_OBJECTS, UNDECIDED, WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
 from slam_init.window.motion import FittedMotion
 from slam_init.window.state import Priors
-from slam_init.window.tails import at_any_time
-from slam_init.window.uncertainty import ExpandedFit, expand_for_evidence, places_of
+from slam_init.window.uncertainty import ExpandedFit, at_any_time, expand_for_evidence, places_of
 
 #: A scale of the fields with a smaller probability changes nothing.
 #: Class: level.
@@ -118,7 +112,7 @@ def _competing_probability(
     # a part of the fields, so that it seems to need smaller ones. The fields belong to the tracker and not to the
     # motion: the motions are compared at each scale that is likely with both.
     both = np.sqrt(of_best.scale_weights * of_other.scale_weights)
-    explained = of_other.marginal.log_evidence - of_best.marginal.log_evidence
+    explained = of_other.marginal.fields.log_evidence - of_best.marginal.fields.log_evidence
     probability = float(both @ _odds(margin, 1 - explained / ahead))
     if probability > UNDECIDED or not with_fits:
         return probability
@@ -148,7 +142,8 @@ def _cost_with_fields(motion: FittedMotion, priors: Priors, expanded: ExpandedFi
     if not scale_px:
         return unknowns + motion.fit.cost
     with_fields = replace(priors, field_sigma_px=scale_px)
-    return unknowns + fit_window(motion.tracks, motion.fit.state, with_fields, max_steps=_STEPS_WITH_FIELDS).cost
+    limits = Limits(max_steps=_STEPS_WITH_FIELDS)
+    return unknowns + fit_window(motion.fit.tracks, motion.fit.state, with_fields, limits=limits).cost
 
 
 def _wrong_if_right(best: FittedMotion, other: FittedMotion, sigma_deg: float) -> float:

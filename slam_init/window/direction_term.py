@@ -12,24 +12,32 @@ that the calibration does not describe, a tracker that prefers one side. The sum
 correlations ``rho_ij`` has the variance ``N + sum rho_ij`` over all pairs. Beyond the neighbourhood the correlations
 vanish, so that each variance of a fit is too small by the factor ``1 + sum_j rho_ij``: the sum over the neighbours of a
 track, on average.
+
+A forward motion to a plane parallel to the image moves the pixels exactly as a zoom does, and a small rotation moves
+them as a shift of the image does. The expansion of a fit shows how far the tracks distinguish them
+(:func:`varying_lens`).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slam_init.types.arrays import Bools, Floats
+from slam_init.types.arrays import Bools, Floats, Ints
+from slam_init.types.camera import Camera
+from slam_init.types.correlated_errors import FIELD_SCALES_PX
 from slam_init.types.lens import CALIBRATED_SIGMA, PULL_FREEDOM, LensPrior
+from slam_init.window.arguments import FIELD_TERMS
 from slam_init.window.hypotheses import WindowHypotheses
 from slam_init.window.joint_fit import NEAR_SIGMAS, JointFit
 from slam_init.window.kernel import TUKEY_GATES
-from slam_init.window.levels import FEW_VIEWS, NEIGHBOURHOOD, WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
+from slam_init.window.levels import FEW_VIEWS, NEIGHBOURHOOD, SHIFTS, WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG, ZOOMS
 from slam_init.window.motion import FittedMotion
-from slam_init.window.tails import three_directions, two_directions
 from slam_init.window.uncertainty import (
+    ExpandedFit,
     MovedByLens,
     direction_by_principal_point_deg,
     direction_sigmas_deg,
@@ -38,13 +46,18 @@ from slam_init.window.uncertainty import (
     places_of,
     rotation_sigmas_deg,
     sigma_with_known_lens,
+    three_directions,
+    two_directions,
 )
-from slam_init.window.varying_lens import VaryingLens, varying_lens
 
 #: Neighbours that a track is compared with: a moving object holds four tracks or more, or pulls little. The bound is
 #: exceeded by chance once in twenty, that many standard deviations beyond the mean.
 #: Class: level.
 _COMPARED, _BOUND_SIGMAS = 3, 1.645
+#: A lens that zooms shifts a view by its optical axis, over the width of the image: half a pixel of 1280.
+_NO_SHIFT = 3e-4
+#: A zoom is smooth in time, or independent in each view.
+_WAYS_TO_ZOOM = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,14 +141,17 @@ def direction_term(hypotheses: WindowHypotheses) -> DirectionTerm:
     by_tracks_deg = direction_sigmas_deg(expanded)
     # What the fit does not know widens its deviations, but not that of the principal point with its own prior.
     by_point_deg = direction_by_principal_point_deg(expanded)[:, None]
-    of_fit_deg = _widened(by_tracks_deg, factor, by_point_deg)
+    of_rest_deg = np.sqrt(np.maximum(by_tracks_deg**2 - by_point_deg**2, 0.0))
+    of_fit_deg = np.hypot(factor * of_rest_deg, by_point_deg)
     of_map_deg = np.hypot(of_fit_deg, moved.directions_deg[:, None])
     varying = varying_lens(expanded)
     rotations_of_fit_deg = factor * rotation_sigmas_deg(expanded)
     rotations_deg = np.hypot(rotations_of_fit_deg, moved.rotations_deg)
     rotated = [three_directions(WRONG_ROTATION_DEG, float(deg)) for deg in rotations_deg]
     known_lens = (1.0 if calibrated else sigma_with_known_lens(expanded)) * by_tracks_deg[0]
-    rigid_deg = np.hypot(optimism.if_rigid(lens_held=calibrated) * by_tracks_deg[0], moved.directions_deg[0])
+    # No track lies on a moving object.
+    rigid = replace(optimism, objects=0.0).factor(lens_held=calibrated)
+    rigid_deg = np.hypot(rigid * by_tracks_deg[0], moved.directions_deg[0])
     lens_right = float(weights @ _with_varying_lens(of_fit_deg[0], varying, 0))
     return DirectionTerm(
         of_views=tuple(
@@ -179,15 +195,13 @@ class _Optimism:
         """Factor on the standard deviation; a lens that a map holds has no part in it."""
         return math.sqrt(self.few_views * (1 + (0.0 if lens_held else self.pulled_lens) + self.objects))
 
-    def if_rigid(self, *, lens_held: bool) -> float:
-        """Factor on the standard deviation if no track lies on a moving object."""
-        return replace(self, objects=0.0).factor(lens_held=lens_held)
-
 
 def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> _Optimism:
     """Factors for what the covariance of the direction does not know."""
     few_views = (1 + FEW_VIEWS / math.sqrt(len(best.rows) - 1)) ** 2
-    pull2 = sum(pull**2 for pull in hypotheses.priors.lens_pulls(best.fit.state))
+    priors, lens = hypotheses.priors, best.fit.state.lens
+    pull2 = ((lens.log_scale - priors.mean.log_scale) / priors.focal_sigma) ** 2
+    pull2 += ((lens.k1 - priors.mean.k1) / priors.k1_sigma) ** 2
     # Tracks that stay near without being explained may lie on moving objects. As many again may be explained by chance,
     # and each of these pulls by about half a standard deviation of a track. The variance of their sum is that of pulls
     # in the same direction, times their correlation.
@@ -197,11 +211,6 @@ def _optimism(hypotheses: WindowHypotheses, best: FittedMotion) -> _Optimism:
     # What a fit explains in part leaves residuals that neighbours share.
     shared = variance_by_correlation(best.fit, places)
     return _Optimism(few_views, pull2 / PULL_FREEDOM, objects + shared - 1)
-
-
-def _widened(sigmas_deg: Floats, factor: float, fixed_deg: Floats) -> Floats:
-    """Standard deviations with a factor on all but a part that has a deviation of its own."""
-    return np.asarray(np.hypot(factor * np.sqrt(np.maximum(sigmas_deg**2 - fixed_deg**2, 0.0)), fixed_deg))
 
 
 def _with_varying_lens(sigmas_deg: Floats, varying: VaryingLens, view: int) -> Floats:
@@ -246,10 +255,7 @@ def residual_agreement(fit: JointFit, of: Bools, places: Floats) -> float:
     # Of two tracks the views count that see both.
     lengths = np.sqrt(np.where(used, squares, 0.0) @ used.T.astype(float))
     cosines = np.einsum("ivq,jvq->ij", errors, errors) / np.maximum(lengths * lengths.T, 1e-300)
-    apart = np.sum((places[index, None] - places[index]) ** 2, axis=2)
-    np.fill_diagonal(apart, np.inf)
-    nearest = np.argpartition(apart, _COMPARED - 1, axis=1)[:, :_COMPARED]
-    of_track = np.take_along_axis(cosines, nearest, axis=1).mean(axis=1)
+    of_track = np.take_along_axis(cosines, _nearest(places[index], _COMPARED), axis=1).mean(axis=1)
     bound = float(of_track.mean() + _BOUND_SIGMAS * of_track.std() / np.sqrt(len(index)))
     return min(max(bound, 0.0), 1.0)
 
@@ -261,9 +267,140 @@ def _neighbours(places: Floats, used: Bools) -> Floats:
     count = min(max(round(NEIGHBOURHOOD * len(index)), 1), len(index) - 1)
     if count < 1:
         return near
-    x, y = places[index].T
+    near[index[:, None], index[_nearest(places[index], count)]] = 1.0
+    return near
+
+
+def _nearest(places: Floats, count: int) -> Ints:
+    """The rows (N, count) of the places that are nearest to each place (N, 2)."""
+    x, y = places.T
     squares = (x[:, None] - x) ** 2 + (y[:, None] - y) ** 2
     np.fill_diagonal(squares, np.inf)
-    nearest = np.argpartition(squares, count - 1, axis=1)[:, :count]
-    near[index[:, None], index[nearest]] = 1.0
-    return near
+    return np.argpartition(squares, count - 1, axis=1)[:, :count]
+
+
+# -- a lens that changes from view to view -----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class VaryingLens:
+    """Whether the lens is the same in all views, and how certain the directions are if it is not."""
+
+    #: (M + 1,) Logarithms of the weights: that the lens is the same, then that it zooms, then that views are shifted.
+    log_weights: Floats
+    #: (M + 1, V - 1) Factors on the standard deviations of the directions; 1 if the lens is the same.
+    factors: Floats
+    #: (M + 1, V - 1) How far the directions move; 0 if the lens is the same.
+    moved_deg: Floats
+
+    @property
+    def probabilities(self) -> Floats:
+        """Probability that the lens is the same, then of each mode.
+
+        Shapes: returns (M + 1,).
+        """
+        weights = np.exp(self.log_weights - self.log_weights.max())
+        return np.asarray(weights / weights.sum())
+
+
+def varying_lens(expanded: ExpandedFit) -> VaryingLens:
+    """What a zoom and a shift of each view explain of the tracks, and what they change about the directions.
+
+    The expansion of the fit gives both: the gradient of the cost by the zooms and the shifts, and their information.
+    The first view has none, as what all views have in common is the lens. The fields have their likeliest scale.
+    """
+    lin, tracks, lens_changes = expanded.linearization, expanded.fit.tracks, expanded.fit.priors.lens_changes
+    views = len(expanded.fit.state.R)
+    other, field, H = ~lin.is_field, lin.is_field, lin.information
+    known = H[np.ix_(other, other)] + 1e-9 * np.eye(int(other.sum()))
+    units = np.sqrt(np.maximum(np.diag(known), 1e-300))
+    covariance = np.linalg.inv(known / np.outer(units, units)) / np.outer(units, units)
+    follow = covariance @ H[np.ix_(other, field)]
+    left = H[np.ix_(field, field)] - H[np.ix_(field, other)] @ follow
+    gradient = lin.gradient[field] - follow.T @ lin.gradient[other]
+    scale_px = float(FIELD_SCALES_PX[int(np.argmax(expanded.scale_weights))])
+    given = np.zeros_like(left)
+    if scale_px:
+        given = np.linalg.inv(0.5 * (left + left.T) + np.eye(len(left)) / scale_px**2)
+    # Given a zoom or a shift, the fields take a part of it back.
+    alone = zooms_and_shifts(tracks.camera, views)
+    B = alone - given @ (left @ alone)
+    information, gradient = B.T @ left @ alone, B.T @ gradient
+    gradient[::3] += shrunk_noise(expanded.fit)
+    J, along = expanded.directions, expanded.directions @ follow
+    fixed = J @ covariance @ np.swapaxes(J, 1, 2) + along @ given @ np.swapaxes(along, 1, 2)
+    by_mode, largest_fixed = along @ B, np.maximum(np.linalg.eigvalsh(fixed)[:, -1], 1e-300)
+    log_weights = [math.log(1 - lens_changes * sum(prior for _, prior in (*ZOOMS, *SHIFTS)))]
+    factors, moved_deg = [np.ones(views - 1)], [np.zeros(views - 1)]
+    for root, prior in _modes(tracks.camera, tracks.times_s) if lens_changes else ():
+        scaled = root.T @ (0.5 * (information + information.T)) @ root + np.eye(len(root))
+        posterior = root @ np.linalg.inv(scaled) @ root.T
+        mean = -posterior @ gradient
+        evidence = 0.5 * float(gradient @ posterior @ gradient) - 0.5 * float(np.linalg.slogdet(scaled)[1])
+        log_weights.append(math.log(lens_changes * prior) + evidence)
+        moved = by_mode @ posterior @ np.swapaxes(by_mode, 1, 2)
+        factors.append(np.sqrt(np.maximum(np.linalg.eigvalsh(fixed + moved)[:, -1] / largest_fixed, 1.0)))
+        moved_deg.append(np.degrees(np.linalg.norm(by_mode @ mean, axis=1)))
+    return VaryingLens(np.array(log_weights), np.array(factors), np.array(moved_deg))
+
+
+def _modes(camera: Camera, times_s: Floats) -> Iterator[tuple[Floats, float]]:
+    """How a lens may change: roots (3 V - 3, 3 V - 3) of the prior covariances of all views, and their probabilities.
+
+    A lens that focuses zooms smoothly, or it has settled again in each view: both are alike probable. Independent zooms
+    alone would let a slow zoom pay for as many unknowns as there are views, so that it would be less likely than none.
+    A stabilizer moves each frame for itself.
+    """
+    smooth, settled = np.asarray(np.linalg.cholesky(zoom_covariance(times_s))), np.eye(len(times_s) - 1)
+    for zoom, prior in ZOOMS:
+        for root in (smooth, settled):
+            yield _root(zoom * root, _NO_SHIFT * camera.width), prior / _WAYS_TO_ZOOM
+    for shift, prior in SHIFTS:
+        yield _root(shift / 3 * settled, shift * camera.width), prior
+
+
+def _root(of_zooms: Floats, shift_px: float) -> Floats:
+    """The root (3 V - 3, 3 V - 3) of the prior covariance of zooms and of shifts that are independent."""
+    root = np.kron(np.eye(len(of_zooms)), np.diag([0.0, shift_px, shift_px]))
+    root[::3, ::3] = of_zooms
+    return np.asarray(root)
+
+
+def zoom_covariance(times_s: Floats) -> Floats:
+    """Covariance of the zooms of all views but the first, over that of the first, of a lens with a deviation of 1.
+
+    How a zoom proceeds in time is not known: it is a smooth random function (Matern 3/2), with the length of the window
+    as its scale.
+
+    Shapes: ``times_s`` (V,), returns (V - 1, V - 1).
+    """
+    spans = np.abs(times_s[:, None] - times_s[None])
+    apart = math.sqrt(3) * spans / max(float(spans.max()), 1e-9)
+    smooth = (1 + apart) * np.exp(-apart)
+    from_first = smooth - smooth[:, :1] - smooth[:1] + smooth[0, 0]
+    # A view at the time of another one has a zoom of its own, however small.
+    return np.asarray(from_first[1:, 1:] + 1e-6 * np.eye(len(times_s) - 1))
+
+
+def shrunk_noise(fit: JointFit) -> Floats:
+    """What the gradient by the zoom of each view but the first lacks, where fields describe the zooms.
+
+    The fields are polynomials of the measured pixels. A zoom of these shrinks their noise as well: with N tracks in a
+    view the gradient has an expectation of -2 N. A lens zooms the projections, which are a residual away.
+
+    Shapes: returns (V - 1,).
+    """
+    tracks, squares = fit.tracks, np.sum(fit.residuals**2, axis=2)
+    left_of_gate = np.maximum(1 - squares / (TUKEY_GATES * fit.priors.gate_sigmas**2), 0.0)
+    used = tracks.seen & (tracks.anchor >= 0) & (left_of_gate > 0)
+    return np.asarray(np.sum(left_of_gate**2 * np.where(used, squares, 0.0), axis=1)[1:])
+
+
+def zooms_and_shifts(camera: Camera, views: int) -> Floats:
+    """The coefficients (12 V, 3 V - 3) of the fields by the zoom and the shift (x, y) of each view but the first."""
+    own = np.zeros((FIELD_TERMS, 3))
+    half = FIELD_TERMS // 2
+    # The linear terms have a mean square of 1 over the image.
+    own[1, 0], own[half + 2, 0] = (camera.width - 1) / math.sqrt(12), (camera.height - 1) / math.sqrt(12)
+    own[0, 1] = own[half, 2] = 1.0
+    return np.asarray(np.kron(np.eye(views)[:, 1:], own), np.float64)

@@ -6,11 +6,9 @@ import numpy as np
 
 from quest.jit import inlined
 from slam_init.types.arrays import Floats
-from slam_init.window import rows as at
-from slam_init.window.arguments import ZOOM_TERMS, Equations, Layout, Observed, Room
-from slam_init.window.compiler import part
-from slam_init.window.rows import LANES
-from slam_init.window.vectors import to_view
+from slam_init.window import arguments as at
+from slam_init.window.arguments import LANES, ZOOM_TERMS, Equations, Layout, Observed, Room
+from slam_init.window.compiler import part, to_view
 
 
 @part

@@ -8,21 +8,21 @@ from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.lens import Lens
 from slam_init.window.arguments import (
     FIELD_TERMS,
+    LANES,
     ZOOM_TERMS,
     Equations,
     Known,
     Layout,
     Limits,
     Observed,
+    Problem,
     Room,
     Unknowns,
+    gather,
 )
-from slam_init.window.blocks import gather, list_blocks
 from slam_init.window.kernel import evaluate
-from slam_init.window.optimizer import hold_length, optimize
-from slam_init.window.rows import LANES, OBSERVED_ROWS
+from slam_init.window.optimizer import hold_length, move, optimize
 from slam_init.window.state import Priors, WindowState
-from slam_init.window.steps import move
 from slam_init.window.tracks import WindowTracks
 
 #: Weight of an unknown that keeps its value.
@@ -31,25 +31,15 @@ _HELD = 1e12
 _NO_PLANE: Floats = np.zeros(3)
 
 
-def observed_by(tracks: WindowTracks, gate_sigmas: float, *, has_fields: bool) -> Observed:
-    """Gather the observations of the tracks that take part, in blocks with one anchor view each."""
-    views, most = len(tracks.seen), len(tracks.anchor) // LANES + len(tracks.seen)
-    lanes, anchors, counts = np.empty((most, LANES), np.int64), np.empty(most, np.int64), np.empty(most, np.int64)
-    blocks = list_blocks(tracks.anchor, views, lanes, anchors, counts)
-    rows = np.empty((blocks * views, OBSERVED_ROWS * LANES))
-    lanes, anchors, counts = lanes[:blocks], anchors[:blocks], counts[:blocks]
-    gather(
-        tracks.pixels, tracks.sigma_px, tracks.whitening, tracks.sweep_px_s, tracks.places, tracks.seen, lanes, counts,
-        has_fields, rows,
-    )  # fmt: skip
-    return Observed(lanes, anchors, counts, rows, gate_sigmas**2)
-
-
-def _field_terms(priors: Priors) -> int:
-    """The number of coefficients of the field of a view, or of its zoom and its shift."""
-    if priors.field_sigma_px > 0:
-        return FIELD_TERMS
-    return ZOOM_TERMS if priors.zoom_sigma > 0 else 0
+def _layout_of(views: int, priors: Priors, *, rotation_only: bool) -> Layout:
+    """The order of the common unknowns; points at infinity show no translation."""
+    field = ZOOM_TERMS if priors.zoom_sigma > 0 else 0
+    field = FIELD_TERMS if priors.field_sigma_px > 0 else field
+    readout, principal = int(priors.readout_sigma_s > 0), 2 * int(priors.principal_sigma_px > 0)
+    pose = 3 if rotation_only else 6
+    block = pose + field
+    focal, lens = block * (views - 1) + field, 2 + readout + principal
+    return Layout(field, readout, principal, pose, block, focal, lens, focal + lens)
 
 
 def unknowns_of(state: WindowState) -> Unknowns:
@@ -57,13 +47,6 @@ def unknowns_of(state: WindowState) -> Unknowns:
     plane = _NO_PLANE if state.plane is None else state.plane
     lens = np.array([*state.lens[:3], *state.lens.principal_px])
     return Unknowns(state.R, state.t, state.field, plane, state.rays, state.inverse_distances, lens, state.on_plane)
-
-
-def _known_of(tracks: WindowTracks, priors: Priors, weights: Floats, *, at_infinity: bool) -> Known:
-    """What is known before the tracks are seen."""
-    lens = np.array([priors.mean.log_scale, priors.mean.k1, 0.0, 0.0, 0.0])
-    turned = tracks.turned, tracks.turned_weights
-    return Known(tracks.camera.numbers, float(tracks.readout_s), at_infinity, weights, lens, *turned)
 
 
 class WindowEquations:
@@ -83,20 +66,19 @@ class WindowEquations:
 
     def __init__(self, tracks: WindowTracks, start: WindowState, priors: Priors, rotation_only: bool = False) -> None:
         self.tracks, self.priors, self.rotation_only = tracks, priors, rotation_only
-        self._layout = layout = Layout.of(
-            len(tracks.seen), field=_field_terms(priors), readout=priors.readout_sigma_s > 0,
-            principal=priors.principal_sigma_px > 0, rotation_only=rotation_only,
-        )  # fmt: skip
-        self.focal = layout.focal
-        self._observed, size = (
-            observed_by(tracks, priors.gate_sigmas, has_fields=layout.field == FIELD_TERMS),
-            layout.plane + 3 * (start.plane is not None),
-        )
-        self._equations = Equations.empty(len(self._observed.tracks), len(tracks.seen), len(tracks.anchor), size)
+        self._layout = layout = _layout_of(len(tracks.seen), priors, rotation_only=rotation_only)
+        arrays = tracks.anchor, tracks.seen, tracks.pixels, tracks.sigma_px, tracks.whitening, tracks.sweep_px_s
+        gathered = gather(*arrays, tracks.places, layout.field == FIELD_TERMS)
+        observed = Observed(*gathered, priors.gate_sigmas**2)
+        self.focal, size = layout.focal, layout.plane + 3 * (start.plane is not None)
+        self._equations = Equations.empty(len(observed.tracks), len(tracks.seen), len(tracks.anchor), size)
         self.normal, self.gradient, self.costs, self.residuals, self.free, self.across, *_ = self._equations
         self.track_gradients, self.track_covariances = self._equations.own, self._equations.inverses
         self._room = Room.empty(size)
-        self._known = _known_of(tracks, priors, self._weights_of_priors(), at_infinity=rotation_only)
+        lens = np.array([priors.mean.log_scale, priors.mean.k1, 0.0, 0.0, 0.0])
+        weights, turned = self._weights_of_priors(), (tracks.turned, tracks.turned_weights)
+        known = Known(tracks.camera.numbers, float(tracks.readout_s), rotation_only, weights, lens, *turned)
+        self._problem = Problem(observed, known, layout)
         self._built = start.R
         self.held_view = int(np.argmax(np.linalg.norm(start.t, axis=1)))
 
@@ -121,7 +103,7 @@ class WindowEquations:
 
         Shapes: ``directions`` (T, 3), returns (T, G).
         """
-        of_lanes = directions[self._observed.tracks]
+        of_lanes = directions[self._problem.observed.tracks]
         return self._by_track(np.einsum("bgql,blq->bgl", self._coupled[:, :, :3], of_lanes))
 
     def cost(self, state: WindowState) -> float:
@@ -133,6 +115,7 @@ class WindowEquations:
 
         * ``hold``: Whether tracks at infinity whose distance would become negative are held there.
         """
+        self._built = state.R
         return self._evaluate(state, fill=True, hold=hold)
 
     def optimized(self, state: WindowState, limits: Limits) -> tuple[WindowState, float, int, bool]:
@@ -141,28 +124,18 @@ class WindowEquations:
         * Returns: The last state, its cost, the number of steps, and whether the fit was given up.
         """
         states = _copied(state), _copied(state), _copied(state)
-        at, cost, steps, given_up = optimize(
-            self._observed, self._known, self._layout, self.held_view, limits, states, self._equations, self._room
-        )
+        at, cost, steps, given_up = optimize(self._problem, self.held_view, limits, states, self._equations, self._room)
         return _state_of(states[at], state), cost, steps, given_up
-
-    def stopped(self, state: WindowState) -> Bools:
-        """The tracks at infinity whose distance would become negative, by the last equations.
-
-        Shapes: returns (T,).
-        """
-        if self.rotation_only:
-            return np.zeros(len(state.rays), bool)
-        return np.asarray(~state.on_plane & (state.inverse_distances == 0) & (self.track_gradients[:, 2] > 0))
 
     def prior_gradient(self, state: WindowState) -> Floats:
         """The part of the gradient that does not come from the tracks: of the lens, the fields and the rotations.
 
         Shapes: returns (G,).
         """
-        none = self._observed._replace(tracks=self._observed.tracks[:0])
+        observed = self._problem.observed
+        none = self._problem._replace(observed=observed._replace(tracks=observed.tracks[:0]))
         place = Equations.empty(0, len(self.tracks.seen), len(self.tracks.anchor), len(self.gradient))
-        evaluate(none, self._known, self._layout, unknowns_of(state), place, self._room, True, False, False)
+        evaluate(none, unknowns_of(state), place, self._room, True, False, False)
         return place.gradient
 
     def columns_of_fields(self) -> Bools:
@@ -190,10 +163,7 @@ class WindowEquations:
         Shapes: ``step`` (G,).
         """
         after = _copied(state)
-        move(
-            unknowns_of(state), step, length, self._observed, self._known, self._layout, self._equations, self._room,
-            after,
-        )  # fmt: skip
+        move(self._problem, unknowns_of(state), step, length, self._equations, self._room, after)
         return _state_of(after, state)
 
     @property
@@ -205,32 +175,25 @@ class WindowEquations:
 
         Shapes: ``of_blocks`` (B, G, LANES), returns (T, G).
         """
-        tracks, counts, layout = self._observed.tracks, self._observed.counts, self._layout
-        turned = of_blocks.copy()
+        observed, layout, turned = self._problem.observed, self._layout, of_blocks.copy()
         for k in range(1, len(self._built)):
             first = layout.field + layout.block * (k - 1)
             for at in range(first, first + layout.pose, 3):
                 turned[:, at : at + 3] = self._built[k] @ turned[:, at : at + 3]
-        used = np.arange(LANES) < counts[:, None]
+        used = np.arange(LANES) < observed.counts[:, None]
         of_tracks = np.zeros((len(self.tracks.anchor), of_blocks.shape[1]))
-        of_tracks[tracks[used]] = turned.swapaxes(1, 2)[used]
+        of_tracks[observed.tracks[used]] = turned.swapaxes(1, 2)[used]
         return of_tracks
 
     def _evaluate(self, state: WindowState, *, fill: bool, hold: bool) -> float:
-        if fill:
-            self._built = state.R
-        return evaluate(
-            self._observed, self._known, self._layout, unknowns_of(state), self._equations, self._room, fill, hold, True
-        )
+        return evaluate(self._problem, unknowns_of(state), self._equations, self._room, fill, hold, True)
 
     def _weights_of_priors(self) -> Floats:
         """One over the variance of each common unknown before the tracks are seen."""
-        priors, weights = self.priors, np.zeros(len(self.gradient))
-        weights[self.focal], weights[self.focal + 1] = 1 / priors.focal_sigma**2, 1 / priors.k1_sigma**2
-        if self._layout.readout:
-            weights[self.focal + 2] = 1 / priors.readout_sigma_s**2
-        if self._layout.principal:
-            weights[self._principal_columns] = 1 / priors.principal_sigma_px**2
+        priors, layout, weights = self.priors, self._layout, np.zeros(len(self.gradient))
+        lens = [priors.focal_sigma, priors.k1_sigma]
+        lens += layout.readout * [priors.readout_sigma_s] + layout.principal * [priors.principal_sigma_px]
+        weights[self.focal : layout.plane] = [1 / sigma**2 for sigma in lens]
         if priors.field_sigma_px > 0:
             weights[self.columns_of_fields()] = 1 / priors.field_sigma_px**2
         elif priors.zoom_sigma > 0:
@@ -238,14 +201,9 @@ class WindowEquations:
             for k in range(len(self.tracks.seen)):
                 # What all views have in common is the lens.
                 weights[self._field_columns(k)] = sigmas**-2.0 if k else _HELD
-        poses = np.arange(self._layout.field, self.focal, self._layout.block)[:, None] + np.arange(3)
+        poses = np.arange(layout.field, self.focal, layout.block)[:, None] + np.arange(3)
         weights[poses] += self.tracks.turned_weights[1:, None]
         return weights
-
-    @property
-    def _principal_columns(self) -> Ints:
-        first = self.focal + 2 + self._layout.readout
-        return np.arange(first, first + self._layout.principal)
 
     def _field_columns(self, view: int) -> Ints:
         first = self._layout.field + self._layout.block * (view - 1) + self._layout.pose if view else 0
@@ -254,24 +212,15 @@ class WindowEquations:
 
 def _copied(state: WindowState) -> Unknowns:
     """A copy of a state, whose arrays receive steps."""
-    read = unknowns_of(state)
-    R, t, field, plane, rays, distances, lens = (array.copy() for array in read[:7])
-    return Unknowns(R, t, field, plane, rays, distances, lens, read.on_plane)
+    return Unknowns._make(array.copy() for array in unknowns_of(state))
 
 
 def _state_of(unknowns: Unknowns, before: WindowState) -> WindowState:
     """The state in some arrays, which are its own from now on; ``before`` has the same tracks on the plane."""
-    lens = unknowns.lens
-    return WindowState(
-        R=unknowns.R,
-        t=unknowns.t,
-        rays=unknowns.rays,
-        inverse_distances=unknowns.inverse_distances,
-        lens=Lens(float(lens[0]), float(lens[1]), float(lens[2]), (float(lens[3]), float(lens[4]))),
-        field=unknowns.field,
-        plane=None if before.plane is None else unknowns.plane,
-        on_plane=unknowns.on_plane,
-    )
+    R, t, field, plane, rays, inverse_distances, numbers, on_plane = unknowns
+    log_scale, k1, readout_s, x, y = numbers.tolist()
+    lens, kept = Lens(log_scale, k1, readout_s, (x, y)), None if before.plane is None else plane
+    return WindowState(R, t, rays, inverse_distances, lens, field, kept, on_plane)
 
 
 def explained_at_most(freedom: Ints) -> Floats:
@@ -284,20 +233,3 @@ def explained_at_most(freedom: Ints) -> Floats:
     Shapes: ``freedom`` (T,), returns (T,).
     """
     return np.asarray(freedom + 5 * np.sqrt(2.0 * freedom))
-
-
-def tangent_bases(rays: Floats) -> tuple[Floats, Floats]:
-    """Two orthonormal vectors orthogonal to each ray, as :func:`quest.algebra.tangents`.
-
-    Shapes: ``rays`` (T, 3), returns ``first, second`` (T, 3).
-    """
-    x, y, z = rays.T
-    none = np.zeros_like(x)
-    smallest = np.argmin(np.abs(rays), axis=1)
-    first = np.where(
-        (smallest == 0)[:, None],
-        np.stack([none, z, -y], axis=1),
-        np.where((smallest == 1)[:, None], np.stack([-z, none, x], axis=1), np.stack([y, -x, none], axis=1)),
-    )
-    first = first / np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-300)
-    return first, np.cross(rays, first)

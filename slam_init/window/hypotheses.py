@@ -18,15 +18,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
 from quest.estimate import Hypothesis, NoPose, RelativePose, estimate_relative_pose
 from quest.noise import GATE_SIGMAS
-from slam_init.types.arrays import Floats, Ints
+from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.lens import UNKNOWN_K1_SIGMA, UNKNOWN_PRINCIPAL_SIGMA, Lens
 from slam_init.types.pose import Pose
+from slam_init.window.arguments import Limits
 from slam_init.window.equations import explained_at_most
 from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
 from slam_init.window.levels import LARGEST_VOTE, UNDECIDED, WRONG_FOCAL, WRONG_FOCAL_COST
@@ -74,12 +74,10 @@ class WindowHypotheses:
     planar: bool
     #: Different optima only, the best first: those that locate more views first, then by their cost.
     motions: tuple[FittedMotion, ...]
-    #: The camera that only rotates, with the focal length as an unknown.
+    #: The camera that only rotates. By its priors, the focal length may be wrong.
     rotation_only: JointFit
     #: Of the fits of the motions.
     priors: Priors
-    #: Of the camera that only rotates: its focal length may be wrong.
-    rotation_priors: Priors
     #: Where the fits of the camera that only rotates ended: with any focal length, then, where it was fitted, with the
     #: stated one.
     rotations: tuple[Motion, ...] = ()
@@ -87,10 +85,6 @@ class WindowHypotheses:
     other_before: OtherMotion | None = None
     #: The tracks that are left out since they stay at their pixel; None without them.
     overlay: OverlayTracks | None = None
-
-    def beside(self, again: WindowHypotheses) -> WindowHypotheses:
-        """Other fits to the same tracks, with what is known of the window beside its tracks."""
-        return replace(again, other_before=self.other_before, overlay=self.overlay)
 
     @cached_property
     def expanded(self) -> ExpandedFit:
@@ -110,6 +104,19 @@ class WindowHypotheses:
         seen = self.tracks.seen
         missing = seen.sum(axis=0) - seen[list(motion.rows)].sum(axis=0)
         return np.asarray(motion.fit.track_costs + self.priors.gate_sigmas**2 * missing)
+
+    @property
+    def explained(self) -> Bools:
+        """The tracks that the best motion explains in all views that see them.
+
+        Shapes: returns (T,).
+        """
+        return np.asarray((self.costs_of(self.motions[0]) <= self.largest_costs) & (self.tracks.anchor >= 0))
+
+    @property
+    def bearings(self) -> Floats:
+        """The measured rays (V, T, 3) by the lens of the best motion; NaN where a view does not see a track."""
+        return self.tracks.bearings(self.motions[0].fit.state.lens.centred())
 
     def votes(self, motion: FittedMotion, other: FittedMotion) -> Floats:
         """The votes of the tracks for a motion against another one: differences of bounded costs.
@@ -153,11 +160,7 @@ class WindowHypotheses:
 
 
 def motions_of_pair(
-    pose: RelativePose,
-    frames: tuple[int, ...],
-    rays1: Floats,
-    rays2: Floats,
-    readout_s: float = 0.0,
+    pose: RelativePose, frames: tuple[int, ...], rays1: Floats, rays2: Floats, readout_s: float = 0.0
 ) -> list[Motion]:
     """The motions that explain the matches of a pair.
 
@@ -234,8 +237,8 @@ def fit_hypotheses(
         tracks = tracks.with_noise(noise_px)
         planar, fits = _fitted(tracks, [one.motion for one in fits], bearings, priors)
     starts = tuple(_in_window(tracks, one, rotations) for one in living)
-    turning = _fit_rotation(tracks, rotations, priors, fits[0], starts)
-    return WindowHypotheses(tracks, planar, tuple(fits), turning.fit, priors, turning.priors, turning.ends)
+    rotation_only, ends = _fit_rotation(tracks, rotations, priors, fits[0], starts)
+    return WindowHypotheses(tracks, planar, tuple(fits), rotation_only, priors, ends)
 
 
 def with_rotation_refitted(hypotheses: WindowHypotheses) -> WindowHypotheses:
@@ -243,15 +246,12 @@ def with_rotation_refitted(hypotheses: WindowHypotheses) -> WindowHypotheses:
     tracks, best = hypotheses.tracks, hypotheses.motions[0]
     bearings = tracks.bearings(_with_stated_focal(best.fit.state.lens))
     rotations = align_views(bearings, [best.motion], tracks.frames[:2])
-    again = _fit_rotation(tracks, rotations, hypotheses.priors, best)
-    return replace(hypotheses, rotation_only=again.fit, rotation_priors=again.priors, rotations=again.ends)
+    rotation_only, ends = _fit_rotation(tracks, rotations, hypotheses.priors, best)
+    return replace(hypotheses, rotation_only=rotation_only, rotations=ends)
 
 
 def _fitted(
-    tracks: WindowTracks,
-    motions: Sequence[Motion],
-    bearings: Floats,
-    priors: Priors,
+    tracks: WindowTracks, motions: Sequence[Motion], bearings: Floats, priors: Priors
 ) -> tuple[bool, list[FittedMotion]]:
     """Whether the points lie on a plane, and the different optima of located motions, the best first."""
     if any(motion.plane is not None for motion in motions):
@@ -269,7 +269,7 @@ def _fit_each(tracks: WindowTracks, motions: Sequence[Motion], priors: Priors) -
         same = [one for one in fits if set(one.frames) == set(motion.cam_from_world)]
         hopeless = min((one.fit.cost for one in same), default=math.inf) + FAR_BEHIND
         give_up = math.inf if all(one.is_new for one in same) else _GIVEN_UP * hopeless
-        fits.append(fit_motion(tracks, motion, priors, hopeless, give_up=give_up))
+        fits.append(fit_motion(tracks, motion, priors, Limits(hopeless=hopeless, give_up=give_up)))
     return fits
 
 
@@ -294,46 +294,29 @@ def with_plane(motion: Motion, tracks: WindowTracks, bearings: Floats) -> Motion
     return replace(motion, plane=plane_of_motion(pose.R, pose.t, bearings[0, both], bearings[1, both]))
 
 
-class _Turning(NamedTuple):
-    """The better fit of the camera that only rotates, and its prior."""
-
-    fit: JointFit
-    priors: Priors
-    #: Where the fits ended.
-    ends: tuple[Motion, ...]
-
-
 def _fit_rotation(
     tracks: WindowTracks, rotations: Floats, priors: Priors, best: FittedMotion, living: Sequence[Motion] = ()
-) -> _Turning:
-    """Fit the camera that only rotates, with a right and with a wrong focal length."""
+) -> tuple[JointFit, tuple[Motion, ...]]:
+    """The better fit of the camera that only rotates, with a right or with a wrong focal length; where fits ended."""
     # A focal length that is no calibration may be wrong at no price.
     unknown = priors.focal_sigma >= WRONG_FOCAL
     any_focal = replace(
         priors, focal_sigma=max(WRONG_FOCAL, priors.focal_sigma), k1_sigma=max(UNKNOWN_K1_SIGMA, priors.k1_sigma)
     )
-    start = None if living else _far_start(tracks, rotations, any_focal)
+    lens = Lens(readout_s=tracks.readout_s)
+    start = None if living else approached(tracks, rotating(tracks, rotations, lens), any_focal)
     # Far from the answer the principal point would follow outliers.
     any_focal = replace(any_focal, principal_sigma_px=UNKNOWN_PRINCIPAL_SIGMA * tracks.camera.width)
     hopeless = _hopeless_rotation(tracks, rotations, priors, best)
     wrong = _fit_turning(tracks, living[0] if start is None else start, any_focal, hopeless)
-    ends: tuple[Motion, ...] = (_turning_motion(wrong),)
+    ends = [_turning_motion(wrong)]
     wrong = replace(wrong, cost=wrong.cost + (0.0 if unknown else WRONG_FOCAL_COST))
     if unknown or wrong.cost > hopeless:
-        return _Turning(wrong, any_focal, ends)
+        return wrong, tuple(ends)
     # It is the better one only if it costs less.
     right = _fit_turning(tracks, living[1] if len(living) > 1 else wrong.state, priors, wrong.cost)
-    ends = (*ends, _turning_motion(right))
-    if right.cost <= wrong.cost:
-        return _Turning(right, priors, ends)
-    return _Turning(wrong, any_focal, ends)
-
-
-def _far_start(tracks: WindowTracks, rotations: Floats, priors: Priors) -> WindowState:
-    """Where the fit of a camera that only rotates starts if nothing is known of it."""
-    lens = Lens(readout_s=tracks.readout_s)
-    start = start_at(tracks, rotations, no_motion(len(rotations)), lens=lens, at_infinity=True)
-    return approached(tracks, start, priors)
+    ends.append(_turning_motion(right))
+    return (right if right.cost <= wrong.cost else wrong), tuple(ends)
 
 
 def approached(tracks: WindowTracks, start: WindowState, priors: Priors) -> WindowState:
@@ -354,9 +337,9 @@ def _fit_turning(tracks: WindowTracks, start: WindowState | Motion, priors: Prio
         R, points, lens = start.R, None, start.lens.centred()
     else:
         R, points, lens = np.array([start.cam_from_world[frame].R for frame in tracks.frames]), start.points, start.lens
-    first = start_at(tracks, R, no_motion(len(R)), lens=lens, at_infinity=True)
+    first = rotating(tracks, R, lens)
     known = None if points is None else points.start(tracks, first)
-    return fit_window(tracks, first, priors, known=known, rotation_only=True, hopeless=hopeless)
+    return fit_window(tracks, first, priors, known=known, rotation_only=True, limits=Limits(hopeless=hopeless))
 
 
 def _with_stated_focal(lens: Lens) -> Lens:
@@ -364,20 +347,23 @@ def _with_stated_focal(lens: Lens) -> Lens:
     return Lens(k1=lens.k1, readout_s=lens.readout_s)
 
 
-def no_motion(views: int) -> Floats:
-    """Translations (V, 3) without an effect on points at infinity; their length only has to differ from zero."""
-    return np.outer(np.arange(views), [1e-9, 0.0, 0.0])
+def rotating(tracks: WindowTracks, R: Floats, lens: Lens) -> WindowState:
+    """A camera that only rotates, with rays as measured.
+
+    Shapes: ``R`` (V, 3, 3).
+    """
+    # Translations have no effect on points at infinity; their length only has to differ from zero.
+    return start_at(tracks, R, np.outer(np.arange(len(R)), [1e-9, 0.0, 0.0]), lens=lens, at_infinity=True)
 
 
 def _turning_motion(fit: JointFit) -> Motion:
     """Where a fit of a camera that only rotates ended."""
-    frames = fit.tracks.frames
-    return FittedMotion(fit, tuple(range(len(frames))), frames).motion
+    return FittedMotion(fit, tuple(range(len(fit.tracks.frames)))).motion
 
 
 def _in_window(tracks: WindowTracks, motion: Motion, rotations: Floats) -> Motion:
     """A rotation-only motion in the views of a window: those that it does not know turn as the tracks do."""
-    known = {row: motion.cam_from_world[f].R for row, f in enumerate(tracks.frames) if f in motion.cam_from_world}
+    known = {row: pose.R for row, pose in motion.known_in(tracks).items()}
     turned = dict(known)
     for row in set(range(len(tracks.frames))) - set(known):
         nearest = min(known, key=lambda one: abs(tracks.frames[one] - tracks.frames[row]), default=None)

@@ -12,22 +12,20 @@ is none loses its tracks.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from slam_init.types.arrays import Bools, Floats
-from slam_init.types.lens import Lens
 from slam_init.window.arguments import Limits
 from slam_init.window.equations import WindowEquations, explained_at_most
 from slam_init.window.kernel import OFF_PLANE_COST
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
 
-#: Largest number of steps of a fit that starts near the answer.
-MAX_STEPS = 12
+#: Of a fit that starts near the answer.
+LIMITS = Limits()
 #: How often the tracks may leave the plane or return to it before the fit ends.
 _PLANE_ROUNDS = 2
 #: Rays follow a step of the lens linearly. A distortion that moves by 0.1 leaves the rays of a wide image by several
@@ -130,10 +128,7 @@ def fit_window(
     *,
     known: WindowState | None = None,
     rotation_only: bool = False,
-    max_steps: int = MAX_STEPS,
-    tolerance: float = 0.05,
-    hopeless: float = math.inf,
-    give_up: float = math.inf,
+    limits: Limits = LIMITS,
 ) -> JointFit:
     """Fit all views of a window jointly, from a start near the answer.
 
@@ -142,23 +137,22 @@ def fit_window(
     * ``known``: The start with the points of an earlier fit. A track starts where it costs less: of 200 simulated
       worlds before flat ground with four poles four had a false map without these.
     * ``rotation_only``: Whether all points are at infinity, so that the camera only rotates.
-    * ``hopeless``: The fit ends where the steps to come cannot lower the cost to this; ``give_up``: where a step leaves
-      it above this. Without both the frame with the map takes .7 longer before the checkerboard and .25 in the
-      hospital, since most of their motions and their camera that only rotates cannot win.
-    * ``tolerance``: The fit ends where a step lowers the cost by less: a fortieth of a nat is far below what decides.
     """
     equations = WindowEquations(tracks, start, priors, rotation_only)
     if known is not None:
-        start = _cheaper(equations, start, known)
-    limits = Limits(max_steps, float(tolerance), float(hopeless), float(give_up))
+        equations.cost(start)
+        of_start = equations.costs.copy()
+        equations.cost(known)
+        start = start.with_points_of(known, equations.costs <= of_start)
     fit = _optimized(equations, start, limits)
     if fit.given_up:
         return fit
     lens = start.lens
     for _ in range(_LENS_ROUNDS):
-        if _moved(fit.state.lens, lens) < _LENS_TOLERANCE:
+        moved = fit.state.lens
+        if max(abs(moved.k1 - lens.k1), abs(moved.log_scale - lens.log_scale)) < _LENS_TOLERANCE:
             break
-        lens, again = fit.state.lens, _measured_again(equations, fit, rotation_only=rotation_only)
+        lens, again = moved, _measured_again(equations, fit)
         if again is None:
             break
         fit = _optimized(equations, again, limits)
@@ -244,20 +238,6 @@ def _explained_and_near(equations: WindowEquations, state: WindowState) -> tuple
     return explained, used & ~explained & near
 
 
-def _cheaper(equations: WindowEquations, start: WindowState, known: WindowState) -> WindowState:
-    """Of two states with the same views, the one in which each track costs less."""
-    equations.cost(start)
-    of_start = equations.costs.copy()
-    equations.cost(known)
-    better = equations.costs <= of_start
-    return replace(
-        start,
-        rays=np.where(better[:, None], known.rays, start.rays),
-        inverse_distances=np.where(better, known.inverse_distances, start.inverse_distances),
-        on_plane=np.where(better, known.on_plane, start.on_plane),
-    )
-
-
 def _reassigned(equations: WindowEquations, state: WindowState) -> WindowState:
     """The tracks on the plane and those off it, by their costs at the poses of a state."""
     equations.cost(replace(state, on_plane=np.ones(len(state.rays), bool)))
@@ -267,27 +247,18 @@ def _reassigned(equations: WindowEquations, state: WindowState) -> WindowState:
     return replace(state, on_plane=on <= off, inverse_distances=measured.inverse_distances)
 
 
-def _measured_again(equations: WindowEquations, fit: JointFit, *, rotation_only: bool) -> WindowState | None:
+def _measured_again(equations: WindowEquations, fit: JointFit) -> WindowState | None:
     """The state of a fit with the rays as measured by its lens, for tracks that cost less so; None if none does."""
-    state, before = fit.state, fit.track_costs
-    measured = _measured(equations.tracks, state, at_infinity=rotation_only)
-    inverse = measured.inverse_distances
-    equations.cost(replace(state, rays=measured.rays, inverse_distances=inverse))
-    better = equations.costs < before
-    if not better.any():
-        return None
-    rays = np.where(better[:, None], measured.rays, state.rays)
-    return replace(state, rays=rays, inverse_distances=np.where(better, inverse, state.inverse_distances))
+    measured = _measured(equations.tracks, fit.state, at_infinity=equations.rotation_only)
+    again = replace(fit.state, rays=measured.rays, inverse_distances=measured.inverse_distances)
+    equations.cost(again)
+    better = equations.costs < fit.track_costs
+    return fit.state.with_points_of(again, better) if better.any() else None
 
 
 def _measured(tracks: WindowTracks, state: WindowState, *, at_infinity: bool = False) -> WindowState:
     """The same poses and camera, with the rays as measured and a distance for each."""
     return start_at(tracks, state.R, state.t, lens=state.lens, at_infinity=at_infinity)
-
-
-def _moved(lens: Lens, before: Lens) -> float:
-    """How far the focal length, as a logarithm, or the distortion has moved."""
-    return max(abs(lens.k1 - before.k1), abs(lens.log_scale - before.log_scale))
 
 
 def _costs_off_plane(equations: WindowEquations, state: WindowState, measured: WindowState) -> Floats:

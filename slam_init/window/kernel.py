@@ -43,13 +43,22 @@ from quest.algebra import tangents
 from quest.jit import inlined
 from slam_init.lenses.point import project_point, radial_and_tangential
 from slam_init.types.arrays import Floats
-from slam_init.window import rows as at
-from slam_init.window.arguments import FIELD_TERMS, ZOOM_TERMS, Equations, Known, Layout, Observed, Room, Unknowns
-from slam_init.window.compiler import compiled, part
+from slam_init.window import arguments as at
+from slam_init.window.arguments import (
+    FIELD_TERMS,
+    LANES,
+    ZOOM_TERMS,
+    Equations,
+    Known,
+    Layout,
+    Observed,
+    Problem,
+    Room,
+    Unknowns,
+)
+from slam_init.window.compiler import Vector, compiled, dot, part, to_view, to_world, vector_of
 from slam_init.window.elimination import clear, couple, eliminate, list_columns, solve_tracks, turn_into_views
 from slam_init.window.levels import LARGEST_VOTE
-from slam_init.window.rows import LANES
-from slam_init.window.vectors import Vector, dot, to_view, to_world, vector_of
 
 #: An observation whose square is this many squared gates has no influence. With 3 the cost of a small residual is its
 #: square.
@@ -60,15 +69,7 @@ OFF_PLANE_COST = LARGEST_VOTE
 
 @compiled
 def evaluate(
-    observed: Observed,
-    known: Known,
-    layout: Layout,
-    state: Unknowns,
-    equations: Equations,
-    room: Room,
-    fill: bool,
-    hold: bool,
-    record: bool,
+    problem: Problem, state: Unknowns, equations: Equations, room: Room, fill: bool, hold: bool, record: bool
 ) -> float:
     """Cost of a state: twice the negative logarithm of its posterior density, up to a constant.
 
@@ -76,6 +77,7 @@ def evaluate(
     * ``hold``: Tracks at infinity whose distance would become negative are held from here on.
     * ``record``: Whether the residuals are recorded.
     """
+    observed, known, layout = problem.observed, problem.known, problem.layout
     has_plane = len(equations.gradient) > layout.plane
     off_plane = OFF_PLANE_COST if has_plane else 0.0
     total, views, w = 0.0, len(state.R), room.tracks

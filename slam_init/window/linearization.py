@@ -16,9 +16,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from quest.algebra import tangents
 from slam_init.types.arrays import Bools, Floats
-from slam_init.types.correlated_errors import FIELD_SCALES_PX, LARGEST_PULL_SIGMAS, CorrelatedErrors
-from slam_init.window.equations import WindowEquations, tangent_bases
+from slam_init.types.correlated_errors import LARGEST_PULL_SIGMAS, CorrelatedErrors
+from slam_init.window.equations import WindowEquations
 from slam_init.window.joint_fit import JointFit
 from slam_init.window.kernel import TUKEY_GATES
 
@@ -67,7 +68,9 @@ def linearize_with_fields(fit: JointFit) -> Linearization:
     equations.held_view = fit.held_view
     equations.build(state, hold=False)
     gradients, covariances = equations.track_gradients, equations.track_covariances
-    shares, held = equations.shares, equations.stopped(state)
+    # At infinity, these tracks are held by a distance that would become negative.
+    held = ~state.on_plane & (state.inverse_distances == 0) & (gradients[:, 2] > 0)
+    shares = equations.shares
     # The equations are linear in the gradients of the tracks.
     along_distance = equations.coupling_along(covariances[:, 2])
     shares[held] += along_distance[held] * gradients[held, 2:]
@@ -78,7 +81,8 @@ def linearize_with_fields(fit: JointFit) -> Linearization:
         # In the reference, the inverse distance along a ray is the product of the plane and the ray. The ray follows
         # the other unknowns too, most of all the focal length.
         on_plane = np.flatnonzero(state.on_plane & (fit.tracks.anchor == 0))
-        by_ray = np.stack([base[on_plane] @ state.plane for base in tangent_bases(state.rays)], axis=1)
+        bases = np.array([tangents(ray) for ray in state.rays[on_plane]]).reshape(-1, 2, 3)
+        by_ray = np.stack([np.ascontiguousarray(bases[:, q]) @ state.plane for q in range(2)], axis=1)
         follow = np.zeros((len(state.rays), 3))
         follow[on_plane, :2] = np.einsum("tp,tpq->tq", by_ray, covariances[on_plane, :2, :2])
         variance[on_plane] = np.einsum("tq,tq->t", by_ray, follow[on_plane, :2])
@@ -146,22 +150,9 @@ class ErrorMarginal:
     coupling: Floats
 
     @property
-    def log_evidence(self) -> Floats:
-        """(S,) logarithm of the probability of the tracks with fields of each scale, over that without fields."""
-        return self.fields.log_evidence
-
-    @property
     def lowered_cost(self) -> Floats:
         """(S,) how much the fields lower the cost."""
         return np.asarray(self.fields.spread @ self.fields.pull**2)
-
-    @staticmethod
-    def expected_scale_px(weights: Floats) -> float:
-        """Expected scale of the fields.
-
-        Shapes: ``weights`` (S,).
-        """
-        return float(weights @ FIELD_SCALES_PX)
 
     def of(self, J: Floats) -> tuple[Floats, Floats]:
         """Posterior of linear functions of the unknowns, for each scale.

@@ -12,16 +12,9 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.inertial import RelativeRotation
 from slam_init.types.lens import CurrentLens
-from slam_init.window.hypotheses import (
-    WindowHypotheses,
-    fit_hypotheses,
-    motions_at_focal,
-    motions_of_pair,
-    with_plane,
-)
+from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_at_focal, motions_of_pair, with_plane
 from slam_init.window.levels import LARGEST_VOTE
 from slam_init.window.motion import Motion, fit_motion
-from slam_init.window.other_motion import bearings_of_best
 from slam_init.window.state import Priors
 from slam_init.window.tracks import gather_tracks
 
@@ -101,8 +94,7 @@ class LiveHypotheses:
             priors = priors if tracks.sweep_px_s.any() else replace(priors, readout_sigma_s=0.0)
             hypotheses = fit_hypotheses(tracks, [*self._motions, *self._proposed], priors, self._rotations)
         if hypotheses is None:
-            self._proposed = []
-            self._motions, self._rotations = [], ()
+            self.forget()
             return None
         self._noise_px = hypotheses.tracks.noise_px
         gain, freedom = hypotheses.gain_over_rotation
@@ -124,7 +116,7 @@ class LiveHypotheses:
         with single_threaded():
             motions = [one for one in motions_at_focal(hypotheses, 0.0) if not one.is_near(best.motion)]
             if hypotheses.planar:
-                motions = [with_plane(one, tracks, bearings_of_best(hypotheses)) for one in motions]
+                motions = [with_plane(one, tracks, hypotheses.bearings) for one in motions]
             fits = [fit_motion(tracks, one, hypotheses.priors) for one in motions]
             # By more than one track may vote: less is chance, or another end of the same optimum.
             better = [
@@ -135,7 +127,9 @@ class LiveHypotheses:
                 return None
             motions = [*better, *(one.motion for one in hypotheses.motions)]
             again = fit_hypotheses(tracks, motions, hypotheses.priors, hypotheses.rotations)
-        return None if again is None else hypotheses.beside(again)
+        if again is None:
+            return None
+        return replace(again, other_before=hypotheses.other_before, overlay=hypotheses.overlay)
 
     def keep(self, hypotheses: WindowHypotheses) -> None:
         """Go on with the motions of hypotheses, but for those that the tracks vote against."""

@@ -70,8 +70,7 @@ def locate_views(
 
 def _resected(tracks: WindowTracks, motion: Motion, bearings: Floats, rotations: Floats) -> dict[int, Pose]:
     """The poses of the views that a motion knows or that its points locate, by row."""
-    frames = enumerate(tracks.frames)
-    known = {row: motion.cam_from_world[frame] for row, frame in frames if frame in motion.cam_from_world}
+    known = motion.known_in(tracks)
     if len(known) < 2 or len(known) == len(tracks.frames):
         return known
     threshold_rad = _RESECTION_SIGMAS * tracks.noise_px / tracks.camera.focal_px
@@ -99,17 +98,11 @@ def _resected(tracks: WindowTracks, motion: Motion, bearings: Floats, rotations:
 
 def _explained(points: Floats, poses: list[Pose], bearings: Floats, threshold_rad: float) -> Bools:
     """The points that lie in front of the known cameras and project to their tracks in at least two of them."""
-    finite = np.isfinite(points).all(axis=1)
-    filled = np.nan_to_num(points)
-    agreeing = np.zeros(len(points), int)
-    against = np.zeros(len(points), int)
-    for pose, rays in zip(poses, bearings, strict=True):
-        local = pose.apply(filled)
-        local /= np.maximum(np.linalg.norm(local, axis=1, keepdims=True), 1e-300)
-        seen = np.isfinite(rays[:, 0])
-        near = np.linalg.norm(local - np.nan_to_num(rays), axis=1) < threshold_rad
-        agreeing += seen & near
-        against += seen & ~near
+    finite, seen = np.isfinite(points).all(axis=1), np.isfinite(bearings[..., 0])
+    local = np.array([pose.apply(np.nan_to_num(points)) for pose in poses])
+    local /= np.maximum(np.linalg.norm(local, axis=2, keepdims=True), 1e-300)
+    near = np.linalg.norm(local - np.nan_to_num(bearings), axis=2) < threshold_rad
+    agreeing, against = (seen & near).sum(axis=0), (seen & ~near).sum(axis=0)
     return np.asarray(finite & (agreeing >= 2) & (against <= agreeing // 2))
 
 

@@ -16,10 +16,9 @@ by ``m`` ::
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -29,13 +28,9 @@ from slam_init.frontend.rolling_shutter import readout_places
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.lens import SAME_LENS, Lens
 from slam_init.types.pose import Pose
-from slam_init.window.joint_fit import MAX_STEPS, JointFit, fit_window, start_noise_factor
-from slam_init.window.levels import (
-    NEAR_DIRECTION_DEG,
-    NEAR_ROTATION_DEG,
-    SAME_DIRECTION_DEG,
-    SAME_ROTATION_DEG,
-)
+from slam_init.window.arguments import Limits
+from slam_init.window.joint_fit import LIMITS, JointFit, fit_window, start_noise_factor
+from slam_init.window.levels import NEAR_DIRECTION_DEG, NEAR_ROTATION_DEG, SAME_DIRECTION_DEG, SAME_ROTATION_DEG
 from slam_init.window.state import Priors, WindowState, start_at
 from slam_init.window.tracks import WindowTracks
 
@@ -60,6 +55,11 @@ class Motion:
     #: Whether the motion has not been carried from one window to the next.
     is_new: bool = True
 
+    def known_in(self, tracks: WindowTracks) -> dict[int, Pose]:
+        """The poses of the views of a window that the motion knows, by row."""
+        frames = enumerate(tracks.frames)
+        return {row: self.cam_from_world[frame] for row, frame in frames if frame in self.cam_from_world}
+
     def is_near(self, other: Motion) -> bool:
         """Whether another motion moves the first two frames alike, so that a fit ends in the same optimum."""
         first, second = list(self.cam_from_world)[:2]
@@ -77,26 +77,19 @@ class FittedMotion:
     fit: JointFit
     #: Views of the window in the fit, reference and current first.
     rows: tuple[int, ...]
-    #: Absolute indices of these views.
-    frames: tuple[int, ...]
     #: Whether it has not been carried from one window to the next.
     is_new: bool = False
 
     @property
-    def tracks(self) -> WindowTracks:
-        """The tracks in the views of the fit, as they were fitted."""
-        return self.fit.tracks
+    def frames(self) -> tuple[int, ...]:
+        """Absolute indices of these views."""
+        return self.fit.tracks.frames
 
     @property
     def cam2_from_cam1(self) -> Pose:
         """The adjusted motion of the pair, with |t| = 1."""
         R, t = self.fit.state.R[1], self.fit.state.t[1]
         return Pose(R, t / max(float(np.linalg.norm(t)), 1e-300))
-
-    @property
-    def planar(self) -> bool:
-        """Whether most points were held on a plane."""
-        return self.fit.state.plane is not None
 
     @cached_property
     def motion(self) -> Motion:
@@ -105,7 +98,7 @@ class FittedMotion:
         # The next fit multiplies the first rotation with its own inverse: rounding errors would double in each frame.
         R = 0.5 * state.R @ (3 * np.eye(3) - np.swapaxes(state.R, 1, 2) @ state.R)
         poses = {frame: Pose(R[k], state.t[k]) for k, frame in enumerate(self.frames)}
-        points = WarmStart.of(self.tracks, state, self.fit.explains)
+        points = WarmStart.of(self.fit.tracks, state, self.fit.explains)
         return Motion(poses, state.plane, state.lens, points, self.is_new)
 
     def same_as(self, other: FittedMotion) -> bool:
@@ -134,11 +127,11 @@ class OtherMotion:
     #: That it is the camera's, and the best motion that of a moving object; 0 where its tracks are few or show none.
     probability: float = 0.0
     #: (M,) The tracks that have this motion; empty where there is none.
-    track_ids: Ints = dataclasses.field(default_factory=lambda: np.zeros(0, int))
+    track_ids: Ints = field(default_factory=lambda: np.zeros(0, int))
     #: In all views that these tracks locate; None without one.
     fitted: FittedMotion | None = None
     #: (K,) Tracks of the best motion, which do not have this one.
-    of_best: Ints = dataclasses.field(default_factory=lambda: np.zeros(0, int))
+    of_best: Ints = field(default_factory=lambda: np.zeros(0, int))
 
 
 def difference_deg(a: Pose, b: Pose) -> tuple[float, float]:
@@ -156,40 +149,26 @@ def farthest_deg(one: Motion, other: Motion) -> tuple[float, float]:
     return max((rotation for rotation, _ in apart), default=0.0), max((aside for _, aside in apart), default=0.0)
 
 
-def fit_motion(
-    tracks: WindowTracks,
-    motion: Motion,
-    priors: Priors,
-    hopeless: float = math.inf,
-    *,
-    max_steps: int = MAX_STEPS,
-    give_up: float = math.inf,
-) -> FittedMotion:
+def fit_motion(tracks: WindowTracks, motion: Motion, priors: Priors, limits: Limits = LIMITS) -> FittedMotion:
     """Fit a motion to the views that it knows; see :func:`.joint_fit.fit_window`."""
-    part, R, t, rows = _part_of(tracks, motion)
-    frames = tuple(tracks.frames[row] for row in rows)
-    start = _start(part, R, t, motion, motion.plane)
+    rows = tuple(motion.known_in(tracks))
+    part, start = _started(tracks, motion, motion.plane)
     part = with_translation(part, start)
     known = None if motion.points is None else motion.points.start(part, start)
-    fit = fit_window(part, start, priors, known=known, hopeless=hopeless, give_up=give_up, max_steps=max_steps)
-    return FittedMotion(fit, rows, frames, motion.is_new)
+    return FittedMotion(fit_window(part, start, priors, known=known, limits=limits), rows, motion.is_new)
 
 
 def noise_factor_at(tracks: WindowTracks, motion: Motion, priors: Priors) -> float:
     """The noise of a motion as a start over the noise of the tracks; see :func:`.joint_fit.start_noise_factor`."""
-    part, R, t, _ = _part_of(tracks, motion)
-    return start_noise_factor(part, _start(part, R, t, motion), priors)
+    return start_noise_factor(*_started(tracks, motion, None), priors)
 
 
-def _start(part: WindowTracks, R: Floats, t: Floats, motion: Motion, plane: Floats | None = None) -> WindowState:
-    return start_at(part, R, t, plane, lens=motion.lens)
-
-
-def _part_of(tracks: WindowTracks, motion: Motion) -> tuple[WindowTracks, Floats, Floats, tuple[int, ...]]:
-    """The tracks in the views of a located motion, its rotations and translations, and the rows of the views."""
-    rows = tuple(row for row, frame in enumerate(tracks.frames) if frame in motion.cam_from_world)
-    poses = [motion.cam_from_world[tracks.frames[row]] for row in rows]
-    return tracks.of_views(rows), np.array([pose.R for pose in poses]), np.array([pose.t for pose in poses]), rows
+def _started(tracks: WindowTracks, motion: Motion, plane: Floats | None) -> tuple[WindowTracks, WindowState]:
+    """The tracks in the views that a motion knows, and the state at its poses."""
+    known = motion.known_in(tracks)
+    part, poses = tracks.of_views(tuple(known)), known.values()
+    R, t = np.array([pose.R for pose in poses]), np.array([pose.t for pose in poses])
+    return part, start_at(part, R, t, plane, lens=motion.lens)
 
 
 # -- warm start --------------------------------------------------------------------------------------------------------
@@ -237,12 +216,9 @@ class WarmStart:
         lengths = np.linalg.norm(v, axis=1)
         known = (self.track_ids[at] == tracks.track_ids) & (tracks.anchor >= 0) & (lengths > 0)
         lengths = np.where(known, lengths, 1.0)
-        return replace(
-            state,
-            rays=np.where(known[:, None], v / lengths[:, None], state.rays),
-            inverse_distances=np.where(known, w / lengths, state.inverse_distances),
-            on_plane=np.where(known, self.on_plane[at], state.on_plane) & (state.plane is not None),
-        )
+        on_plane = self.on_plane[at] & (state.plane is not None)
+        points = replace(state, rays=v / lengths[:, None], inverse_distances=w / lengths, on_plane=on_plane)
+        return state.with_points_of(points, known)
 
     def of_tracks(self, track_ids: Ints) -> Floats:
         """The points of some tracks in the world.

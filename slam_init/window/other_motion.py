@@ -29,7 +29,8 @@ from quest.noise import GATE_SIGMAS
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.lens import Lens
 from slam_init.types.pose import Pose
-from slam_init.window.hypotheses import WindowHypotheses
+from slam_init.window.arguments import Limits
+from slam_init.window.hypotheses import WindowHypotheses, rotating
 from slam_init.window.joint_fit import JointFit, costs_off_plane, fit_window
 from slam_init.window.levels import (
     FLOOR,
@@ -41,18 +42,8 @@ from slam_init.window.levels import (
 )
 from slam_init.window.locating import align_views, locate_views
 from slam_init.window.motion import FittedMotion, Motion, OtherMotion, difference_deg, farthest_deg, fit_motion
-from slam_init.window.state import start_at
 from slam_init.window.tracks import WindowTracks
 from slam_init.window.uncertainty import places_of
-
-
-def explained_tracks(hypotheses: WindowHypotheses) -> Bools:
-    """The tracks that the best motion explains in all views that see them.
-
-    Shapes: returns (T,).
-    """
-    explained = hypotheses.costs_of(hypotheses.motions[0]) <= hypotheses.largest_costs
-    return np.asarray(explained & (hypotheses.tracks.anchor >= 0))
 
 
 def other_motion(
@@ -68,7 +59,7 @@ def other_motion(
     * ``seeks``: Whether a new motion is sought beside the one of the window before.
     """
     overlay = _overlay(hypotheses)
-    rest = (hypotheses.tracks.anchor >= 0) & ~explained_tracks(hypotheses)
+    rest = (hypotheses.tracks.anchor >= 0) & ~hypotheses.explained
     if rest.sum() < LEAST_TRACKS:
         return _since_found(hypotheses, overlay)
     search = _Search(
@@ -90,7 +81,7 @@ def _since_found(hypotheses: WindowHypotheses, found: OtherMotion) -> OtherMotio
     A moving object that comes nearer hides tracks of the scene, and tracks end. The odds fall with their number, while
     nothing has shown which of the two motions is that of the camera.
     """
-    ids, explained = hypotheses.tracks.track_ids, explained_tracks(hypotheses)
+    ids, explained = hypotheses.tracks.track_ids, hypotheses.explained
     found = replace(found, of_best=ids[explained & ~np.isin(ids, found.track_ids)])
     before = hypotheses.other_before
     if before is None or 2 * np.count_nonzero(np.isin(ids[explained], before.of_best)) < explained.sum():
@@ -105,7 +96,7 @@ def _only_turn(hypotheses: WindowHypotheses, some: Ints) -> bool:
     """Whether a camera that only rotates explains most of some tracks: any motion with its rotations does too."""
     if len(some) < LEAST_TRACKS:
         return False
-    costs = _costs_of_rotation(hypotheses, some, _rotation_by(hypotheses, some))
+    costs = _costs_of_rotation(hypotheses.tracks.of_tracks(some), _rotation_by(hypotheses, some))
     return bool(2 * np.count_nonzero(costs <= hypotheses.largest_costs[some]) > len(some))
 
 
@@ -137,57 +128,62 @@ def _from_last_window(search: _Search) -> OtherMotion:
 
 def _proposed(search: _Search) -> OtherMotion:
     """The motion of the tracks that the best motion does not explain, by the pair of views that shows most of it."""
-    proposed = propose(search.hypotheses, search.rest)
-    if proposed is None:
+    hypotheses, tracks, rays = search.hypotheses, search.hypotheses.tracks, search.hypotheses.bearings
+    rows = _most_informative_pair(tracks, search.rest & np.isfinite(rays).all(axis=2))
+    if rows is None:
         return OtherMotion()
-    fits = proposed.fitted(search.hypotheses)
-    weighed = [_weighed(search, one) for one in fits] if fits else [_unlocated(search, proposed)]
+    first, second = rows
+    both = search.rest & np.isfinite(rays[list(rows)]).all(axis=(0, 2))
+    threshold_rad = GATE_SIGMAS * tracks.noise_px / tracks.camera.focal_px
+    pose = estimate_relative_pose(rays[first, both], rays[second, both], threshold_rad=threshold_rad)
+    if not isinstance(pose, RelativePose):
+        return OtherMotion()
+    frames, moving = (tracks.frames[first], tracks.frames[second]), np.flatnonzero(both)[pose.inliers]
+    start = replace(hypotheses.motions[0].motion, plane=None, points=None)
+    # Tracks of one plane have two motions.
+    proposed: list[Hypothesis | RelativePose] = [pose, *pose.alternatives]
+    poses = [{frames[0]: Pose.identity(), frames[1]: Pose(one.R, one.t)} for one in proposed if np.any(one.t)]
+    fits = [_fitted_to(hypotheses, replace(start, cam_from_world=one), moving) for one in poses]
+    weighed = [_weighed(search, one) for one in fits if one is not None]
+    weighed = weighed or [_unlocated(search, frames, Pose(pose.R, pose.t), moving)]
     return max(weighed, key=lambda other: other.probability)
 
 
-def _unlocated(search: _Search, proposed: Proposal) -> OtherMotion:
+def _unlocated(search: _Search, frames: tuple[int, int], pose: Pose, moving: Ints) -> OtherMotion:
     """A motion whose tracks do not locate the reference, weighed by the two views that propose it."""
     hypotheses, best = search.hypotheses, search.hypotheses.motions[0].motion.cam_from_world
-    first, second = (hypotheses.tracks.frames[row] for row in proposed.rows)
-    others = hypotheses.tracks.track_ids[proposed.tracks]
-    if len(others) < LEAST_TRACKS or not proposed.pose.t.any() or first not in best or second not in best:
+    (first, second), others = frames, hypotheses.tracks.track_ids[moving]
+    if len(others) < LEAST_TRACKS or not pose.t.any() or first not in best or second not in best:
         return OtherMotion(0.0, others)
-    of_best = best[second] @ best[first].inverse()
-    rotation_deg, direction_deg = difference_deg(of_best, Pose(proposed.pose.R, proposed.pose.t))
+    rotation_deg, direction_deg = difference_deg(best[second] @ best[first].inverse(), pose)
     if rotation_deg < search.same_rotation_deg and direction_deg < search.same_direction_deg:
         return OtherMotion(0.0, others)
-    of_other = np.zeros(len(search.rest), bool)
-    of_other[proposed.tracks] = True
-    odds = odds_of_object(hypotheses, explained_tracks(hypotheses), of_other)
-    return OtherMotion(odds / (1 + odds), others)
+    return OtherMotion(_probability(hypotheses, np.isin(np.arange(len(search.rest)), moving)), others)
 
 
 def _rotation(search: _Search) -> OtherMotion:
     """The case that the camera only rotates, by the tracks off the best motion, which is that of a moving object."""
     hypotheses = search.hypotheses
     fit = _rotation_by(hypotheses, np.flatnonzero(search.rest))
-    costs = _costs_of_rotation(hypotheses, np.arange(len(search.rest)), fit)
-    votes = _votes(hypotheses, costs)
+    votes = _votes(hypotheses, _costs_of_rotation(hypotheses.tracks, fit))
     others = votes < -LARGEST_VOTE
     if min(others.sum(), (votes > LARGEST_VOTE).sum()) < LEAST_TRACKS:
         return OtherMotion()
-    return OtherMotion(_probability(hypotheses, votes), hypotheses.tracks.track_ids[others])
+    return OtherMotion(_probability(hypotheses, others), hypotheses.tracks.track_ids[others])
 
 
 def _rotation_by(hypotheses: WindowHypotheses, some: Ints) -> JointFit:
     """The camera that only rotates, by some of the tracks, from the stated lens."""
-    tracks, rotating = hypotheses.tracks.of_tracks(some), hypotheses.rotation_only.state
-    lens = Lens(readout_s=rotating.lens.readout_s)
+    tracks, fit = hypotheses.tracks.of_tracks(some), hypotheses.rotation_only
+    lens = Lens(readout_s=fit.state.lens.readout_s)
     R = align_views(tracks.bearings(lens), [hypotheses.motions[0].motion], tracks.frames[:2])
-    start = start_at(tracks, R, rotating.t, lens=lens, at_infinity=True)
-    return fit_window(tracks, start, hypotheses.rotation_priors, rotation_only=True)
+    return fit_window(tracks, rotating(tracks, R, lens), fit.priors, rotation_only=True)
 
 
-def _costs_of_rotation(hypotheses: WindowHypotheses, some: Ints, fit: JointFit) -> Floats:
+def _costs_of_rotation(tracks: WindowTracks, fit: JointFit) -> Floats:
     """The costs of some tracks in a camera that only rotates, as others have located it."""
-    tracks = hypotheses.tracks.of_tracks(some)
-    start = start_at(tracks, fit.state.R, fit.state.t, lens=fit.state.lens, at_infinity=True)
-    return fit_window(tracks, start, hypotheses.rotation_priors, rotation_only=True, max_steps=0).track_costs
+    start = rotating(tracks, fit.state.R, fit.state.lens)
+    return fit_window(tracks, start, fit.priors, rotation_only=True, limits=Limits(max_steps=0)).track_costs
 
 
 def _overlay(hypotheses: WindowHypotheses) -> OtherMotion:
@@ -199,44 +195,11 @@ def _overlay(hypotheses: WindowHypotheses) -> OtherMotion:
     if overlay is None or len(overlay.rays) < LEAST_TRACKS:
         return OtherMotion()
     used = float((hypotheses.tracks.anchor >= 0).sum())
-    count, explained = used * overlay.share / (1 - overlay.share), explained_tracks(hypotheses)
+    count, explained = used * overlay.share / (1 - overlay.share), hypotheses.explained
     places = np.arctan2(overlay.rays[:, :2], overlay.rays[:, 2:])
     of_best = _extent(places_of(hypotheses.motions[0].fit)[explained])
-    odds = _odds(count / max(int(explained.sum()), 1), _extent(places), of_best)
-    return OtherMotion(odds / (1 + odds), overlay.track_ids)
-
-
-@dataclass(frozen=True, eq=False)
-class Proposal:
-    """The rigid motion of some tracks in two views."""
-
-    pose: RelativePose
-    #: Rows of the two views.
-    rows: tuple[int, int]
-    #: (M,) Indices of the tracks that follow it.
-    tracks: Ints
-
-    def fitted(self, hypotheses: WindowHypotheses) -> list[FittedMotion]:
-        """It and its alternatives (tracks of one plane have two motions), in all views that its tracks locate."""
-        first, second = (hypotheses.tracks.frames[row] for row in self.rows)
-        lens = replace(hypotheses.motions[0].motion, plane=None, points=None)
-        proposed: list[Hypothesis | RelativePose] = [self.pose, *self.pose.alternatives]
-        poses = [{first: Pose.identity(), second: Pose(one.R, one.t)} for one in proposed if np.any(one.t)]
-        fits = [_fitted_to(hypotheses, replace(lens, cam_from_world=one), self.tracks) for one in poses]
-        return [one for one in fits if one is not None]
-
-
-def propose(hypotheses: WindowHypotheses, of: Bools) -> Proposal | None:
-    """The rigid motion of some tracks (T,), by the two most informative views; None without one."""
-    tracks, rays = hypotheses.tracks, bearings_of_best(hypotheses)
-    rows = _most_informative_pair(tracks, of & np.isfinite(rays).all(axis=2))
-    if rows is None:
-        return None
-    first, second = rows
-    both = of & np.isfinite(rays[list(rows)]).all(axis=(0, 2))
-    threshold_rad = GATE_SIGMAS * tracks.noise_px / tracks.camera.focal_px
-    pose = estimate_relative_pose(rays[first, both], rays[second, both], threshold_rad=threshold_rad)
-    return Proposal(pose, rows, np.flatnonzero(both)[pose.inliers]) if isinstance(pose, RelativePose) else None
+    probability = _probability_of_object(count / max(int(explained.sum()), 1), _extent(places), of_best)
+    return OtherMotion(probability, overlay.track_ids)
 
 
 def _most_informative_pair(tracks: WindowTracks, seen: Bools) -> tuple[int, int] | None:
@@ -258,7 +221,7 @@ def _most_informative_pair(tracks: WindowTracks, seen: Bools) -> tuple[int, int]
 def _fitted_to(hypotheses: WindowHypotheses, start: Motion, moving: Ints) -> FittedMotion | None:
     """A motion in the views that some tracks locate, fitted to these; None where they do not locate the reference."""
     tracks = hypotheses.tracks.of_tracks(moving)
-    bearings, rotations = bearings_of_best(hypotheses)[:, moving], hypotheses.rotation_only.state.R
+    bearings, rotations = hypotheses.bearings[:, moving], hypotheses.rotation_only.state.R
     # A moving object may hide them in the newest view.
     located = locate_views(tracks, start, bearings, rotations, current=False)
     return None if located is None else fit_motion(tracks, located, hypotheses.priors)
@@ -270,12 +233,12 @@ def _weighed(search: _Search, fitted: FittedMotion) -> OtherMotion:
     more = np.flatnonzero(search.rest | (_votes(hypotheses, costs_at(hypotheses, fitted.motion)) < 0))
     fitted = fit_motion(tracks.of_tracks(more), fitted.motion, hypotheses.priors)
     votes = _votes(hypotheses, costs_at(hypotheses, fitted.motion))
-    others = tracks.track_ids[votes < -LARGEST_VOTE]
+    others = votes < -LARGEST_VOTE
     # A motion that explains all tracks is a competing motion, and shows no moving object.
-    shows_object = min(len(others), int(np.count_nonzero(votes > LARGEST_VOTE))) >= LEAST_TRACKS
+    shows_object = min(others.sum(), (votes > LARGEST_VOTE).sum()) >= LEAST_TRACKS
     rotation_deg, direction_deg = farthest_deg(hypotheses.motions[0].motion, fitted.motion)
     shows_object &= rotation_deg >= search.same_rotation_deg or direction_deg >= search.same_direction_deg
-    return OtherMotion(_probability(hypotheses, votes) if shows_object else 0.0, others, fitted)
+    return OtherMotion(_probability(hypotheses, others) if shows_object else 0.0, tracks.track_ids[others], fitted)
 
 
 def _votes(hypotheses: WindowHypotheses, costs: Floats) -> Floats:
@@ -286,26 +249,20 @@ def _votes(hypotheses: WindowHypotheses, costs: Floats) -> Floats:
 
 def costs_at(hypotheses: WindowHypotheses, motion: Motion) -> Floats:
     """The cost (T,) of each track in all views at the poses of a motion, each with a distance of its own."""
-    everywhere = fit_motion(hypotheses.tracks, motion, hypotheses.priors, max_steps=0)
+    everywhere = fit_motion(hypotheses.tracks, motion, hypotheses.priors, Limits(max_steps=0))
     costs = costs_off_plane(everywhere.fit)
     return hypotheses.costs_of(replace(everywhere, fit=replace(everywhere.fit, track_costs=costs)))
 
 
-def _probability(hypotheses: WindowHypotheses, votes: Floats) -> float:
-    """Probability that the other motion is that of the camera, and the best one that of a moving object."""
-    of_other = votes < -LARGEST_VOTE
-    odds = odds_of_object(hypotheses, explained_tracks(hypotheses) & ~of_other, of_other)
-    return odds / (1 + odds)
+def _probability(hypotheses: WindowHypotheses, of_other: Bools) -> float:
+    """Probability that the motion of some tracks (T,) is that of the camera, and the best one that of an object."""
+    places, of_best = places_of(hypotheses.motions[0].fit), hypotheses.explained & ~of_other
+    tracks = int(of_other.sum()) / max(int(of_best.sum()), 1)
+    return _probability_of_object(tracks, _extent(places[of_other]), _extent(places[of_best]))
 
 
-def odds_of_object(hypotheses: WindowHypotheses, of_best: Bools, of_other: Bools) -> float:
-    """Odds that a motion is that of a moving object, by the tracks (T,) that follow it and those of another motion."""
-    places = places_of(hypotheses.motions[0].fit)
-    return _odds(int(of_other.sum()) / max(int(of_best.sum()), 1), _extent(places[of_other]), _extent(places[of_best]))
-
-
-def _odds(tracks: float, of_other: float, of_best: float) -> float:
-    """Odds that a motion is that of a moving object.
+def _probability_of_object(tracks: float, of_other: float, of_best: float) -> float:
+    """Probability that a motion is that of a moving object.
 
     Moving objects on the ground at any distance have areas in the image whose density falls with the square of the
     area.
@@ -313,12 +270,8 @@ def _odds(tracks: float, of_other: float, of_best: float) -> float:
     * ``tracks``: The tracks of the other motion for each one that it has.
     * ``of_other, of_best``: Areas of the other motion and of this one.
     """
-    return math.pow(tracks, RARER_BY_TRACKS) * min(of_other / max(of_best, 1e-300), 1.0) ** 2
-
-
-def bearings_of_best(hypotheses: WindowHypotheses) -> Floats:
-    """The measured rays (V, T, 3) by the lens of the best motion; NaN where a view does not see a track."""
-    return hypotheses.tracks.bearings(hypotheses.motions[0].fit.state.lens.centred())
+    odds = math.pow(tracks, RARER_BY_TRACKS) * min(of_other / max(of_best, 1e-300), 1.0) ** 2
+    return odds / (1 + odds)
 
 
 def _extent(places: Floats) -> float:

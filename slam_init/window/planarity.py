@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from slam_init.types.arrays import Floats
+from slam_init.window.arguments import Limits
 from slam_init.window.joint_fit import costs_off_plane, information_off_plane
 from slam_init.window.kernel import OFF_PLANE_COST
 from slam_init.window.levels import (
@@ -66,12 +67,11 @@ def _fits_plane(tracks: WindowTracks, fitted: FittedMotion) -> bool:
     """Whether the points of a fit lie on its plane: a depth variation would show, and free distances gain nothing."""
     on_plane = fitted.fit.state.on_plane & (tracks.anchor >= 0)
     count = int(on_plane.sum())
-    if count < max(LEAST_TRACKS, LEAST_ON_PLANE * float((tracks.anchor >= 0).sum())):
-        return False
-    if not _observes_plane(fitted):
+    is_large = count >= max(LEAST_TRACKS, LEAST_ON_PLANE * float((tracks.anchor >= 0).sum()))
+    if not is_large or not _observes_plane(fitted):
         return False
     gain = fitted.fit.track_costs - costs_off_plane(fitted.fit)
-    return _is_chance(float(gain[on_plane].sum()), count, PLANE_SIGMAS)
+    return float(gain[on_plane].sum()) <= _chance(count, PLANE_SIGMAS)
 
 
 def _observes_plane(fitted: FittedMotion) -> bool:
@@ -94,16 +94,11 @@ def _leaves_plane(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) ->
     # From measured rays: distances that start on the plane gain more, and the level is for those that do not. Only
     # whether the gain exceeds chance is asked.
     start, chance = replace(fitted.motion, plane=None, points=None), _chance(count, VARIATION_SIGMAS)
-    free = fit_motion(tracks, start, priors, hopeless=of_plane - chance)
+    free = fit_motion(tracks, start, priors, Limits(hopeless=of_plane - chance))
     gain = of_plane - free.fit.cost
-    return not _is_chance(gain / max(free.fit.noise_factor, 1.0) ** 2, count, VARIATION_SIGMAS)
-
-
-def _is_chance(gain: float, count: int, sigmas: float) -> bool:
-    """Whether chance lowers the cost by as much where this number of tracks gets a distance each."""
-    return gain <= _chance(count, sigmas)
+    return not gain / max(free.fit.noise_factor, 1.0) ** 2 <= chance
 
 
 def _chance(count: int, sigmas: float) -> float:
-    """The largest gain that is chance."""
+    """The largest gain that is chance where this number of tracks gets a distance each."""
     return count + sigmas * math.sqrt(2 * count)

@@ -16,7 +16,7 @@ causes add their probabilities:
   scene at rest (:mod:`~slam_init.window.other_motion`).
 * **floor**: what is not modelled.
 
-A window is evaluated at each frame: tails hold for any stopping time (:mod:`~slam_init.window.tails`).
+A window is evaluated at each frame: tails hold for any stopping time (:func:`.uncertainty.at_any_time`).
 ``docs/explanation/risk.md`` derives all of it.
 """
 
@@ -24,26 +24,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from slam_init.system.linear_algebra import single_threaded
+from slam_init.types.correlated_errors import FIELD_SCALES_PX
 from slam_init.types.evidence import Margin
 from slam_init.types.lens import LensPrior
 from slam_init.window.competing import competing_term
 from slam_init.window.direction_term import DirectionTerm, direction_term, lens_of_best
 from slam_init.window.hypotheses import WindowHypotheses
-from slam_init.window.levels import EVEN_ODDS, FLOOR, ON_OBJECTS, UNDECIDED
+from slam_init.window.levels import FLOOR, UNDECIDED
 from slam_init.window.motion import OtherMotion
-from slam_init.window.other_motion import explained_tracks, other_motion
-from slam_init.window.rotation_term import (
-    keeps_errors,
-    moving_objects_probability,
-    rotation_probability,
-    with_errors_in_noise,
-    zooming_probability,
-)
+from slam_init.window.other_motion import other_motion
+from slam_init.window.rotation_term import rotation_probability, rotation_term, zooming_probability
 from slam_init.window.uncertainty import FocalOfTracks, focal_of_tracks, inverse_distances
 
 
@@ -99,42 +93,38 @@ class WindowRisk:
 def risk_of(hypotheses: WindowHypotheses, max_risk: float = 1.0) -> WindowRisk:
     """Compose the risk of the best hypothesis; above ``max_risk`` no new motion of moving objects is sought."""
     with single_threaded():
-        return _risk_of(hypotheses, max_risk)
-
-
-def _risk_of(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
-    directions = direction_term(hypotheses)
-    direction = directions.of_pair
-    by_rotation = _rotation_risk(hypotheses, direction)
-    rotation = by_rotation.probability
-    other, is_undecided = OtherMotion(), _is_undecided(rotation, direction)
-    if not is_undecided:
-        # Another motion is sought where the window has a map without it; one that was found before is followed.
-        seeks = direction + rotation + FLOOR <= max_risk
-        other = other_motion(hypotheses, directions.rotation_sigma_deg, directions.sigma_deg, seeks=seeks)
-    # Fits with fields take half of a frame that waits: before a camera that turns, .36 s without this condition.
-    competing, nearest = competing_term(hypotheses, directions.sigma_deg, with_fits=not is_undecided)
-    return WindowRisk(
-        direction=direction,
-        competing=competing,
-        rotation=rotation,
-        directions=directions,
-        depth_sigma=_depth_sigma(hypotheses),
-        correlated_px=hypotheses.expanded.marginal.expected_scale_px(hypotheses.expanded.scale_weights),
-        lens=directions.lens if by_rotation.lens is None else by_rotation.lens,
-        focal=focal_of_tracks(hypotheses.expanded),
-        margin=nearest,
-        rotation_log_likelihood=by_rotation.gain,
-        lasting_in_noise=by_rotation.lasting_in_noise,
-        other=other,
-    )
+        directions = direction_term(hypotheses)
+        direction, expanded = directions.of_pair, hypotheses.expanded
+        by_rotation = rotation_term(hypotheses, direction)
+        rotation = by_rotation.probability
+        other, is_undecided = OtherMotion(), _is_undecided(rotation, direction)
+        if not is_undecided:
+            # Another motion is sought where the window has a map without it; one that was found before is followed.
+            seeks = direction + rotation + FLOOR <= max_risk
+            other = other_motion(hypotheses, directions.rotation_sigma_deg, directions.sigma_deg, seeks=seeks)
+        # Fits with fields take half of a frame that waits: before a camera that turns, .36 s without this condition.
+        competing, nearest = competing_term(hypotheses, directions.sigma_deg, with_fits=not is_undecided)
+        return WindowRisk(
+            direction=direction,
+            competing=competing,
+            rotation=rotation,
+            directions=directions,
+            depth_sigma=_depth_sigma(hypotheses),
+            correlated_px=float(expanded.scale_weights @ FIELD_SCALES_PX),
+            lens=directions.lens if by_rotation.lens is None else by_rotation.lens,
+            focal=focal_of_tracks(expanded),
+            margin=nearest,
+            rotation_log_likelihood=by_rotation.gain,
+            lasting_in_noise=by_rotation.lasting_in_noise,
+            other=other,
+        )
 
 
 def likely_lens(hypotheses: WindowHypotheses) -> LensPrior:
     """The lens by the best motion, or by the camera that only rotates where that is likely."""
     with single_threaded():
-        _, rotation, lens = rotation_probability(hypotheses, hypotheses.expanded)
-        return lens_of_best(hypotheses) if lens is None or rotation <= EVEN_ODDS else lens
+        lens = rotation_probability(hypotheses, hypotheses.expanded).lens
+        return lens_of_best(hypotheses) if lens is None else lens
 
 
 def with_zooming_rotation(hypotheses: WindowHypotheses, risk: WindowRisk) -> WindowRisk:
@@ -148,43 +138,8 @@ def _is_undecided(rotation: float, direction: float) -> bool:
     return max(rotation, direction) > UNDECIDED
 
 
-class _RotationRisk(NamedTuple):
-    """The term of the camera that only rotates."""
-
-    probability: float
-    #: Log likelihood of the best motion over it, in nats.
-    gain: float
-    #: Its lens, where it is likely.
-    lens: LensPrior | None
-    #: Whether the errors that a tracker keeps were taken for noise.
-    lasting_in_noise: bool
-
-
-def _rotation_risk(hypotheses: WindowHypotheses, direction: float) -> _RotationRisk:
-    """The term of the rotation-only camera: with a wrong focal length, lasting errors, or moving objects."""
-    gain, rotation, lens = rotation_probability(hypotheses, hypotheses.expanded)
-    likely = rotation > EVEN_ODDS
-    # Another test takes two fits, which a direction that is unknown is not worth.
-    lasting_in_noise = rotation > FLOOR and direction <= UNDECIDED and keeps_errors(hypotheses)
-    if lasting_in_noise:
-        wide = with_errors_in_noise(hypotheses)
-        of_wide = rotation_probability(wide, wide.expanded, lasting_in_noise=True)[1]
-        of_wide = max(of_wide, _beside_objects(wide))
-        lasting_in_noise, rotation = of_wide < rotation, min(of_wide, rotation)
-    rotation = max(rotation, _beside_objects(hypotheses))
-    return _RotationRisk(rotation, gain, lens if likely else None, lasting_in_noise)
-
-
-def _beside_objects(hypotheses: WindowHypotheses) -> float:
-    """Probability of the camera that only rotates beside moving objects.
-
-    Points at infinity lie on no plane, so that a plane needs no such test.
-    """
-    return 0.0 if hypotheses.planar else moving_objects_probability(hypotheses, ON_OBJECTS)
-
-
 def _depth_sigma(hypotheses: WindowHypotheses) -> float:
     """Median relative deviation of the distances of the tracks that the best motion explains; infinite without one."""
-    distances = inverse_distances(hypotheses.expanded)
-    sigmas = replace(distances, known=distances.known & explained_tracks(hypotheses)).relative_sigmas
-    return float(np.median(sigmas)) if len(sigmas) else math.inf
+    known, values, sigmas = inverse_distances(hypotheses.expanded)
+    used = known & hypotheses.explained & (values > 0)
+    return float(np.median(sigmas[used] / values[used])) if used.any() else math.inf

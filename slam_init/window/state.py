@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,11 +29,6 @@ class Priors(LensPrior):
     #: Factor on the probability that the lens changes from view to view.
     lens_changes: float = 1.0
 
-    def lens_pulls(self, state: WindowState) -> tuple[float, float]:
-        """How far the lens is from what is expected, in standard deviations."""
-        focal = (state.lens.log_scale - self.mean.log_scale) / self.focal_sigma
-        return focal, (state.lens.k1 - self.mean.k1) / self.k1_sigma
-
 
 @dataclass(frozen=True, eq=False)
 class WindowState:
@@ -53,6 +48,15 @@ class WindowState:
     plane: Floats | None
     #: (T,) Tracks whose point lies on the plane.
     on_plane: Bools
+
+    def with_points_of(self, other: WindowState, some: Bools) -> WindowState:
+        """The same state with the points of another one for some of the tracks (T,)."""
+        return replace(
+            self,
+            rays=np.where(some[:, None], other.rays, self.rays),
+            inverse_distances=np.where(some, other.inverse_distances, self.inverse_distances),
+            on_plane=np.where(some, other.on_plane, self.on_plane),
+        )
 
     def distances_by_plane(self, anchor: Ints) -> Floats:
         """The inverse distances along the rays, of the tracks on the plane by the plane; 0 behind a camera.

@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -42,23 +43,9 @@ _CELLS = (12, 9)
 _LEAST_VARIANCE_RAD2 = 3e-10
 
 
-@dataclass(frozen=True, eq=False)
-class Readout:
-    """The readout of a rolling shutter in the views of a window."""
-
-    #: (V, T, 2) Derivatives of the raw pixels by the readout.
-    sweep_px_s: Floats
-    #: (V,) Relative standard deviations of the sweeps of each view.
-    sweep_errors: Floats
-    #: Readout that the pixels are corrected for.
-    readout_s: float
-    #: (V,) Time stamps of the views.
-    times_s: Floats
-
-    @staticmethod
-    def none(views: int, tracks: int) -> Readout:
-        """That of a global shutter: all is zero."""
-        return Readout(np.zeros((views, tracks, 2)), np.zeros(views), 0.0, np.zeros(views))
+#: Arrays (V, T, ...) and arrays (V, ...) of :class:`WindowTracks`.
+_OF_OBSERVATIONS = ("pixels", "seen", "sigma_px", "whitening", "places", "sweep_px_s")
+_OF_VIEWS = ("sweep_errors", "times_s", "turned", "turned_weights")
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +90,7 @@ class WindowTracks:
 
     def __post_init__(self) -> None:
         # The loops are compiled for each layout of an array: some seconds, where a choice of tracks transposes one.
-        turned = ("turned", "turned_weights")
-        for name in ("pixels", "seen", "rays", "anchor", "sigma_px", "whitening", "places", "sweep_px_s", *turned):
+        for name in (*_OF_OBSERVATIONS, *_OF_VIEWS, "rays", "anchor"):
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name)))
 
     @staticmethod
@@ -115,30 +101,19 @@ class WindowTracks:
         pixels: Floats,
         seen: Bools,
         noise_px: float,
-        readout: Readout | None = None,
         least_noise_px: float = 0.0,
         drifts: Floats | None = None,
-        measured: Sequence[RelativeRotation | None] = (),
     ) -> WindowTracks:
-        """Prepare tracks for the fit.
+        """Prepare tracks of a global shutter for the fit, without measured rotations.
 
         Shapes: ``track_ids`` (T,), ``pixels`` (V, T, 2), ``seen`` (V, T), ``drifts`` (V, T, 2, 2).
 
         * ``noise_px``: Standard deviation of a coordinate of a pixel, of the median observation.
-        * ``readout``: By default that of a global shutter.
         * ``least_noise_px``: Lower limit of the standard deviation of a coordinate of a pixel.
         * ``drifts``: Covariances of the drifts since the anchor views, px^2; by default none. With the lower limit they
           are the least that the noise can be; where it is larger, it is so by one factor.
         """
-        readout = readout or Readout.none(*seen.shape)
-        anchor = np.where(seen.sum(axis=0) >= 2, np.argmax(seen, axis=0), -1).astype(np.int64)
-        first = pixels[np.maximum(anchor, 0), np.arange(pixels.shape[1])]
-        rays = camera.bearings(first)
-        has_ray = np.isfinite(rays).all(axis=1)
-        anchor[~has_ray] = -1
-        # A fisheye has no ray for a corner of its image, where a track lies that no view sees. A ray of zero length
-        # would become NaN with the first step, and the places of all tracks with it.
-        rays[~has_ray] = (0.0, 0.0, 1.0)
+        rays, anchor = _rays_of_anchors(camera, pixels, seen)
         sigma_px, whitening = np.full(seen.shape, float(noise_px)), np.broadcast_to(np.eye(2), (*seen.shape, 2, 2))
         if drifts is not None and seen.any():
             sigma_px, whitening, least_noise_px = _noise_with_drifts(seen, noise_px, least_noise_px, drifts)
@@ -154,12 +129,13 @@ class WindowTracks:
             sigma_px,
             whitening,
             places,
-            np.nan_to_num(readout.sweep_px_s),
-            readout.sweep_errors,
-            readout.readout_s,
-            readout.times_s,
-            least_noise_px,
-            *_turned_from_first(measured or [None] * len(frames)),
+            sweep_px_s=np.zeros((*seen.shape, 2)),
+            sweep_errors=np.zeros(len(seen)),
+            readout_s=0.0,
+            times_s=np.zeros(len(seen)),
+            least_noise_px=least_noise_px,
+            turned=np.tile(np.eye(3), (len(seen), 1, 1)),
+            turned_weights=np.zeros(len(seen)),
         )
 
     @cached_property
@@ -210,43 +186,20 @@ class WindowTracks:
         """The same tracks in some of the views."""
         if rows == tuple(range(len(self.frames))):
             return self
-        chosen = list(rows)
-        part = WindowTracks.gather(
-            self.camera,
-            tuple(self.frames[row] for row in rows),
-            self.track_ids,
-            self.pixels[chosen],
-            self.seen[chosen],
-            self.noise_px,
-            Readout(self.sweep_px_s[chosen], self.sweep_errors[chosen], self.readout_s, self.times_s[chosen]),
-        )
-        return replace(
-            part,
-            sigma_px=self.sigma_px[chosen],
-            whitening=self.whitening[chosen],
-            places=self.places[chosen],
-            least_noise_px=self.least_noise_px,
-            turned=self.turned[chosen],
-            turned_weights=self.turned_weights[chosen] * (chosen[0] == 0),
-        )
+        arrays: dict[str, Any] = {name: getattr(self, name)[list(rows)] for name in (*_OF_OBSERVATIONS, *_OF_VIEWS)}
+        rays, anchor = _rays_of_anchors(self.camera, arrays["pixels"], arrays["seen"])
+        # The rotations are measured from the first view.
+        arrays["turned_weights"] *= rows[0] == 0
+        return replace(self, frames=tuple(self.frames[row] for row in rows), rays=rays, anchor=anchor, **arrays)
 
     def of_tracks(self, chosen: Ints) -> WindowTracks:
         """Some of the tracks in the same views.
 
         Shapes: ``chosen`` (N,).
         """
-        return replace(
-            self,
-            track_ids=self.track_ids[chosen],
-            pixels=self.pixels[:, chosen],
-            seen=self.seen[:, chosen],
-            rays=self.rays[chosen],
-            anchor=self.anchor[chosen],
-            sigma_px=self.sigma_px[:, chosen],
-            whitening=self.whitening[:, chosen],
-            places=self.places[:, chosen],
-            sweep_px_s=self.sweep_px_s[:, chosen],
-        )
+        arrays: dict[str, Any] = {name: getattr(self, name)[:, chosen] for name in _OF_OBSERVATIONS}
+        arrays |= {name: getattr(self, name)[chosen] for name in ("track_ids", "rays", "anchor")}
+        return replace(self, **arrays)
 
 
 def gather_tracks(
@@ -266,23 +219,34 @@ def gather_tracks(
     chosen = _spread(camera, pixels, seen, score)
     pixels, seen, rows = pixels[:, chosen], seen[:, chosen], rows[:, chosen]
     sweep_px_s, drifts, slides_px = _motion_of_pixels(camera, views, seen, rows)
-    sweep_errors = np.array([view.turn_error for view in views])
-    times_s = np.array([view.timestamp_s for view in views])
-    since_anchor = None
-    if drifts.any() or slides_px.any():
-        since_anchor = _since_anchor(seen, drifts, slides_px)
-    return WindowTracks.gather(
-        camera,
-        tuple(view.frame for view in views),
-        track_ids[chosen],
-        pixels,
-        seen,
-        max(noise_px, 1e-3),
-        Readout(sweep_px_s, sweep_errors, _common_readout(views), times_s),
-        least_noise_px,
-        since_anchor,
-        measured,
+    since_anchor = _since_anchor(seen, drifts, slides_px) if drifts.any() or slides_px.any() else None
+    frames, noise_px = tuple(view.frame for view in views), max(noise_px, 1e-3)
+    tracks = WindowTracks.gather(
+        camera, frames, track_ids[chosen], pixels, seen, noise_px, least_noise_px, since_anchor
     )
+    turned, turned_weights = _turned_from_first(measured or [None] * len(views))
+    return replace(
+        tracks,
+        sweep_px_s=np.nan_to_num(sweep_px_s),
+        sweep_errors=np.array([view.turn_error for view in views]),
+        # Views whose turning is not known are not corrected for the readout.
+        readout_s=next((view.readout_s for view in views if view.turn_rad_s is not None), 0.0),
+        times_s=np.array([view.timestamp_s for view in views]),
+        turned=turned,
+        turned_weights=turned_weights,
+    )
+
+
+def _rays_of_anchors(camera: Camera, pixels: Floats, seen: Bools) -> tuple[Floats, Ints]:
+    """The rays (T, 3) in the anchor views, and these views (T,); see :class:`WindowTracks`."""
+    anchor = np.where(seen.sum(axis=0) >= 2, np.argmax(seen, axis=0), -1).astype(np.int64)
+    rays = camera.bearings(pixels[np.maximum(anchor, 0), np.arange(pixels.shape[1])])
+    has_ray = np.isfinite(rays).all(axis=1)
+    anchor[~has_ray] = -1
+    # A fisheye has no ray for a corner of its image, where a track lies that no view sees. A ray of zero length
+    # would become NaN with the first step, and the places of all tracks with it.
+    rays[~has_ray] = (0.0, 0.0, 1.0)
+    return rays, anchor
 
 
 def _noise_with_drifts(
@@ -306,11 +270,6 @@ def _turned_from_first(measured: Sequence[RelativeRotation | None]) -> tuple[Flo
             turned[k] = one.cam_from_start @ first.cam_from_start.T
             weights[k] = 1 / max(abs(one.variance_rad2 - first.variance_rad2), _LEAST_VARIANCE_RAD2)
     return turned, weights
-
-
-def _common_readout(views: Sequence[Observations]) -> float:
-    """The readout that the views are corrected for; views whose turning is not known are not."""
-    return next((view.readout_s for view in views if view.turn_rad_s is not None), 0.0)
 
 
 def _table(camera: Camera, views: Sequence[Observations]) -> tuple[Ints, Floats, Bools, Ints]:
@@ -360,7 +319,8 @@ def _since_anchor(seen: Bools, drifts: Floats, slides_px: Floats) -> Floats:
     # The errors of two alignments do not add up, so that their difference is too small. On clear images both are below
     # the least noise.
     variances, axes = _principal_axes(np.where(seen[..., None, None], between, 0.0))
-    return _of_axes(np.abs(variances), axes) + slides_px[..., :, None] * slides_px[..., None, :]
+    of_tracker = (axes * np.abs(variances)[..., None, :]) @ np.swapaxes(axes, -1, -2)
+    return np.asarray(of_tracker + slides_px[..., :, None] * slides_px[..., None, :])
 
 
 def _principal_axes(covariances: Floats) -> tuple[Floats, Floats]:
@@ -374,11 +334,6 @@ def _principal_axes(covariances: Floats) -> tuple[Floats, Floats]:
     cosine, sine = np.cos(angle), np.sin(angle)
     axes = np.stack([np.stack([-sine, cosine], axis=-1), np.stack([cosine, sine], axis=-1)], axis=-1)
     return np.stack([middle - radius, middle + radius], axis=-1), axes
-
-
-def _of_axes(values: Floats, axes: Floats) -> Floats:
-    """The symmetric matrices (..., 2, 2) with some eigenvalues (..., 2) and eigenvectors (..., 2, 2)."""
-    return np.asarray((axes * values[..., None, :]) @ np.swapaxes(axes, -1, -2))
 
 
 def _spread(camera: Camera, pixels: Floats, seen: Bools, score: Ints) -> Ints:

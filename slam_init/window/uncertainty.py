@@ -14,6 +14,21 @@ With the unit vector ``u`` along the translation ``t`` of the pair ::
     d(rho |t|) = |t| d(rho) + rho u . dt
 
 The covariance of such functions does not depend on which baseline is held.
+
+**Tails.** A window is evaluated at each frame, and the first one with a small risk is accepted. Two kinds of terms have
+to be distinguished.
+
+* **A posterior probability** is right at any time at which one stops. It is a conditional expectation of "the map is
+  wrong", so that its mean over all accepted maps is the share of the wrong ones, whatever the rule of stopping
+  (optional stopping). The same holds for a likelihood ratio: under the competing motion its mean is 1 at any time, so
+  that it exceeds 1/p at any time with probability p at most (Ville's inequality).
+* **The tail of a statistic** is no such probability. A statistic that is Gaussian at each look exceeds z at some look
+  more often than at one. For a sum whose information grows by a factor G between the first look and the last,
+
+      P(z is exceeded at any look) <= Q(z) (1 + max(z^2 - 1, 0) / 2 * ln G)
+
+  up to terms of order 1/z^2 (Siegmund, "Sequential Analysis", 1985, chapter 4: the boundary of a constant significance
+  level). :func:`at_any_time` is this bound.
 """
 
 from __future__ import annotations
@@ -27,12 +42,13 @@ import numpy as np
 
 from quest.noise import GATE_SIGMAS
 from quest.robust.spatial_blocks import regions_of
+from quest.tails import gaussian_tail
 from slam_init.system.linear_algebra import deviations
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.correlated_errors import FIELD_PRIOR
 from slam_init.types.lens import LensPrior
 from slam_init.window.joint_fit import JointFit
-from slam_init.window.levels import DOUBTFUL_SIGMAS, REGIONS, TURNING_FACTOR
+from slam_init.window.levels import DOUBTFUL_SIGMAS, INFORMATION_GROWS, REGIONS, TURNING_FACTOR
 from slam_init.window.linearization import (
     ErrorMarginal,
     Linearization,
@@ -64,12 +80,8 @@ class ExpandedFit:
 
         Shapes: returns (S,).
         """
-        return np.asarray(np.exp(self.marginal.log_evidence + np.log(FIELD_PRIOR) - self.log_evidence))
-
-    @property
-    def log_evidence(self) -> float:
-        """Logarithm of the probability of the tracks with fields of unknown scale, over that without fields."""
-        return float(np.logaddexp.reduce(self.marginal.log_evidence + np.log(FIELD_PRIOR)))
+        log_weights = self.marginal.fields.log_evidence + np.log(FIELD_PRIOR)
+        return np.asarray(np.exp(log_weights - np.logaddexp.reduce(log_weights)))
 
     @cached_property
     def directions(self) -> Floats:
@@ -97,8 +109,7 @@ class ExpandedFit:
         return np.asarray(math.sqrt(count / max(count - 2, 1)) * (sums @ self.marginal.response.T))
 
 
-@dataclass(frozen=True, eq=False)
-class DirectionUncertainty:
+class DirectionUncertainty(NamedTuple):
     """The uncertainty of the direction ``R^T t`` of a baseline."""
 
     #: (2, 3) Orthonormal vectors orthogonal to the direction, in the reference.
@@ -107,8 +118,7 @@ class DirectionUncertainty:
     covariance: Floats
 
 
-@dataclass(frozen=True, eq=False)
-class InverseDistances:
+class InverseDistances(NamedTuple):
     """The inverse distances of the tracks from the reference, in units of the inverse of the pair's baseline."""
 
     #: (T,) Tracks that the reference and another view of the fit see. The figures of the other tracks have no
@@ -119,18 +129,8 @@ class InverseDistances:
     #: (T,) Standard deviations.
     sigmas: Floats
 
-    @property
-    def relative_sigmas(self) -> Floats:
-        """The standard deviations over the values, of the known tracks in front of the camera.
 
-        Shapes: returns (N,).
-        """
-        used = self.known & (self.values > 0)
-        return np.asarray(self.sigmas[used] / self.values[used])
-
-
-@dataclass(frozen=True, eq=False)
-class MovedByLens:
+class MovedByLens(NamedTuple):
     """How far a motion moves when the lens goes from where the fit has it to where a map has it."""
 
     #: (V - 1,) The rotations of all views but the first, from the reference.
@@ -166,8 +166,7 @@ def lens_estimate(expanded: ExpandedFit, optimism: float = 1.0) -> LensPrior:
     """
     linearization, marginal = expanded.linearization, expanded.marginal
     # The focal length stands before the distortion.
-    J = np.zeros((1, len(marginal.shift)))
-    J[0, linearization.k1_column - 1] = 1.0
+    J = np.eye(1, len(marginal.shift), linearization.k1_column - 1)
     sigma = max(_sigma_of(linearization.k1_column - 1, marginal), float(_scattered_sigmas(expanded, J)))
     readout = linearization.readout_column
     return LensPrior(
@@ -203,9 +202,8 @@ def suspected_k1(lens: LensPrior) -> float | None:
 
 def _sigma_of(column: int, marginal: ErrorMarginal) -> float:
     """Standard deviation of an unknown, over all scales of the fields of correlated errors."""
-    J = np.zeros((1, len(marginal.shift)))
-    J[0, column] = 1.0
-    log_weights = marginal.log_evidence + np.log(FIELD_PRIOR)
+    J = np.eye(1, len(marginal.shift), column)
+    log_weights = marginal.fields.log_evidence + np.log(FIELD_PRIOR)
     weights = np.exp(log_weights - log_weights.max())
     shifts, covariances = marginal.of(J)
     variance = float(weights @ (covariances[:, 0, 0] + shifts[:, 0] ** 2) / weights.sum())
@@ -290,15 +288,12 @@ def moved_by_lens(expanded: ExpandedFit, *, held: bool) -> MovedByLens:
     * ``held``: Whether the map keeps focal length and distortion too.
     """
     lin, fit, covariance = expanded.linearization, expanded.fit, expanded.marginal.covariance
-    state, priors = fit.state, fit.priors
-    columns: list[int] = []
-    offsets: list[float] = []
-    if held:
-        columns += [lin.k1_column - 1, lin.k1_column]
-        offsets += [state.lens.log_scale - priors.mean.log_scale, state.lens.k1 - priors.mean.k1]
+    state, lens, mean = fit.state, fit.state.lens, fit.priors.mean
+    columns = [lin.k1_column - 1, lin.k1_column] if held else []
+    offsets = [lens.log_scale - mean.log_scale, lens.k1 - mean.k1] if held else []
     if lin.principal_columns is not None:
         columns += [lin.principal_columns.start, lin.principal_columns.start + 1]
-        offsets += state.lens.principal_px
+        offsets += lens.principal_px
     if not columns:
         return MovedByLens(np.zeros(len(state.R) - 1), np.zeros(len(state.R) - 1))
     moved = covariance[:, columns] @ np.linalg.solve(covariance[np.ix_(columns, columns)], np.array(offsets))
@@ -367,3 +362,34 @@ def _scattered_sigmas(expanded: ExpandedFit, J: Floats) -> Floats:
     scatters = (np.swapaxes(sums, -1, -2) @ sums for sums in (expanded.scores @ across, by_track))
     by_regions, by_tracks = (np.linalg.eigvalsh(one)[..., -1] for one in scatters)
     return np.asarray(np.sqrt(np.maximum(np.maximum(by_regions, by_tracks), 0.0)))
+
+
+# -- tails of errors in two and in three directions, and of a statistic that is tested often ---------------------------
+
+
+def two_directions(limit: float, sigmas: Floats) -> Floats:
+    """Probability that an error in two directions exceeds a limit, by its largest standard deviation.
+
+    Shapes: ``sigmas`` (S,), returns (S,).
+    """
+    return np.asarray(np.exp(-0.5 * (limit / np.maximum(sigmas, 1e-9)) ** 2))
+
+
+def three_directions(limit: float, sigma: float) -> float:
+    """The same in three directions: the tail of chi-square with three degrees of freedom."""
+    z = limit / max(sigma, 1e-9)
+    return math.erfc(z / math.sqrt(2)) + math.sqrt(2 / math.pi) * z * math.exp(-0.5 * z * z)
+
+
+def chi_square_as_gaussian(mean_square: Floats, freedom: float) -> Floats:
+    """Chi-square as standard deviations of a Gaussian: its cube root is nearly Gaussian (Wilson and Hilferty, 1931).
+
+    Shapes: ``mean_square`` (N,) chi-square over its degrees of freedom, returns (N,).
+    """
+    spread = 2 / (9 * freedom)
+    return np.asarray((mean_square ** (1 / 3) - (1 - spread)) / math.sqrt(spread))
+
+
+def at_any_time(z: float) -> float:
+    """Probability that a statistic exceeds z at any look, where a window is evaluated again while frames arrive."""
+    return min(1.0, gaussian_tail(z) * (1 + 0.5 * max(z * z - 1, 0.0) * math.log(INFORMATION_GROWS)))

@@ -20,11 +20,11 @@ from quest.algebra import turn
 from slam_init.types.arrays import Floats, evenly_spaced
 from slam_init.types.camera import Camera
 from slam_init.types.lens import Lens
-from slam_init.window.arguments import ZOOM_TERMS
-from slam_init.window.hypotheses import WindowHypotheses, approached, no_motion
+from slam_init.window.arguments import ZOOM_TERMS, Limits
+from slam_init.window.hypotheses import WindowHypotheses, approached, rotating
 from slam_init.window.joint_fit import fit_window
-from slam_init.window.levels import LARGEST_ZOOM, SHIFTS, ZOOM_LEAVES, ZOOMED_COST, ZOOMS
-from slam_init.window.state import Priors, WindowState, start_at
+from slam_init.window.levels import LARGEST_ZOOM, SHIFTS, ZOOM_LEAVES, ZOOMED_COST
+from slam_init.window.state import Priors, WindowState
 from slam_init.window.tracks import WindowTracks
 
 #: Standard deviation of the logarithm of the focal length of a reference before which a person may have zoomed.
@@ -46,7 +46,8 @@ _LEAST_TRACKS = 4
 class ZoomingRotation:
     """A camera that rotates, and whose images zoom and shift from view to view."""
 
-    #: Those of the window with this camera in place of the one that only rotates, and both undone in the tracks.
+    #: Those of the window with this camera in place of the one that only rotates, and both undone in the tracks. The
+    #: cost of the camera has the price of the zooms and the shifts.
     hypotheses: WindowHypotheses
     #: (V,) Of the views of the window.
     zooms: Floats
@@ -54,16 +55,6 @@ class ZoomingRotation:
     shifts: Floats
     #: What both cost, in twice the nats.
     price: float = 0.0
-
-    @property
-    def cost(self) -> float:
-        """Of the fit, with the price of the zooms and the shifts."""
-        return self.hypotheses.rotation_only.cost
-
-    @property
-    def has_zooms(self) -> bool:
-        """Whether a zoom is larger than the smallest that the lens of a motion is given."""
-        return float(np.abs(self.zooms).max()) > ZOOMS[0][0]
 
     def errors_px(self, tracks: WindowTracks, priors: Priors) -> Floats:
         """What the model of the zooms leaves of their displacements (V, T): standard deviations of the tracks.
@@ -81,13 +72,8 @@ class ZoomingRotation:
 
     def beside(self, hypotheses: WindowHypotheses) -> ZoomingRotation:
         """The camera beside hypotheses of tracks with another noise, fitted to these from where it is."""
-        priors, state = self.hypotheses.rotation_priors, self.hypotheses.rotation_only.state
-        return _fitted(hypotheses, state, self.zooms, self.shifts, priors)
-
-    @property
-    def explains_all(self) -> bool:
-        """Whether the best motion gains nothing over it, so that it is as probable as it can be."""
-        return self.hypotheses.gain_over_rotation[0] <= 0
+        fit = self.hypotheses.rotation_only
+        return _fitted(hypotheses, fit.state, self.zooms, self.shifts, fit.priors)
 
 
 def with_zooms(hypotheses: WindowHypotheses) -> ZoomingRotation:
@@ -97,13 +83,9 @@ def with_zooms(hypotheses: WindowHypotheses) -> ZoomingRotation:
     priors = replace(hypotheses.priors, readout_sigma_s=0.0)
     lens, none = Lens(readout_s=hypotheses.motions[0].fit.state.lens.readout_s), np.zeros((len(R), 2))
     R, zooms = _located(tracks, R, lens)
-    found = _fitted(hypotheses, _as_measured(zoomed(tracks, zooms), R, lens), zooms, none, priors)
-    return found if found.cost < hypotheses.rotation_only.cost else ZoomingRotation(hypotheses, none[:, 0], none)
-
-
-def _as_measured(tracks: WindowTracks, R: Floats, lens: Lens) -> WindowState:
-    """A camera that only rotates, with rays as measured."""
-    return start_at(tracks, R, no_motion(len(R)), lens=lens, at_infinity=True)
+    found = _fitted(hypotheses, rotating(zoomed(tracks, zooms), R, lens), zooms, none, priors)
+    gains = found.hypotheses.rotation_only.cost < hypotheses.rotation_only.cost
+    return found if gains else ZoomingRotation(hypotheses, none[:, 0], none)
 
 
 def _fitted(
@@ -121,7 +103,9 @@ def _fitted(
         zoom_sigma=math.log(_LARGEST_FACTOR),
         shift_sigma_px=shift_px,
     )
-    near = approached(tracks, _with_field(state, zooms, shifts), by_person)
+    field = np.zeros_like(state.field)
+    field[:, 0], field[:, 1:ZOOM_TERMS] = np.log1p(zooms), shifts
+    near = approached(tracks, replace(state, field=field), by_person)
     focuses = _cost_of_zooms(_zooms_and_shifts(near)[0]) < ZOOMED_COST
     priors = replace(by_person, focal_sigma=priors.focal_sigma, zoom_sigma=LARGEST_ZOOM) if focuses else by_person
     state = fit_window(tracks, near, priors, rotation_only=True).state
@@ -130,17 +114,9 @@ def _fitted(
     # The image zooms about the principal point, as far as that is known.
     part = zoomed(tracks, zooms, shifts - zooms[:, None] * np.array(state.lens.principal_px))
     undone, priors = replace(state, field=np.zeros_like(state.field)), replace(priors, zoom_sigma=0.0)
-    fit = fit_window(part, undone, priors, rotation_only=True, max_steps=0)
+    fit = fit_window(part, undone, priors, rotation_only=True, limits=Limits(max_steps=0))
     fit = replace(fit, cost=fit.cost + price)
-    again = replace(hypotheses, tracks=part, rotation_only=fit, rotation_priors=priors)
-    return ZoomingRotation(again, zooms, shifts, price)
-
-
-def _with_field(state: WindowState, zooms: Floats, shifts: Floats) -> WindowState:
-    """A state with the zooms (V,) and the shifts (V, 2) of its views."""
-    field = np.zeros_like(state.field)
-    field[:, 0], field[:, 1:ZOOM_TERMS] = np.log1p(zooms), shifts
-    return replace(state, field=field)
+    return ZoomingRotation(replace(hypotheses, tracks=part, rotation_only=fit), zooms, shifts, price)
 
 
 def _cost_of_zooms(zooms: Floats) -> float:

@@ -28,7 +28,7 @@ from slam_init.initializer import Initializer
 from slam_init.types.pose import Pose
 from slam_init.window.levels import WRONG_DIRECTION_DEG
 from slam_init.window.motion import OtherMotion
-from slam_init.window.tails import two_directions
+from slam_init.window.uncertainty import two_directions
 from tests.benchmarks.options import append_row, data_folder, program, progress, read_rows, show
 from tests.benchmarks.reliability import (
     World,
@@ -84,8 +84,8 @@ def _nothing(*_: Any, **__: Any) -> None:
 RULES: dict[str, Rule] = {
     "rotation with zooms": Rule("window.risk", "zooming_probability", lambda *_, **__: 0.0),
     "rotation with zooms: their errors": Rule("window.rotation_term", "_with_errors_of_zooms", _nothing),
-    "rotation beside moving objects": Rule("window.risk", "_beside_objects", lambda *_: 0.0),
-    "rotation: errors that last": Rule("window.risk", "keeps_errors", lambda *_: False),
+    "rotation beside moving objects": Rule("window.rotation_term", "_beside_objects", lambda *_: 0.0),
+    "rotation: errors that last": Rule("window.rotation_term", "keeps_errors", lambda *_: False),
     "another motion": Rule("window.risk", "other_motion", lambda *_, **__: OtherMotion()),
     "competing": Rule("window.risk", "competing_term", lambda *_: (0.0, None)),
     "direction: a lens that changes": Rule(

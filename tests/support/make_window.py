@@ -16,7 +16,7 @@ from slam_init.types.frame import Observations
 from slam_init.types.history import common_tracks
 from slam_init.types.lens import SAME_LENS, Lens
 from slam_init.types.pose import Pose
-from slam_init.window.arguments import FIELD_TERMS, ZOOM_TERMS
+from slam_init.window.arguments import FIELD_TERMS, ZOOM_TERMS, Limits
 from slam_init.window.equations import WindowEquations
 from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
 from slam_init.window.joint_fit import JointFit, fit_window, start_noise_factor
@@ -203,7 +203,7 @@ def equations(tracks: WindowTracks, state: WindowState, gate: float, **unknowns:
         zoom_sigma=float(field == ZOOM_TERMS), shift_sigma_px=1.0,
     )  # fmt: skip
     made = WindowEquations(tracks, state, priors)
-    made._known.weights[:] = 0.0
+    made._problem.known.weights[:] = 0.0
     for array in (*made._equations[:2], *made._equations[5:], *made._room[:5]):
         array[:] = np.nan  # all that is read must have been written
     made.build(state, hold=False)
@@ -256,8 +256,8 @@ def fit_near_truth(window, priors=PRIORS, kind="general", seed=0, tolerance=1e-1
     start = window.start(seed, 1.03 * window.plane if kind == "plane" else None)
     tracks = window.tracks
     coarse = tracks.with_noise(tracks.noise_px * start_noise_factor(tracks, start, priors))
-    start = fit_window(coarse, start, priors, tolerance=tolerance).state
-    return fit_window(tracks, start, priors, max_steps=50, tolerance=tolerance)
+    start = fit_window(coarse, start, priors, limits=Limits(tolerance=tolerance)).state
+    return fit_window(tracks, start, priors, limits=Limits(50, tolerance))
 
 
 def fitted_window(scene: str, seed: int, views: int) -> JointFit:

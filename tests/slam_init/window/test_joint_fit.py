@@ -18,6 +18,7 @@ from make_window import (
 
 from sequences_synth.points import make_points
 from slam_init.bundle.focal import camera_with_focal_factor
+from slam_init.window.arguments import Limits
 from slam_init.window.equations import WindowEquations
 from slam_init.window.joint_fit import costs_off_plane, fit_window, start_noise_factor
 from slam_init.window.kernel import OFF_PLANE_COST
@@ -49,7 +50,7 @@ def test_exact_tracks_give_the_truth(camera, views, kind):
 def test_a_fit_has_the_costs_and_the_equations_of_the_state_where_it_ends(kind, max_steps):
     window = make_window(SCENES[kind], 5, 5, noise_px=0.7)
     start = window.start(5, 1.03 * window.plane if kind == "plane" else None)
-    fit = fit_window(window.tracks, start, PRIORS, max_steps=max_steps)
+    fit = fit_window(window.tracks, start, PRIORS, limits=Limits(max_steps))
     assert fit.iterations <= max_steps
     equations = WindowEquations(window.tracks, fit.state, PRIORS)
     equations.held_view = fit.held_view
@@ -92,7 +93,7 @@ def test_points_behind_the_cameras_leave_the_plane():
     window = make_window("wall", 3, 3)
     # A plane through which the left half of the rays never passes.
     plane = np.array([4.0, 0.0, 0.0])
-    fit = fit_window(window.tracks, window.true_state(plane), PRIORS, max_steps=0)
+    fit = fit_window(window.tracks, window.true_state(plane), PRIORS, limits=Limits(max_steps=0))
     behind = (window.true_state().rays @ plane < -1e-3) & (window.tracks.anchor == 0)
     assert behind.sum() > 10
     assert not fit.state.on_plane[behind].any()
@@ -182,8 +183,7 @@ def test_a_smooth_error_of_a_view_is_found_as_its_field():
     bent = WindowTracks.gather(tracks.camera, tracks.frames, tracks.track_ids, pixels, tracks.seen, 0.2)
     start = window.start(2, error=place * 0.01)
     stiff, soft = (
-        fit_window(bent, start, Priors(0.02, field_sigma_px=sigma), max_steps=50, tolerance=1e-9)
-        for sigma in (0.0, 1.0)
+        fit_window(bent, start, Priors(0.02, field_sigma_px=sigma), limits=Limits(50, 1e-9)) for sigma in (0.0, 1.0)
     )
     # The residual is the projection less the pixel, so the field is the error itself.
     assert soft.state.field[2, 3] == pytest.approx(0.5, abs=0.15)

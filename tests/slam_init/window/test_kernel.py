@@ -10,7 +10,6 @@ from window_reference import reference_equations
 
 from slam_init.types.lens import Lens
 from slam_init.window.arguments import FIELD_TERMS, ZOOM_TERMS
-from slam_init.window.tracks import Readout
 
 #: Far from all residuals of noise, near enough that the robust weights differ from 1.
 GATE = 5.0
@@ -26,14 +25,13 @@ def world(kind, seed=1, views=3, camera=None, drift_px=0.0, *, field=0):
     seen[0, ::4] = False
     tracks = window.tracks
     sweep_px_s = 300.0 * np.random.default_rng((seed, 5)).normal(size=(*seen.shape, 2))
-    readout = Readout(sweep_px_s, np.zeros(len(seen)), 0.002, np.zeros(len(seen)))
     # Tracks that slide along a direction of their own.
     slides = drift_px * np.random.default_rng((seed, 6)).normal(size=(*seen.shape, 2))
     drifts = np.einsum("...i,...j->...ij", slides, slides) if drift_px else None
     tracks = type(tracks).gather(
-        tracks.camera, tracks.frames, tracks.track_ids, tracks.pixels, seen, 1.0, readout,
-        least_noise_px=0.5, drifts=drifts,
-    )  # fmt: skip
+        tracks.camera, tracks.frames, tracks.track_ids, tracks.pixels, seen, 1.0, least_noise_px=0.5, drifts=drifts
+    )
+    tracks = replace(tracks, sweep_px_s=sweep_px_s, readout_s=0.002)
     window = replace(window, tracks=tracks)
     state = window.true_state(window.plane if kind == "plane" else None)
     rng = np.random.default_rng((seed, 3))

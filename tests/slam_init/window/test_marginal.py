@@ -7,6 +7,7 @@ import pytest
 from make_window import PRIORS, fit_near_truth, make_window
 
 from slam_init.types.correlated_errors import FIELD_SCALES_PX
+from slam_init.window.arguments import Limits
 from slam_init.window.joint_fit import fit_window
 from slam_init.window.linearization import linearize_with_fields, marginalize_fields
 
@@ -18,7 +19,7 @@ def linearization(request):
     """The expansion of a fit of four views; one step short of the optimum, so that its gradient is not zero."""
     window = make_window(SCENES[request.param], 1, 4, 40, noise_px=0.7, baseline=0.3)
     start = window.start(1, window.plane if request.param == "plane" else None, error=1e-3)
-    fit = fit_window(window.tracks, start, PRIORS, max_steps=0)
+    fit = fit_window(window.tracks, start, PRIORS, limits=Limits(max_steps=0))
     return linearize_with_fields(fit)
 
 
@@ -103,7 +104,7 @@ def log_integral(linearization, scale):
 
 
 def test_the_evidence_is_the_gaussian_integral_over_all_unknowns(linearization):
-    found = exact(linearization).log_evidence
+    found = exact(linearization).fields.log_evidence
     assert found[0] == 0
     expected = [log_integral(linearization, s) - log_integral(linearization, 0.0) for s in FIELD_SCALES_PX]
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-4)
@@ -120,8 +121,8 @@ def test_a_pull_beyond_chance_in_a_direction_that_the_tracks_do_not_determine_is
     gradient = linearization.gradient.copy()
     gradient[field] += 10.0 * np.linalg.eigh(left)[1][:, 0]
     pulled = replace(linearization, gradient=gradient)
-    np.testing.assert_allclose(marginalize_fields(pulled).log_evidence, found.log_evidence, atol=0.5)
-    assert exact(pulled).log_evidence[-1] > found.log_evidence[-1] + 50
+    np.testing.assert_allclose(marginalize_fields(pulled).fields.log_evidence, found.fields.log_evidence, atol=0.5)
+    assert exact(pulled).fields.log_evidence[-1] > found.fields.log_evidence[-1] + 50
 
 
 def test_a_matrix_that_is_no_covariance_is_a_refusal(linearization):

@@ -10,7 +10,7 @@ from make_window import PRIORS, hypotheses_of, pair_and_further, point_source
 from slam_init.window.hypotheses import OverlayTracks
 from slam_init.window.levels import FLOOR
 from slam_init.window.motion import OtherMotion, farthest_deg
-from slam_init.window.other_motion import explained_tracks, other_motion
+from slam_init.window.other_motion import other_motion
 from slam_init.window.risk import risk_of
 
 
@@ -27,7 +27,7 @@ def hypotheses(seed, views=6, **options):
 def test_a_scene_at_rest_has_no_other_motion_however_many_outliers_there_are(seed):
     found = hypotheses(seed, outliers=0.4)
     assert other_motion(found).probability == 0
-    assert 0.5 < explained_tracks(found).mean() < 0.7
+    assert 0.5 < found.explained.mean() < 0.7
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -40,7 +40,7 @@ def test_a_small_moving_object_is_no_competing_motion():
     for seed in range(3):
         found = hypotheses(seed, moving=0.1, objects=1, object_deg_s=30, outliers=0.05)
         assert other_motion(found).probability == 0
-        assert explained_tracks(found).mean() > 0.75
+        assert found.explained.mean() > 0.75
 
 
 def test_a_new_motion_is_sought_only_where_it_can_decide_and_one_that_is_known_is_followed():
@@ -74,7 +74,7 @@ def test_tracks_that_only_turn_are_explained_by_any_motion_and_stay_as_probable(
     ids = found.tracks.track_ids
     on_object = source.sequence.shot.objects.object_of_track[ids] >= 0
     for theirs, expected in ((~on_object, 0.9), (on_object, 0.0)):
-        before = OtherMotion(0.9, ids[theirs], of_best=ids[explained_tracks(found)])
+        before = OtherMotion(0.9, ids[theirs], of_best=ids[found.explained])
         assert other_motion(replace(found, other_before=before), seeks=False).probability == expected
 
 
@@ -109,7 +109,7 @@ def test_where_the_tracks_of_the_scene_only_turn_a_moving_object_that_holds_more
     source = point_source("room", seed, baseline=0.0, noise_px=0.3, points=200, moving=0.6, objects=1, object_deg_s=30)
     found = hypotheses_of(source.camera, pair_and_further(list(source.observations()), 8), PRIORS)
     on_object = source.sequence.shot.objects.object_of_track >= 0
-    assert on_object[found.tracks.track_ids[explained_tracks(found)]].all()
+    assert on_object[found.tracks.track_ids[found.explained]].all()
     other = other_motion(found)
     assert other.probability > 0.01
     assert not on_object[other.track_ids].any()

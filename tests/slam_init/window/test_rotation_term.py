@@ -27,7 +27,7 @@ def clear():
 
 def test_the_rotation_term_falls_with_the_gain_over_the_rotation_only_camera(clear):
     cost, expanded = clear.motions[0].fit.cost, expand(clear.motions[0])
-    gains, probabilities, _ = zip(
+    gains, probabilities, *_ = zip(
         *(
             rotation_probability(replace(clear, rotation_only=replace(clear.rotation_only, cost=cost + gain)), expanded)
             for gain in (0.0, 400.0, 800.0, 1600.0, 4000.0)

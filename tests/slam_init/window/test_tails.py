@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import chi2, norm
 
 from slam_init.window.equations import explained_at_most
-from slam_init.window.tails import at_any_time, chi_square_as_gaussian, three_directions, two_directions
+from slam_init.window.uncertainty import at_any_time, chi_square_as_gaussian, three_directions, two_directions
 
 
 @pytest.mark.parametrize("limit", [0.5, 1.5, 3.0])

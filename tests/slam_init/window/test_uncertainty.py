@@ -9,6 +9,7 @@ from make_window import PRIORS, Window, make_window
 from quest.geometry.quaternion import rotation_angle, vector_from_rotation
 from slam_init.types.camera import Camera
 from slam_init.types.lens import SAME_LENS
+from slam_init.window.arguments import Limits
 from slam_init.window.joint_fit import fit_window
 from slam_init.window.linearization import information_by_chance, linearize_with_fields, marginalize_fields
 from slam_init.window.state import Priors
@@ -27,7 +28,7 @@ SCENES = {"general": "room", "plane": "wall"}
 
 def fitted(window: Window, plane: bool, priors: Priors = PRIORS):
     start = window.start(0, window.plane if plane else None, error=1e-3)
-    return fit_window(window.tracks, start, priors, tolerance=1e-6)
+    return fit_window(window.tracks, start, priors, limits=Limits(tolerance=1e-6))
 
 
 def expanded(fit):
@@ -134,7 +135,7 @@ def direction_squares(seed: int) -> tuple[float, float]:
     A short drive along a corridor: the parallax of most tracks is no larger than their errors.
     """
     window = make_window("corridor", seed, 4, 200, noise_px=0.7, baseline=0.01)
-    fit = fit_window(window.tracks, window.start(seed, error=1e-4), KNOWN_FOCAL, tolerance=1e-6)
+    fit = fit_window(window.tracks, window.start(seed, error=1e-4), KNOWN_FOCAL, limits=Limits(tolerance=1e-6))
     found = expanded(fit)
     by_chance = information_by_chance(fit)
     without = replace(found, marginal=found.marginal.without_chance(by_chance))
@@ -170,10 +171,10 @@ def test_a_map_whose_lens_is_held_is_as_far_from_the_fit_as_stated(scene):
     window = make_window(scene, 2, 5, 120, noise_px=0.5, baseline=0.4, camera=true, stated=stated, turning=0.03)
     priors = Priors(focal_sigma=0.02, k1_sigma=0.05, principal_sigma_px=2.0, gate_sigmas=100.0)
     plane = window.plane if scene != "room" else None
-    free = fit_window(window.tracks, window.start(0, plane, error=1e-3), priors, tolerance=1e-8)
+    free = fit_window(window.tracks, window.start(0, plane, error=1e-3), priors, limits=Limits(tolerance=1e-8))
     held_priors = replace(priors, focal_sigma=1e-7, k1_sigma=1e-7, principal_sigma_px=1e-5)
     start = replace(free.state, lens=SAME_LENS)
-    held = fit_window(window.tracks, start, held_priors, tolerance=1e-8)
+    held = fit_window(window.tracks, start, held_priors, limits=Limits(tolerance=1e-8))
     found = moved_by_lens(expanded(free), held=True)
 
     def directions(fit):
