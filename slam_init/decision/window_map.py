@@ -15,8 +15,7 @@ from slam_init.bundle.problem import BundleFailure, BundleSolution, PosePrior
 from slam_init.config import Config
 from slam_init.decision.evaluated_window import EvaluatedWindow
 from slam_init.frontend.rolling_shutter import RollingShutter
-from slam_init.mapping.candidate import map_of_poses
-from slam_init.mapping.map_building import MapWithViews, map_with_views
+from slam_init.mapping.map_building import MapWithViews, map_of_poses, map_with_views
 from slam_init.mapping.views import TrackTable, table_of
 from slam_init.types.history import History
 from slam_init.types.initial_map import InitialMap

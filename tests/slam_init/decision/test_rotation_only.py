@@ -8,7 +8,7 @@ from make_pair import preview_of
 from make_scene import CAMERA, observe
 
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.decision.rotation_only import with_established_reason
+from slam_init.decision.two_views import with_established_reason
 from slam_init.types.pose import Pose
 from slam_init.types.refusal import GateName, Verdict, at_most
 from slam_init.types.result import Attempt

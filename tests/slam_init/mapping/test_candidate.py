@@ -8,7 +8,7 @@ from make_scene import CAMERA, CONFIG, cloud, observe
 
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
 from slam_init.bundle.problem import BundleFailure, BundleSolution
-from slam_init.mapping.candidate import map_of_poses
+from slam_init.mapping.map_building import map_of_poses
 from slam_init.mapping.views import table_of
 from slam_init.types.pose import Pose
 
