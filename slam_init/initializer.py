@@ -291,7 +291,7 @@ class Initializer:
         if self.intake.shutter.readout_s:
             self.recorder.row_times(self.history[frame], corrected_pixels(self.camera, self.history[frame]))
         if outcome.accepted is not None:
-            self.intake.check_gravity(outcome.accepted.map)
+            self.intake.check_gravity(outcome.accepted)
         self._maps.keep(outcome)
 
     def _status_after(self, outcome: Outcome | None, current: Observations) -> Status:

@@ -28,7 +28,6 @@ from slam_init.types.stopwatch import StageTimes
 if TYPE_CHECKING:
     from slam_init.decision.current_pose import WindowMotion
     from slam_init.mapping.growing import GrowingMap, Located
-    from slam_init.mapping.map_building import MapWithViews
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +37,9 @@ class Outcome:
     #: The verdict and its evidence.
     attempt: Attempt
     #: A map that passed all gates.
-    accepted: MapWithViews | None = None
+    accepted: InitialMap | None = None
+    #: The observations of its keyframes, in the same order. The history may have dropped them.
+    views: tuple[Observations, ...] = ()
     #: Builds the maps of two motions that the tracks do not decide between, the better one first; None without two.
     undecided: Callable[[], tuple[InitialMap, ...]] | None = None
     #: The vote between the best motion and its nearest competing motion; None without one.
@@ -101,9 +102,9 @@ class MapCandidates:
         if outcome.margin is not None or outcome.accepted is not None:
             self.margin = outcome.margin
         if outcome.accepted is not None:
-            self.accepted, most = outcome.accepted.map, self._config.refine_frames
+            self.accepted, most = outcome.accepted, self._config.refine_frames
             self.is_final = most == 0 or (most is None and self._knows_depths(self.accepted))
-            self._recorder.initialized(self.accepted, outcome.accepted.views)
+            self._recorder.initialized(self.accepted, outcome.views)
             return
         # Two undecided maps are kept until two other maps replace them, or a vote decides.
         if outcome.undecided is not None:

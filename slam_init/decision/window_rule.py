@@ -260,7 +260,7 @@ class WindowRule:
         attempt = replace(window, risk=risk).with_evidence(attempt)
         gates = [replace(one, value=risk.total) if one.name == GateName.RISK else one for one in attempt.gates]
         attempt = replace(attempt, gates=tuple(gates), progress=1.0)
-        return Outcome(attempt, accepted=maps.built(bundle, risk.total), lens=lens)
+        return Outcome(attempt, maps.built(bundle, risk.total), maps.views_of(bundle), lens=lens)
 
     def _views(self, preview: PairPreview, current: Observations) -> WindowViews:
         """The matches of a pair and the further views."""

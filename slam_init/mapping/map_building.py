@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +17,6 @@ from slam_init.mapping.views import TrackTable
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
-from slam_init.types.history import History
 from slam_init.types.inertial import Gravity
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Pose
@@ -84,27 +82,6 @@ def _bundle_problem(table: TrackTable, points: Floats, usable: Bools, poses: dic
     )
 
 
-@dataclass(frozen=True, eq=False)
-class MapWithViews:
-    """A map, and the observations of its keyframes, which the history may have dropped when the map is accepted."""
-
-    map: InitialMap
-    #: The observations of the keyframes, in the same order.
-    views: tuple[Observations, ...]
-
-
-def map_with_views(
-    observed: History | Mapping[int, Observations], gravities: Mapping[int, Gravity], bundle: BundleSolution, scene: str
-) -> MapWithViews:
-    """Build the map of an adjusted bundle, with the observations of its keyframes.
-
-    * ``observed, gravities``: By frame.
-    """
-    views = tuple(observed[frame] for frame in bundle.problem.frames)
-    map_ = initial_map(bundle, views, scene)
-    return MapWithViews(replace(map_, gravity=mean_gravity(map_.keyframes, gravities)), views)
-
-
 def mean_gravity(keyframes: Sequence[Keyframe], gravities: Mapping[int, Gravity]) -> Gravity | None:
     """The direction of gravity in the world, by those of keyframes.
 
@@ -129,10 +106,13 @@ def mean_gravity(keyframes: Sequence[Keyframe], gravities: Mapping[int, Gravity]
     return Gravity(mean, float(np.sqrt(np.mean(sigmas_deg**2))))
 
 
-def initial_map(bundle: BundleSolution, views: Sequence[Observations], scene: str) -> InitialMap:
+def initial_map(
+    bundle: BundleSolution, views: Sequence[Observations], scene: str, gravities: Mapping[int, Gravity] | None = None
+) -> InitialMap:
     """Build the map of an adjusted bundle.
 
     * ``views``: The observations of the frames of the bundle, in the same order. Landmarks without a color become grey.
+    * ``gravities``: By frame.
     """
     problem, newest = bundle.problem, views[-1].through(bundle.camera)
     colors = np.full((len(problem.points), 3), 128, np.uint8)
@@ -140,11 +120,12 @@ def initial_map(bundle: BundleSolution, views: Sequence[Observations], scene: st
         _, at, of = np.intersect1d(problem.track_ids, view.track_ids, return_indices=True)
         if len(view.colors):
             colors[at] = view.colors[of]
+    keyframes = tuple(
+        Keyframe(view.frame, view.timestamp_s, view.name, pose)
+        for view, pose in zip(views, problem.world_from_cam, strict=True)
+    )
     return InitialMap(
-        keyframes=tuple(
-            Keyframe(view.frame, view.timestamp_s, view.name, pose)
-            for view, pose in zip(views, problem.world_from_cam, strict=True)
-        ),
+        keyframes=keyframes,
         points=problem.points,
         track_ids=problem.track_ids,
         observation_keyframes=problem.views,
@@ -168,4 +149,5 @@ def initial_map(bundle: BundleSolution, views: Sequence[Observations], scene: st
         camera=bundle.camera,
         focal_factor=bundle.focal_factor,
         focal_factor_sigma=bundle.focal_factor_sigma,
+        gravity=mean_gravity(keyframes, gravities or {}),
     )

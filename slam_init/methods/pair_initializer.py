@@ -15,7 +15,7 @@ from slam_init.decision.map_candidates import MapCandidates, Outcome
 from slam_init.errors import SlamInitError
 from slam_init.frontend.frame_clock import FrameClock
 from slam_init.frontend.matched_tracks import make_tracker
-from slam_init.mapping.map_building import map_with_views
+from slam_init.mapping.map_building import initial_map
 from slam_init.methods.two_view import TwoViewMethod, undistorted_pixels
 from slam_init.recording.recorder import Recorder
 from slam_init.types.arrays import Image
@@ -202,4 +202,5 @@ class PairInitializer:
         if not landmarks.passes():
             self._reference = None
             return Outcome(attempt.refused_at(Verdict.TOO_FEW_LANDMARKS))
-        return Outcome(attempt, map_with_views(self.history, self.history.gravities, bundle, scene))
+        views = tuple(self.history[frame] for frame in bundle.problem.frames)
+        return Outcome(attempt, initial_map(bundle, views, scene, self.history.gravities), views)
