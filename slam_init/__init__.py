@@ -11,8 +11,6 @@ import ast
 from importlib import import_module
 from pathlib import Path
 
-from slam_init.types.savable import Savable
-
 _STUB = ast.parse(Path(__file__).with_suffix(".pyi").read_text())
 _HOMES = {
     alias.name: str(statement.module)
@@ -22,8 +20,6 @@ _HOMES = {
 }
 
 __all__ = sorted([*_HOMES, "__version__"])
-
-Savable.writer = staticmethod(lambda thing, folder: import_module("slam_init.output.results").save(thing, folder))
 
 
 def __getattr__(name: str) -> object:

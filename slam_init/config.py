@@ -173,7 +173,7 @@ class Config(Described):
     refine_frames : int or None
         Number of frames after the acceptance by which the map grows before it is exported; 0 for none. None: a run
         hands it over at once, and an initializer that gets further frames as soon as the median deviation of its
-        depths, with all errors, is at most ``acceptance.max_depth_sigma`` (:mod:`slam_init.mapping.refinement`).
+        depths, with all errors, is at most ``acceptance.max_depth_sigma`` (:mod:`slam_init.decision.map_candidates`).
     tracking : TrackingConfig
         Features and tracks.
     keyframes : KeyframeConfig

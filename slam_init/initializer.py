@@ -16,7 +16,7 @@ stage          what it does
                go on with. :mod:`slam_init.decision.window_map` builds the map of an accepted motion, or of the two
                motions that the views do not decide between. :mod:`slam_init.decision.depths` asks whether a tracker
                can go on from its landmarks
-``refine``     in place of ``pairs`` and ``evaluate`` once a map is accepted: :mod:`slam_init.mapping.refinement`
+``refine``     in place of ``pairs`` and ``evaluate`` once a map is accepted: :mod:`slam_init.decision.map_candidates`
                locates the frame in the map, which grows
 =============  ======================================================================================================
 
@@ -31,7 +31,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -64,7 +64,6 @@ from slam_init.types.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
     from slam_init.decision.two_views import Proposer
-    from slam_init.decision.window_rule import WindowRule
 
 
 #: The poses of some frames (cam_from_world by the index of the frame), and the camera that was fitted with them.
@@ -113,6 +112,9 @@ class Initializer:
         propose: Proposer | None = None,
         matcher: Matcher | None = None,
     ) -> None:
+        # Imported here, since it loads the compiler (0.3 s), which reading a video or a camera does not need.
+        from slam_init.decision.window_rule import WindowRule
+
         if not isinstance(config, Config | None) or not isinstance(recorder, Recorder | None):
             wrong = recorder if isinstance(config, Config | None) else config
             raise ConfigError(f"{type(wrong).__name__} is no option of an Initializer: give camera, Config, Recorder")
@@ -122,7 +124,9 @@ class Initializer:
         self.status = Status()
         self.intake = Intake(camera, self.config.tracking, matcher)
         self.keyframes = KeyframeManager(self.config)
-        self._window = _window_rule(self.config, self.intake, third_view=third_view, propose=propose)
+        inputs = (self.config, self.intake.history, self.intake.shutter)
+        self._new_rule = partial(WindowRule, *inputs, third_view=third_view, propose=propose)
+        self._window = self._new_rule()
         self._attempts = AttemptLog()
         self._maps = MapCandidates(self.recorder, self.config)
         self._pose = CurrentPose()
@@ -283,11 +287,11 @@ class Initializer:
         """Record an attempt, keep its maps, and go on with its lens."""
         self.recorder.attempt(outcome.attempt)
         if outcome.lens is not None:
-            self.intake.change_lens(outcome.lens)
+            self.intake.shutter.change_lens(self.history, outcome.lens)
         if self.intake.shutter.readout_s:
             self.recorder.row_times(self.history[frame], corrected_pixels(self.camera, self.history[frame]))
         if outcome.accepted is not None:
-            self.intake.check_gravity(outcome.accepted.map)
+            self.intake.check_gravity(outcome.accepted)
         self._maps.keep(outcome)
 
     def _status_after(self, outcome: Outcome | None, current: Observations) -> Status:
@@ -296,8 +300,8 @@ class Initializer:
         pose = self._pose.update(self.history, current, motion, self.map)
         wrong_focal = self._attempts.wrong_focal
         if self.map is not None:
-            status = replace(Status.initialized(attempt), wrong_focal=wrong_focal)
-            return replace(status, pose=pose, refining=not self._maps.is_final)
+            known = Status.initialized(attempt)
+            return replace(known, wrong_focal=wrong_focal, pose=pose, refining=not self._maps.is_final)
         if pose is not None:
             self.recorder.waiting(pose)
         self._attempts.forget_progress(keep=self.keyframes.candidates)
@@ -385,20 +389,13 @@ class Initializer:
         """
         check_type(0 if since is None else since, (int, np.integer), "since", "the index of a frame")
         self._maps.restart()
-        self.keyframes, self._window = KeyframeManager(self.config), self._window.renewed()
+        self.keyframes, self._window = KeyframeManager(self.config), self._new_rule()
         self._attempts, self._pose, self.status = AttemptLog(), CurrentPose(), Status()
         for frame in self.intake.restart(since):
             current = self.intake.shutter.correct_newest(self.history, frame)
             self._maps.count(frame)
             self.keyframes.update(current, self.keyframes.preview(self.history, current))
         self.recorder.restarted()
-
-
-def _window_rule(config: Config, intake: Intake, *, third_view: bool, propose: Proposer | None) -> WindowRule:
-    # Imported here, since it loads the compiler (0.3 s), which reading a video or a camera does not need.
-    from slam_init.decision.window_rule import WindowRule
-
-    return WindowRule(config, intake.history, intake.shutter, third_view=third_view, propose=propose)
 
 
 @cache

@@ -183,10 +183,6 @@ class Intake:
         self.history.start_at(newest if since is None else min(since, newest))
         return [observed.frame for observed in self.history]
 
-    def change_lens(self, lens: CurrentLens) -> None:
-        """Go on with another estimate of the lens: the history gets the rays of all its frames again."""
-        self.shutter.change_lens(self.history, lens)
-
     @property
     def notes(self) -> tuple[str, ...]:
         """Notes about the time stamps, an estimated readout, and what is in the image and not in the scene."""

@@ -7,7 +7,7 @@ wrong over all of them (:mod:`slam_init.auditing.posterior`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -16,16 +16,15 @@ import numpy as np
 from quest.estimate import RelativePose
 from slam_init.auditing.posterior import MapPosterior, is_near, posterior_of
 from slam_init.config import Config
-from slam_init.decision.evaluated_window import EvaluatedWindow
+from slam_init.decision.evaluated_window import EvaluatedWindow, WindowViews
 from slam_init.decision.lens import priors_of
-from slam_init.decision.two_views import MatchedPair, match_pair, pose_at_fitting_threshold
+from slam_init.decision.two_views import MatchedPair, pose_at_fitting_threshold
 from slam_init.errors import ConfigError, SlamInitError, check_type
 from slam_init.frontend.checks import check_rays
 from slam_init.frontend.keyframes import PairPreview, preview_pairs
-from slam_init.frontend.static_tracks import static_tracks, without
 from slam_init.mapping.views import further_views
 from slam_init.system.linear_algebra import single_threaded
-from slam_init.types.arrays import Floats, evenly_spaced
+from slam_init.types.arrays import as_array, evenly_spaced
 from slam_init.types.audit import Audit, AuditVerdict
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
@@ -118,28 +117,25 @@ def audit(
 
 def _pose(frame: int, given: Pose | ArrayLike) -> Pose:
     """The pose of a frame, checked."""
+    what = f"the pose of frame {frame}"
     if not isinstance(given, Pose):
-        try:
-            matrix: Floats = np.asarray(given, float)
-        except (TypeError, ValueError):
-            raise SlamInitError(f"the pose of frame {frame} is no matrix: give world_from_cam (4, 4)") from None
-        if matrix.shape != (4, 4):
-            raise SlamInitError(f"the pose of frame {frame} has the shape {matrix.shape}: give world_from_cam (4, 4)")
+        matrix = as_array(given, np.float64, (4, 4), what, "world_from_cam (4, 4)")
         given = Pose(matrix[:3, :3].copy(), matrix[:3, 3].copy())
     if problem := given.problem():
-        raise SlamInitError(f"the pose of frame {frame} {problem}")
+        raise SlamInitError(f"{what} {problem}")
     return given
 
 
 def _audited(known: Mapping[int, Pose], history: History, config: Config) -> Audit:
-    pair, further = _chosen(known, history, config)
+    views = _chosen(known, history, config)
+    pair = views.pair
     pose, threshold_rad = pose_at_fitting_threshold(history.camera, config, pair)
     frames = (pair.reference.frame, pair.current.frame)
     noise_px, proposed = config.map.noise_px, list[Motion]()
     if isinstance(pose, RelativePose):
         noise_px = max(config.map.min_noise_px, pose.noise_rad * history.camera.focal_px)
         proposed = motions_of_pair(pose, frames, pair.rays1, pair.rays2)
-    tracks = gather_tracks(history.camera, [pair.reference, pair.current, *further], noise_px, config.map.min_noise_px)
+    tracks = gather_tracks(history.camera, views.all, noise_px, config.map.min_noise_px)
     given = _motion_of({frame: known[frame] for frame in tracks.frames if frame in known})
     lens = CurrentLens.of(history.camera)
     # No turning of the camera is known, so that the readout of a rolling shutter moves no pixel.
@@ -165,8 +161,8 @@ def _motion_of(world_from_cam: Mapping[int, Pose]) -> Motion:
     return Motion({frame: Pose(pose.R, pose.t / unit) for frame, pose in relative.items()})
 
 
-def _chosen(known: Mapping[int, Pose], history: History, config: Config) -> tuple[MatchedPair, Sequence[Observations]]:
-    """The most informative pair about its direction, and the further views of its window."""
+def _chosen(known: Mapping[int, Pose], history: History, config: Config) -> WindowViews:
+    """The views of a window: the most informative pair about its direction, and further ones."""
     frames = sorted(frame for frame in known if frame in history)
     if len(frames) < 2:
         raise SlamInitError(f"{len(frames)} of the poses belong to a frame with tracks: give two or more of one camera")
@@ -184,15 +180,11 @@ def _chosen(known: Mapping[int, Pose], history: History, config: Config) -> tupl
     best = max(previews, key=lambda one: (one.matches >= least, one.direction_score))
     if best.matches < least:
         raise SlamInitError(f"no two frames with a pose share {least} tracks: give frames that share more")
-    pair = match_pair(history, best, history[best.current])
+    pair = MatchedPair(best, history[best.reference], history[best.current])
     further = further_views(
         history, pair.reference, pair.current, config.map, MAX_VIEWS - 2, frozenset(known), later_share=_SAME_SCENE
     )
-    static = static_tracks(pair.reference, pair.current, further)
-    if len(static):
-        kept = pair.at(np.flatnonzero(~np.isin(pair.track_ids, static)))
-        pair = replace(kept, reference=without(pair.reference, static), current=without(pair.current, static))
-    return pair, [without(view, static) for view in further]
+    return WindowViews.of(pair, further)
 
 
 def _stated(known: Mapping[int, Pose], window: EvaluatedWindow, terms: MapPosterior, max_risk: float) -> Audit:

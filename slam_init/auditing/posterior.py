@@ -168,16 +168,15 @@ def _outside_ball(distance_deg: float, sigma_deg: float) -> float:
 
 
 def _tail_of_rotation(hypotheses: WindowHypotheses, risk: WindowRisk) -> float:
-    """The tail probability of what the motion gains if the camera only rotates."""
-    tail = min(risk.rotation, 1.0)
-    return tail if tail <= _CERTAIN_MOTION else min(tail, _tail_with_lasting_errors(hypotheses))
+    """The tail probability of what the motion gains if the camera only rotates.
 
-
-def _tail_with_lasting_errors(hypotheses: WindowHypotheses) -> float:
-    """The tail with the errors that a tracker keeps in the noise, and all motions fitted again with it.
-
-    The risk has such a test where its direction is known. A map from anywhere is evaluated where it is not.
+    It is the smaller one of two. The second one has the errors that a tracker keeps in the noise, and all motions
+    fitted again with it. The risk has such a test where its direction is known. A map from anywhere is evaluated where
+    it is not.
     """
+    tail = min(risk.rotation, 1.0)
+    if tail <= _CERTAIN_MOTION:
+        return tail
     wide = with_lasting_errors(hypotheses.tracks, hypotheses.rotation_only.state.R)
     again = fit_hypotheses(wide, [one.motion for one in hypotheses.motions], hypotheses.priors)
-    return 1.0 if again is None else with_zooming_rotation(again, risk_of(again)).rotation
+    return tail if again is None else min(tail, with_zooming_rotation(again, risk_of(again)).rotation)

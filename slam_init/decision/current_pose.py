@@ -56,7 +56,6 @@ class CurrentPose:
     """Keeps the rotation of each frame of the history from the first frame, and gives the pose of the newest."""
 
     def __init__(self) -> None:
-        self._started = False
         self._known: dict[int, tuple[Floats, float]] = {}
         self._anchor: int | None = None
 
@@ -67,8 +66,8 @@ class CurrentPose:
 
         * Returns: None for the first frame, and where too few tracks link a frame without a map to it.
         """
-        if not self._started:
-            self._started, self._known, self._anchor = True, {current.frame: (np.eye(3), 0.0)}, current.frame
+        if self._anchor is None:
+            self._known, self._anchor = {current.frame: (np.eye(3), 0.0)}, current.frame
             return None
         if window is not None:
             self._fix(history, window)
@@ -78,8 +77,8 @@ class CurrentPose:
             self._known[current.frame] = found
         if map_ is not None:
             newest = max(map_.keyframes, key=lambda one: one.frame if one.frame <= current.frame else -1)
-            sigma_deg = 0.0 if window is None else window.rotation_sigma_deg
-            return self.located(map_, newest, sigma_deg, None if window is None else window.direction_sigma_deg)
+            sigmas_deg = (0.0, None) if window is None else (window.rotation_sigma_deg, window.direction_sigma_deg)
+            return self.located(map_, newest, *sigmas_deg)
         if found is None:
             return None
         R, variance = found
@@ -116,9 +115,10 @@ class CurrentPose:
             i, j = common_tracks(history[anchor], current)
             if len(i) >= _LEAST_TRACKS and (len(i) >= SAME_SCENE * len(current) or anchor == before):
                 self._anchor = anchor
-                R, sigma_rad = _aligned(history[anchor].bearings[i], current.bearings[j])
+                m, n = history[anchor].bearings[i], current.bearings[j]
+                R = refine_rotation(np.eye(3), m, n, *_SCALES_RAD, iterations=4)
                 known, variance = self._known[anchor]
-                return R @ known, variance + sigma_rad**2
+                return R @ known, variance + _sigma_rad(R, m, n) ** 2
         return None
 
     def located(
@@ -137,12 +137,6 @@ class CurrentPose:
             direction_sigma_deg,
             map_.keyframes[0].frame,
         )
-
-
-def _aligned(m: Floats, n: Floats) -> tuple[Floats, float]:
-    """The rotation ``n = R m`` of most tracks, and its standard deviation."""
-    R = refine_rotation(np.eye(3), m, n, *_SCALES_RAD, iterations=4)
-    return R, _sigma_rad(R, m, n)
 
 
 def _sigma_rad(R: Floats, m: Floats, n: Floats) -> float:

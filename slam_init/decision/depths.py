@@ -58,16 +58,14 @@ def depth_gates(bundle: BundleSolution, config: AcceptanceConfig) -> tuple[Gate,
     share = float(known.sum()) / max(len(known) + bundle.unknown_depths, 1)
     noise_rad = bundle.noise_px / bundle.camera.focal_px
     sigma = located_sigma(seen[known], bundle.seen_covariances[known], float(np.linalg.norm(step)), noise_rad)
-    advice = _advice(seen, step)
+    advice, low = _advice(seen, step), Verdict.LOW_PARALLAX
     gates = [
-        at_least(GateName.KNOWN_DEPTHS, share, KNOWN_SHARE, Verdict.LOW_PARALLAX, advice),
-        at_most(GateName.LOCATED_SIGMA, sigma, MAX_LOCATED_SIGMA, Verdict.LOW_PARALLAX, advice),
+        at_least(GateName.KNOWN_DEPTHS, share, KNOWN_SHARE, low, advice),
+        at_most(GateName.LOCATED_SIGMA, sigma, MAX_LOCATED_SIGMA, low, advice),
     ]
     if config.min_parallax_deg > 0:
         parallax_deg = float(np.degrees(np.median(problem.parallax_rad())))
-        gates.append(
-            at_least(GateName.PARALLAX_DEG, parallax_deg, config.min_parallax_deg, Verdict.LOW_PARALLAX, advice)
-        )
+        gates.append(at_least(GateName.PARALLAX_DEG, parallax_deg, config.min_parallax_deg, low, advice))
     return tuple(gates)
 
 

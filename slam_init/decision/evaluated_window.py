@@ -1,4 +1,4 @@
-"""An evaluated window, and what follows from it: the gates on its risk, its reason, the next lens, and its evidence.
+"""The views of a window, and what follows once it is evaluated: gates, reason, the next lens, and the evidence.
 
 All of it is a function of the window. Nothing here looks at the history or remembers an earlier window.
 """
@@ -6,6 +6,7 @@ All of it is a function of the window. Nothing here looks at the history or reme
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,13 +16,15 @@ from quest.noise import GATE_SIGMAS
 from slam_init.decision.current_pose import WindowMotion
 from slam_init.decision.lens import advice_on, followed
 from slam_init.decision.two_views import MatchedPair
+from slam_init.frontend.static_tracks import static_tracks, without
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.evidence import WindowEvidence
+from slam_init.types.frame import Observations
 from slam_init.types.lens import MAX_FOCAL_SIGMA, CurrentLens
 from slam_init.types.pose import Pose
 from slam_init.types.refusal import Gate, GateName, Verdict, at_most
 from slam_init.types.result import Attempt
-from slam_init.window.hypotheses import WindowHypotheses
+from slam_init.window.hypotheses import OverlayTracks, WindowHypotheses
 from slam_init.window.levels import EVEN_ODDS, FLOOR, UNDECIDED
 from slam_init.window.motion import FittedMotion
 from slam_init.window.risk import WindowRisk
@@ -43,6 +46,32 @@ def off_plane(pose: Pose, rays1: Floats, rays2: Floats) -> Floats:
     normals = np.cross(pose.t, rays1 @ pose.R.T)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     return np.asarray(np.abs(np.einsum("ij,ij->i", rays2, normals)))
+
+
+@dataclass(frozen=True, eq=False)
+class WindowViews:
+    """The pair of a window and its further views, without the tracks that lie on the image and not in the scene."""
+
+    pair: MatchedPair
+    further: Sequence[Observations]
+    #: The tracks that were left out; None without them.
+    overlay: OverlayTracks | None = None
+
+    @staticmethod
+    def of(pair: MatchedPair, further: Sequence[Observations]) -> WindowViews:
+        """Leave out the tracks that stay at their pixels in all views while the others move."""
+        static = static_tracks(pair.reference, pair.current, further)
+        if not len(static):
+            return WindowViews(pair, further)
+        stays = np.isin(pair.track_ids, static)
+        overlay = OverlayTracks(pair.track_ids[stays], pair.rays1[stays], float(stays.mean()))
+        reference, current, *others = (without(view, static) for view in (pair.reference, pair.current, *further))
+        return WindowViews(MatchedPair(pair.preview, reference, current), others, overlay)
+
+    @property
+    def all(self) -> tuple[Observations, ...]:
+        """Reference and current first."""
+        return (self.pair.reference, self.pair.current, *self.further)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,10 @@
-"""The frames of a video, and the maps that are candidates of its result."""
+"""The frames of a video, and the maps that are candidates of its result.
+
+An accepted map grows by the next frames until it is final. ``Config.refine_frames`` says for how many frames. By
+default these are as many as it takes until the median deviation of its depths, with the errors that tracks share, is at
+most ``acceptance.max_depth_sigma``. The gate of the acceptance knows the noise of single tracks only. A map that is
+lost is final as it was before the loss.
+"""
 
 from __future__ import annotations
 
@@ -21,9 +27,7 @@ from slam_init.types.stopwatch import StageTimes
 
 if TYPE_CHECKING:
     from slam_init.decision.current_pose import WindowMotion
-    from slam_init.mapping.growing import Located
-    from slam_init.mapping.map_building import MapWithViews
-    from slam_init.mapping.refinement import Refinement
+    from slam_init.mapping.growing import GrowingMap, Located
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +37,9 @@ class Outcome:
     #: The verdict and its evidence.
     attempt: Attempt
     #: A map that passed all gates.
-    accepted: MapWithViews | None = None
+    accepted: InitialMap | None = None
+    #: The observations of its keyframes, in the same order. The history may have dropped them.
+    views: tuple[Observations, ...] = ()
     #: Builds the maps of two motions that the tracks do not decide between, the better one first; None without two.
     undecided: Callable[[], tuple[InitialMap, ...]] | None = None
     #: The vote between the best motion and its nearest competing motion; None without one.
@@ -48,10 +54,11 @@ class MapCandidates:
     """The maps of the attempts up to now: an accepted map, or two undecided maps, and the segments before a restart.
 
     Two maps are undecided where they are those of both motions of a plane, or of the scene at rest and a large object.
-    An accepted map may grow by further frames. At the end of its growth it is final.
 
     * ``recorder``: Receives a report when a map is accepted or has grown, and at the end two undecided maps.
     * ``frames``: Number of frames since the start.
+    * ``refined``: Number of frames that the accepted map has grown by.
+    * ``is_final``: Whether there is an accepted map that does not grow any more.
     * ``margin``: The vote of the accepted map, if it had one. Before that, the last vote between two maps.
     """
 
@@ -61,9 +68,10 @@ class MapCandidates:
         self._forget()
 
     def _forget(self) -> None:
-        self._refinement: Refinement | None = None
+        self._growing: GrowingMap | None = None
         self._first: int | None = None
-        self.frames = 0
+        self.frames, self.refined = 0, 0
+        self.is_final = False
         self.accepted: InitialMap | None = None
         self._undecided: Callable[[], tuple[InitialMap, ...]] = tuple
         self.margin: Margin | None = None
@@ -94,7 +102,9 @@ class MapCandidates:
         if outcome.margin is not None or outcome.accepted is not None:
             self.margin = outcome.margin
         if outcome.accepted is not None:
-            self._accept(outcome.accepted)
+            self.accepted, most = outcome.accepted, self._config.refine_frames
+            self.is_final = most == 0 or (most is None and self._knows_depths(self.accepted))
+            self._recorder.initialized(self.accepted, outcome.views)
             return
         # Two undecided maps are kept until two other maps replace them, or a vote decides.
         if outcome.undecided is not None:
@@ -108,37 +118,37 @@ class MapCandidates:
         return self._undecided() if self.accepted is None else (self.accepted,)
 
     @property
-    def is_final(self) -> bool:
-        """Whether there is an accepted map that does not grow any more."""
-        return self._refinement is not None and self._refinement.done
-
-    @property
     def lost_at(self) -> int | None:
         """Absolute index of the first frame in which the accepted map was lost; None while it is not."""
-        return None if self._refinement is None else self._refinement.lost_at
-
-    @property
-    def refined(self) -> int:
-        """Number of frames that the accepted map has grown by."""
-        return 0 if self._refinement is None else self._refinement.frames
+        return None if self._growing is None else self._growing.lost_at
 
     def locate(self, observed: Observations, revised: Sequence[Observations]) -> Located | None:
         """Locate a frame in the accepted map, which grows by it. There is a map."""
-        assert self._refinement is not None
-        located = self._refinement.locate(observed, revised)
+        if self._growing is None:
+            from slam_init.mapping.growing import GrowingMap  # with the adjustment: a camera that waits needs neither
+
+            assert self.accepted is not None
+            self._growing = GrowingMap(self.accepted, self._config.map)
+        self.refined += 1
+        keyframes = self._growing.keyframes_added
+        located = self._growing.locate(observed, revised)
         if located is not None:
             self._recorder.continued(located.keyframe)
-        if self._refinement.done:
-            self._replace(self._refinement.map)
+        most = self._config.refine_frames
+        if most is not None:
+            enough = self.refined >= most
+        else:  # keyframes alone change the depths
+            enough = self._growing.keyframes_added > keyframes and self._knows_depths(self._growing.grown())
+        if self._growing.lost_at is not None or enough:
+            self._end_growth()
         return located
 
     def finalize(self) -> None:
         """Take the accepted map as it has grown; without one, report the undecided maps."""
         if self.accepted is None and self.hypotheses:
             self._recorder.undecided(self.hypotheses)
-        if self._refinement is not None and not self._refinement.done:
-            self._refinement.end()
-            self._replace(self._refinement.map)
+        if self.accepted is not None and not self.is_final:
+            self._end_growth()
 
     def result(
         self, attempts: AttemptLog, camera: Camera, notes: tuple[str, ...], timing_ms: Mapping[str, StageTimes]
@@ -165,14 +175,12 @@ class MapCandidates:
             seed=self._config.seed,
         )
 
-    def _replace(self, map_: InitialMap) -> None:
-        if map_ is not self.accepted:
-            self.accepted = map_
-            self._recorder.refined(map_)
+    def _knows_depths(self, map_: InitialMap) -> bool:
+        return map_.depth_sigma <= self._config.acceptance.max_depth_sigma
 
-    def _accept(self, built: MapWithViews) -> None:
-        from slam_init.mapping.refinement import Refinement  # with the adjustment: a camera that waits needs neither
-
-        self._refinement = Refinement(built.map, self._config)
-        self.accepted = built.map
-        self._recorder.initialized(built.map, built.views)
+    def _end_growth(self) -> None:
+        """Make the accepted map final as it has grown."""
+        self.is_final = True
+        if self._growing is not None and (grown := self._growing.grown()) is not self.accepted:
+            self.accepted = grown
+            self._recorder.refined(grown)

@@ -15,9 +15,9 @@ from slam_init.bundle.problem import BundleFailure, BundleSolution, PosePrior
 from slam_init.config import Config
 from slam_init.decision.evaluated_window import EvaluatedWindow
 from slam_init.frontend.rolling_shutter import RollingShutter
-from slam_init.mapping.candidate import map_of_poses
-from slam_init.mapping.map_building import MapWithViews, map_with_views
+from slam_init.mapping.map_building import initial_map, map_of_poses
 from slam_init.mapping.views import TrackTable, table_of
+from slam_init.types.frame import Observations
 from slam_init.types.history import History
 from slam_init.types.initial_map import InitialMap
 from slam_init.types.lens import CALIBRATED_SIGMA
@@ -69,7 +69,7 @@ class WindowMaps:
 
     def _both(self, motions: Sequence[FittedMotion]) -> tuple[InitialMap, ...]:
         both = [self._adjusted(motion)[0] for motion in motions]
-        maps = tuple(self.built(one).map for one in both if isinstance(one, BundleSolution))
+        maps = tuple(self.built(one) for one in both if isinstance(one, BundleSolution))
         return maps if len(maps) == 2 else ()
 
     def provisional(self) -> ProvisionalMap | None:
@@ -77,13 +77,14 @@ class WindowMaps:
         bundle, _ = self._true_to_motion(self.window.risk.total, EVEN_ODDS)
         if not isinstance(bundle, BundleSolution):
             return None
-        return ProvisionalMap(self.built(bundle, self.risk_of(bundle).total).map)
+        return ProvisionalMap(self.built(bundle, self.risk_of(bundle).total))
 
-    def built(self, bundle: BundleSolution, risk: float | None = None) -> MapWithViews:
+    def built(self, bundle: BundleSolution, risk: float | None = None) -> InitialMap:
         """The map of an adjusted bundle, with what the window knows of its camera."""
         lens, hypotheses = self.window.lens, self.window.hypotheses
-        built = map_with_views(self._views, self._gravities, bundle, "planar" if hypotheses.planar else "general")
-        map_, camera = built.map, built.map.camera
+        scene = "planar" if hypotheses.planar else "general"
+        map_ = initial_map(bundle, self.views_of(bundle), scene, self._gravities)
+        camera = map_.camera
         if lens.camera.readout_s is None and self._readout_s:
             camera = camera.with_readout(self._readout_s)
         if lens.is_unknown:
@@ -91,7 +92,11 @@ class WindowMaps:
             camera = replace(camera, source="estimated", focal_sigma=sigma)
             factor = camera.fx / lens.stated.fx
             map_ = replace(map_, focal_factor=factor, focal_factor_sigma=factor * sigma)
-        return replace(built, map=replace(map_, camera=camera, model_risk=risk))
+        return replace(map_, camera=camera, model_risk=risk)
+
+    def views_of(self, bundle: BundleSolution) -> tuple[Observations, ...]:
+        """The observations of the keyframes of a map."""
+        return tuple(self._views[frame] for frame in bundle.problem.frames)
 
     def risk_of(self, bundle: BundleSolution) -> WindowRisk:
         """The risk of an adjusted map, whose pair may be away from the motion of the window.

@@ -9,63 +9,63 @@ plane or of the scene and a large object, or on request (:mod:`slam_init.decisio
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from quest.estimate import NoPose, RelativePose
+from quest.estimate import RelativePose
 from slam_init.bundle.problem import BundleSolution
 from slam_init.config import Config
 from slam_init.decision.depths import depth_gates
-from slam_init.decision.evaluated_window import EvaluatedWindow
+from slam_init.decision.evaluated_window import EvaluatedWindow, WindowViews
 from slam_init.decision.focal_check import FocalCheck
-from slam_init.decision.frame_skipper import FrameSkipper
 from slam_init.decision.lens import priors_of
 from slam_init.decision.map_candidates import Outcome
-from slam_init.decision.rotation_only import with_established_reason
 from slam_init.decision.screening import LEAST_PARALLAX_SHARE
 from slam_init.decision.two_views import (
     MatchedPair,
     Proposer,
-    match_pair,
     pose_at_fitting_threshold,
     pose_evidence,
-    refuse_rotation,
+    refuse_two_views,
+    with_established_reason,
 )
 from slam_init.decision.window_map import WindowMaps
 from slam_init.frontend.keyframes import PairPreview
 from slam_init.frontend.rolling_shutter import RollingShutter
-from slam_init.frontend.static_tracks import static_tracks, without
 from slam_init.mapping.views import further_views
 from slam_init.types.camera import Camera
 from slam_init.types.evidence import FreeFocal, MapEvidence
 from slam_init.types.frame import Observations
 from slam_init.types.history import History
 from slam_init.types.pose import Pose
-from slam_init.types.refusal import Gate, GateName, Stage, Verdict, at_least
+from slam_init.types.refusal import GateName, Stage, Verdict, at_least
 from slam_init.types.result import Attempt, ProvisionalMap
 from slam_init.types.stopwatch import Stopwatch
-from slam_init.window.hypotheses import OverlayTracks, WindowHypotheses
-from slam_init.window.levels import FLOOR
+from slam_init.window.hypotheses import WindowHypotheses
+from slam_init.window.levels import EVEN_ODDS, FLOOR, WRONG_DIRECTION_DEG
 from slam_init.window.live import LiveHypotheses
 from slam_init.window.motion import OtherMotion
 from slam_init.window.risk import WindowRisk, risk_of, with_zooming_rotation
 from slam_init.window.tracks import MAX_VIEWS
 from slam_init.window.uncertainty import significant_readout_s
 
-
-@dataclass(frozen=True, eq=False)
-class _Views:
-    """The views of a window without the tracks that lie on the image and not in the scene."""
-
-    pair: MatchedPair
-    further: tuple[Observations, ...]
-    overlay: OverlayTracks | None = None
-
-    @property
-    def all(self) -> tuple[Observations, ...]:
-        """Reference and current first."""
-        return (self.pair.reference, self.pair.current, *self.further)
+#: Frames that are not evaluated where the last window, of so many views or more, left this standard deviation of the
+#: direction (degrees): twice what is wrong. In a steady motion it falls with the power 3/2 of the views, so that ten
+#: views in place of six leave half of it, which is no map. A sudden motion shows in the score of the pairs.
+#: Class: geometry, in frames, views and degrees.
+_LONGEST_REST, _MANY_VIEWS, _FAR_DEG = 3, 6, 2 * WRONG_DIRECTION_DEG
+#: After a window whose map is wrong at even odds or worse, this number of frames is not evaluated while the score has
+#: grown by less than this factor: the tracks have less than half as much information again. With more frames left out,
+#: motions are lost between two windows: of four simulated worlds without a map after three such frames, two have one
+#: after one.
+#: Class: level, as a factor and in frames.
+_MORE_INFORMATIVE, _SKIPPED_AT_EVEN_ODDS = 1.2, 1
+#: A camera that turns for long shows as little after a hundred frames as after ten. So either number may grow to this
+#: share of the frames so far, and a map comes later by that share at the most. Before a camera that turns in the hand
+#: (TUM fr1/rpy) a frame takes 43 ms in the median, and 227 if all are evaluated.
+#: Class: level, as a share.
+_SHARE_OF_FRAMES = 0.1
 
 
 class WindowRule:
@@ -102,12 +102,6 @@ class WindowRule:
         # The motion of other tracks in the last window that was searched for one.
         self._other = OtherMotion()
 
-    def renewed(self) -> WindowRule:
-        """A rule with the same options that has evaluated nothing."""
-        return WindowRule(
-            self._config, self._history, self._shutter, third_view=self._third_view, propose=self._propose_pose
-        )
-
     def evaluate(
         self,
         chosen: PairPreview | None,
@@ -131,7 +125,14 @@ class WindowRule:
         if preview is None or not (chosen or lives_on):
             return None
         views = self._views(preview, current)
-        attempt = self._attempt(views.pair)
+        attempt = Attempt(
+            frames=(preview.reference, preview.current),
+            verdict=Verdict.ACCEPTED,
+            pixels1=views.pair.pixels1,
+            pixels2=views.pair.pixels2,
+            inliers=np.zeros(len(views.pair.rays1), bool),
+            preview=preview.evidence,
+        )
         if self._only_rotated and all(one.parallax_share < LEAST_PARALLAX_SHARE for one in pairs):
             # The joint fit of a rotation-only camera takes the most steps, and no pair adds information.
             outcome = Outcome(attempt.refused_at(Verdict.PURE_ROTATION, Stage.MOTION))
@@ -159,21 +160,26 @@ class WindowRule:
     # -- parts of the evaluation -------------------------------------------------------------------
 
     def _propose_and_fit(
-        self, chosen: PairPreview | None, views: _Views, attempt: Attempt, stopwatch: Stopwatch
+        self, chosen: PairPreview | None, views: WindowViews, attempt: Attempt, stopwatch: Stopwatch
     ) -> Outcome:
         """Propose motions where a pair was chosen, and evaluate all that are known."""
         if chosen is not None:
-            self._reference = chosen.reference
+            camera, pair, self._reference = self._history.camera, views.pair, chosen.reference
             with stopwatch("two_view"):
-                pose, self._threshold_rad = self._propose_pose(self._history.camera, self._config, views.pair)
-            attempt = self._proposed(views.pair, pose, attempt)
+                pose, self._threshold_rad = self._propose_pose(camera, self._config, pair)
+            attempt = replace(attempt, two_view=pose_evidence(camera, pose))
+            if isinstance(pose, RelativePose):
+                attempt = replace(attempt, inliers=pose.inliers)
+                noise_px = max(self._config.map.min_noise_px, pose.noise_rad * camera.focal_px)
+                frames = (chosen.reference, chosen.current)
+                self._live.propose(pose, frames, pair.rays1, pair.rays2, noise_px, self._shutter.readout_s)
             if not self._live:
                 self._last = None
-                return Outcome(self._without_motion(attempt, pose))
+                return Outcome(refuse_two_views(camera, self._config, attempt, pose))
         with stopwatch("map"):
             return self._fit_and_state_risk(attempt, views)
 
-    def _fit_and_state_risk(self, attempt: Attempt, views: _Views) -> Outcome:
+    def _fit_and_state_risk(self, attempt: Attempt, views: WindowViews) -> Outcome:
         """Fit the motions to the window, state the risk, and build the map where it is small.
 
         The check of the focal length may still refuse an accepted window.
@@ -191,11 +197,9 @@ class WindowRule:
         hypotheses, risk = found
         pair = self._adopt_readout(views.pair, risk)
         window = EvaluatedWindow(pair, hypotheses, risk, self._history.lens, self._threshold_rad)
+        self._last = WindowMaps(window, self._config, self._history, self._shutter)
         # A camera that merely rotates is evaluated again once a pair shows parallax.
-        self._last, self._only_rotated = (
-            WindowMaps(window, self._config, self._history, self._shutter),
-            window.only_rotates,
-        )
+        self._only_rotated = window.only_rotates
         outcome = self._accept_or_refuse(self._last, window.with_evidence(attempt))
         free = self._focal_check.check(window, accepted=outcome.accepted is not None)
         outcome = replace(outcome, attempt=replace(outcome.attempt, free_focal=free))
@@ -205,7 +209,7 @@ class WindowRule:
         self._live.change_lens(window.lens, outcome.lens or window.lens)
         return replace(outcome, motion=window.motion, margin=risk.margin)
 
-    def _hypotheses_and_risk(self, views: _Views) -> tuple[WindowHypotheses, WindowRisk] | None:
+    def _hypotheses_and_risk(self, views: WindowViews) -> tuple[WindowHypotheses, WindowRisk] | None:
         """The hypotheses of a window and the risk of the best one; None without hypotheses."""
         lens, history = self._history.lens, self._history
         measured = [history.relative_rotations.get(view.frame) for view in views.all]
@@ -241,10 +245,12 @@ class WindowRule:
             attempt = replace(attempt, map=MapEvidence(failure=bundle.cause))
             return Outcome(attempt.refused_at(Verdict.BUNDLE_ADJUSTMENT_FAILED, Stage.MAP), lens=lens)
         evidence = MapEvidence(bundle.rmse_px, pose_prior=bundle.problem.prior is not None)
-        gates = self._map_gates(bundle)
-        attempt = replace(attempt, map=evidence).with_gates(gates)
-        if not all(gate.passes() for gate in gates):
-            return Outcome(attempt.refused_by(Stage.MAP, gates), lens=lens)
+        limits, landmarks = self._config.acceptance, len(bundle.problem.points)
+        enough = at_least(GateName.LANDMARKS, landmarks, limits.min_landmarks, Verdict.TOO_FEW_LANDMARKS)
+        on_map = (*depth_gates(bundle, limits), enough)
+        attempt = replace(attempt, map=evidence).with_gates(on_map)
+        if not all(gate.passes() for gate in on_map):
+            return Outcome(attempt.refused_by(Stage.MAP, on_map), lens=lens)
         risk = maps.risk_of(bundle)
         if risk.total > self._config.acceptance.max_risk:
             failure = f"the adjusted motion differs from that of the window: risk {risk.total:.2g}"
@@ -253,56 +259,16 @@ class WindowRule:
         # The stated risk is that of the map.
         attempt = replace(window, risk=risk).with_evidence(attempt)
         gates = [replace(one, value=risk.total) if one.name == GateName.RISK else one for one in attempt.gates]
-        attempt = replace(attempt, gates=tuple(gates))
-        return Outcome(replace(attempt, progress=1.0), accepted=maps.built(bundle, risk.total), lens=lens)
+        attempt = replace(attempt, gates=tuple(gates), progress=1.0)
+        return Outcome(attempt, maps.built(bundle, risk.total), maps.views_of(bundle), lens=lens)
 
-    def _map_gates(self, bundle: BundleSolution) -> list[Gate]:
-        """The gates on the depths of a map and on the number of its landmarks."""
-        limits, landmarks = self._config.acceptance, len(bundle.problem.points)
-        enough = at_least(GateName.LANDMARKS, landmarks, limits.min_landmarks, Verdict.TOO_FEW_LANDMARKS)
-        return [*depth_gates(bundle, limits), enough]
-
-    def _views(self, preview: PairPreview, current: Observations) -> _Views:
-        """The matches of a pair and the further views, without tracks that lie on the image and not in the scene."""
-        pair = match_pair(self._history, preview, current)
+    def _views(self, preview: PairPreview, current: Observations) -> WindowViews:
+        """The matches of a pair and the further views."""
+        pair = MatchedPair(preview, self._history[preview.reference], current)
         most, known = MAX_VIEWS - 2, self._live.frames
         further = further_views(self._history, pair.reference, current, self._config.map, most, known)
-        static, overlay = static_tracks(pair.reference, current, further), None
-        if len(static):
-            reference, now = without(pair.reference, static), without(current, static)
-            stays = np.isin(pair.track_ids, static)
-            overlay = OverlayTracks(pair.track_ids[stays], pair.rays1[stays], float(stays.mean()))
-            pair = replace(pair.at(np.flatnonzero(~stays)), reference=reference, current=now)
-        used = further if self._third_view else []
-        return _Views(pair, tuple(without(view, static) for view in used), overlay)
-
-    def _attempt(self, pair: MatchedPair) -> Attempt:
-        none = np.zeros(len(pair.rays1), bool)
-        return Attempt(
-            frames=(pair.preview.reference, pair.preview.current),
-            verdict=Verdict.ACCEPTED,
-            pixels1=pair.pixels1,
-            pixels2=pair.pixels2,
-            inliers=none,
-            moving=none,
-            preview=pair.preview.evidence,
-        )
-
-    def _proposed(self, pair: MatchedPair, pose: RelativePose | NoPose, attempt: Attempt) -> Attempt:
-        """Let the motions of a pair live, and add its two views to the attempt."""
-        camera = self._history.camera
-        attempt = replace(attempt, two_view=pose_evidence(camera, pose))
-        if isinstance(pose, NoPose):
-            return attempt
-        noise_px = max(self._config.map.min_noise_px, pose.noise_rad * camera.focal_px)
-        frames = (pair.preview.reference, pair.preview.current)
-        self._live.propose(pose, frames, pair.rays1, pair.rays2, noise_px, self._shutter.readout_s)
-        return replace(attempt, inliers=pose.inliers)
-
-    def _without_motion(self, attempt: Attempt, pose: RelativePose | NoPose) -> Attempt:
-        if isinstance(pose, NoPose):
-            return attempt.refused_at(Verdict(pose.reason), Stage.TWO_VIEWS)
-        return refuse_rotation(self._history.camera, self._config, attempt, pose)
+        views = WindowViews.of(pair, further)
+        return views if self._third_view else replace(views, further=())
 
     def _adopt_readout(self, pair: MatchedPair, risk: WindowRisk) -> MatchedPair:
         """Correct the rays of the history for the readout that the window found; return the pair with these rays."""
@@ -316,3 +282,39 @@ def _complete_risk(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
     """The risk of the best hypothesis, with the camera that rotates and zooms where all other terms are small."""
     risk = risk_of(hypotheses, max_risk)
     return with_zooming_rotation(hypotheses, risk) if risk.total <= max_risk else risk
+
+
+class FrameSkipper:
+    """Leaves out frames after windows that were far from a map, since an evaluation takes most of the time of a frame.
+
+    A frame that is left out still joins the history, and later windows. A frame without motion never comes here.
+    """
+
+    def __init__(self) -> None:
+        # The best score of the pairs of the last frame that was not left out.
+        self._score = 0.0
+        self._skipped, self._frames = 0, 0
+
+    def count_and_skip(self, score: float, last: EvaluatedWindow | None) -> bool:
+        """Whether a frame is left out; called once a frame.
+
+        * ``score``: The best score of its pairs (:attr:`~slam_init.frontend.keyframes.PairPreview.direction_score`).
+        * ``last``: The last window; None without one.
+        """
+        self._frames += 1
+        if last is not None and self._skipped < self._most(score, last):
+            self._skipped += 1
+            return True
+        self._score, self._skipped = score, 0
+        return False
+
+    def _most(self, score: float, last: EvaluatedWindow) -> int:
+        """The number of frames in a row that may be left out after a window."""
+        share = int(_SHARE_OF_FRAMES * self._frames)
+        if len(last.best.rows) < _MANY_VIEWS:
+            return 0
+        if last.risk.directions.sigma_deg * self._score > _FAR_DEG * score:
+            return max(_LONGEST_REST, share)
+        if last.risk.total > EVEN_ODDS and score < _MORE_INFORMATIVE * self._score:
+            return max(_SKIPPED_AT_EVEN_ODDS, share)
+        return 0

@@ -6,6 +6,7 @@ is lost.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Protocol
@@ -161,19 +162,15 @@ def follow(
     follower = Follower(map_, tracker, recorder)
     ended_by: str | None = None
     grown: InitialMap | None = None
-    while count is None or len(follower.survival) < count:
-        try:
-            frame = next(frames, None)
-        except SourceError as error:  # a frame that cannot be read must not lose the map, which exists already
-            ended_by = str(error)
-            break
-        if frame is None:
-            break
-        follower.locate(frame)
-        if keep_grown and grown is None and follower.keyframes >= _GROWN_KEYFRAMES:
-            grown = follower.map
-        if until_lost and follower.lost_at is not None:
-            break
+    try:
+        for frame in itertools.islice(frames, count):
+            follower.locate(frame)
+            if keep_grown and grown is None and follower.keyframes >= _GROWN_KEYFRAMES:
+                grown = follower.map
+            if until_lost and follower.lost_at is not None:
+                break
+    except SourceError as error:  # a frame that cannot be read must not lose the map, which exists already
+        ended_by = str(error)
     lost_at = follower.lost_at if until_lost else None
     located = [keyframe for keyframe in follower.located if lost_at is None or keyframe.frame < lost_at]
     if keep_grown and grown is None and follower.lost_at is None:

@@ -31,8 +31,7 @@ from slam_init.bundle.shared_errors import LocatedRotation
 from slam_init.config import MapConfig
 from slam_init.frontend.rolling_shutter import RollingShutter, corrected_pixels
 from slam_init.mapping.map_building import initial_map
-from slam_init.mapping.resection import resect
-from slam_init.mapping.triangulation import parallax_rad, triangulate
+from slam_init.mapping.resection import parallax_rad, resect, triangulate
 from slam_init.mapping.views import seen_by
 from slam_init.system.linear_algebra import deviations
 from slam_init.types.arrays import Bools, Floats, Image, Ints
@@ -114,7 +113,6 @@ class GrowingMap:
                 pixels=map_.observation_pixels,
             ),
         )
-        self._keyframes = {keyframe.frame: keyframe for keyframe in map_.keyframes}
         # The tracks of keyframes that may become landmarks.
         tracks = map_.open_tracks
         if tracks.turn_rad_s is not None:
@@ -132,9 +130,14 @@ class GrowingMap:
 
         * ``revised``: Earlier frames with more tracks than before: descriptors have found points of theirs in this one.
         """
-        for one in revised:
-            self._revise(one)
-        seen = self._corrected(observed)
+        # A rolling shutter moves the rays of video, which descriptors hardly ever link.
+        for one in () if self.camera.readout_s else revised:
+            if one.frame in self._problem.frames:
+                self._views[one.frame] = one.through(self.camera)
+        # With the rays of the camera of the map, at the middle of the readout.
+        self._rays.put(observed.through(self.camera))
+        self._rays.forget(keep=())
+        seen = self._shutter.correct_newest(self._rays, observed.frame)
         _, i, j = np.intersect1d(self._problem.track_ids, seen.track_ids, return_indices=True)
         gate_rad = _SURVIVAL_PX / self.camera.focal_px
         resected = resect(self._problem.points[i], seen.bearings[j], gate_rad, self._guess)
@@ -143,13 +146,22 @@ class GrowingMap:
             return None
         self._guess, agreeing = resected
         i, j = i[agreeing], j[agreeing]
-        if len(i) >= self._config.min_resected and self._is_due(i):
-            self._extend(seen, i, j)
-        world_from_cam = self._guess.inverse()
-        keyframe = Keyframe(seen.frame, seen.timestamp_s, seen.name, world_from_cam)
-        located = Located(keyframe, self._survival(seen), *self._with(seen, i, j))
-        if self._problem.frames[-1] == seen.frame:
-            kept = {frame: sigma for frame, sigma in self._sigmas_rad.items() if frame in self._problem.frames}
+        pixels = corrected_pixels(self.camera, seen)
+        longer = self._problem.with_view(seen.frame, self._guess.inverse(), i, pixels[j])
+        if len(i) >= self._config.min_resected and self._is_due(i, self._guess):
+            self._guess = self._extend(seen, longer) or self._guess
+        keyframe = Keyframe(seen.frame, seen.timestamp_s, seen.name, self._guess.inverse())
+        # Twice the views know the errors better; to state them takes as long as a frame.
+        if self._errors is None or len(self._problem.frames) >= 2 * self._errors.keyframes:
+            self._errors = LocatedRotation.of(self.camera, self._problem, self._config)
+        is_keyframe = self._problem.frames[-1] == seen.frame
+        problem = self._problem if is_keyframe else longer
+        # Fewer landmarks than a pose needs may agree with a wrong one by chance.
+        first_sigma_rad = math.pi if self._misses else self._sigmas_rad.get(problem.frames[0], 0.0)
+        survival = self._survival(seen.track_ids, pixels, self._guess)
+        located = Located(keyframe, survival, problem, self._errors, first_sigma_rad)
+        if is_keyframe:
+            kept = {frame: sigma for frame, sigma in self._sigmas_rad.items() if frame in problem.frames}
             self._sigmas_rad = {**kept, seen.frame: located.rotation_sigma_rad}
         return located
 
@@ -178,19 +190,6 @@ class GrowingMap:
 
     # -- parts of the step of a frame -------------------------------------------------------------
 
-    def _corrected(self, observed: Observations) -> Observations:
-        """The tracks of a frame with the rays of the camera of the map, at the middle of the readout."""
-        self._rays.put(observed.through(self.camera))
-        self._rays.forget(keep=())
-        return self._shutter.correct_newest(self._rays, observed.frame)
-
-    def _revise(self, revised: Observations) -> None:
-        """Take the new tracks of an earlier keyframe, which may become landmarks."""
-        # A rolling shutter moves the rays of video, which descriptors hardly ever link.
-        if revised.frame not in self._problem.frames or self.camera.readout_s:
-            return
-        self._views[revised.frame] = revised.through(self.camera)
-
     def _evaluate(self, frame: int, tracked: int, agreeing: int) -> None:
         """Find out whether the map is lost."""
         least = self._config.min_resected
@@ -198,78 +197,54 @@ class GrowingMap:
         if tracked < least or len(self._misses) >= _LOST_AFTER:
             self.lost_at = min([frame, *self._misses]) if self.lost_at is None else self.lost_at
 
-    def _is_due(self, landmarks: Ints) -> bool:
+    def _is_due(self, landmarks: Ints, pose: Pose) -> bool:
         """Whether a frame that sees some landmarks becomes a keyframe."""
         in_last = np.count_nonzero(self._problem.views == len(self._problem.frames) - 1)
-        few = bool(len(landmarks) < _SEEN_AGAIN * in_last)
-        return few or self._parallax_deg(self._problem.points[landmarks]) >= _PARALLAX_DEG
+        centres = pose.inverse().t, self._problem.world_from_cam[-1].t
+        parallax_deg = np.degrees(np.median(parallax_rad(self._problem.points[landmarks], *centres)))
+        return bool(len(landmarks) < _SEEN_AGAIN * in_last or parallax_deg >= _PARALLAX_DEG)
 
-    def _parallax_deg(self, points: Floats) -> float:
-        """Median angle between the rays to points from this camera and from that of the last keyframe."""
-        assert self._guess is not None
-        centres = self._guess.inverse().t, self._problem.world_from_cam[-1].t
-        return float(np.degrees(np.median(parallax_rad(points, *centres))))
-
-    def _survival(self, seen: Observations) -> float:
-        assert self._guess is not None
+    def _survival(self, track_ids: Ints, pixels: Floats, pose: Pose) -> float:
+        """The share of the landmarks of the accepted map that a frame observes near their projection."""
         accepted = np.isin(self._problem.track_ids, self._accepted.track_ids)
-        _, i, j = np.intersect1d(self._problem.track_ids[accepted], seen.track_ids, return_indices=True)
-        projected = self.camera.project(self._guess.apply(self._problem.points[accepted][i]))
-        error_px = np.linalg.norm(projected - corrected_pixels(self.camera, seen)[j], axis=1)
+        _, i, j = np.intersect1d(self._problem.track_ids[accepted], track_ids, return_indices=True)
+        projected = self.camera.project(pose.apply(self._problem.points[accepted][i]))
+        error_px = np.linalg.norm(projected - pixels[j], axis=1)
         return float(np.sum(error_px < _SURVIVAL_PX)) / len(self._accepted.points)
 
-    def _with(
-        self, seen: Observations, landmarks: Ints, features: Ints
-    ) -> tuple[BundleProblem, LocatedRotation, float]:
-        """The map with a located frame as its newest view, its errors, and the deviation of its first keyframe."""
-        assert self._guess is not None
-        problem = self._problem
-        # Twice the views know the errors better; to state them takes as long as a frame.
-        if self._errors is None or len(problem.frames) >= 2 * self._errors.keyframes:
-            self._errors = LocatedRotation.of(self.camera, problem, self._config)
-        if problem.frames[-1] != seen.frame:
-            pixels = corrected_pixels(self.camera, seen)[features]
-            problem = problem.with_view(seen.frame, self._guess.inverse(), landmarks, pixels)
-        # Fewer landmarks than a pose needs may agree with a wrong one by chance.
-        first = math.pi if self._misses else self._sigmas_rad.get(problem.frames[0], 0.0)
-        return problem, self._errors, first
+    def _extend(self, seen: Observations, longer: BundleProblem) -> Pose | None:
+        """Make a keyframe of a located frame, with new landmarks, and adjust the window.
 
-    def _extend(self, seen: Observations, landmarks: Ints, features: Ints) -> None:
-        """Make a keyframe of a located frame, with new landmarks, and adjust the window."""
-        assert self._guess is not None
-        problem = self._problem
-        self._views = {frame: view for frame, view in self._views.items() if frame in problem.frames}
-        self._views[seen.frame] = seen
-        pixels = corrected_pixels(self.camera, seen)[features]
-        longer = problem.with_view(seen.frame, self._guess.inverse(), landmarks, pixels)
+        * ``longer``: The map with the frame as its newest view.
+        * Returns: The pose of the frame; None where it becomes no keyframe.
+        """
+        views = {frame: view for frame, view in self._views.items() if frame in self._problem.frames}
+        self._views = {**views, seen.frame: seen}
+        known = len(longer.points)
         tracks, points = self._new_landmarks(seen, dict(zip(longer.frames, longer.world_from_cam, strict=True)))
         longer = replace(
             longer,
-            points=np.concatenate([problem.points, points]),
-            track_ids=np.concatenate([problem.track_ids, tracks]),
+            points=np.concatenate([longer.points, points]),
+            track_ids=np.concatenate([longer.track_ids, tracks]),
         )
         for frame, view in self._views.items():
             _, of_track, of_view = np.intersect1d(tracks, view.track_ids, return_indices=True)
             pixels = corrected_pixels(self.camera, view)[of_view]
-            longer = longer.with_observations(longer.frames.index(frame), len(problem.points) + of_track, pixels)
-        self._adjust(with_lenses(self.camera, longer), seen)
-
-    def _adjust(self, joined: BundleProblem, seen: Observations) -> None:
+            longer = longer.with_observations(longer.frames.index(frame), known + of_track, pixels)
+        last = _last(with_lenses(self.camera, longer), _WINDOW)
         try:
-            adjusted, _ = minimize(_last(joined, _WINDOW), self._noise_px, iterations=_ITERATIONS, tolerance=1e-4)
+            adjusted, _ = minimize(last, self._noise_px, iterations=_ITERATIONS, tolerance=1e-4)
         except RuntimeError:  # a landmark behind a camera: the frame is located, and it is no keyframe
-            return
+            return None
         residuals = adjusted.residuals(self.camera)
         noise_px = adjusted.robust_noise_px(residuals, self._config)
         good: Bools = np.asarray(np.linalg.norm(residuals, axis=1) < self._config.outlier_sigmas * noise_px)
         kept = adjusted.keep(good)
         if np.bincount(kept.views, minlength=len(kept.frames)).min() < 6:
-            return
+            return None
         self._problem, self._noise_px = kept, noise_px
         self.keyframes_added += 1
-        self._guess = kept.world_from_cam[-1].inverse()
-        self._keyframes = {frame: one for frame, one in self._keyframes.items() if frame in kept.frames}
-        self._keyframes[seen.frame] = Keyframe(seen.frame, seen.timestamp_s, seen.name, kept.world_from_cam[-1])
+        return kept.world_from_cam[-1].inverse()
 
     def _new_landmarks(self, seen: Observations, poses: dict[int, Pose]) -> tuple[Ints, Floats]:
         """Triangulate the tracks of a frame that have no landmark and whose depths are known.
@@ -298,7 +273,8 @@ class GrowingMap:
         """The tracks of a keyframe; none for those of the accepted map, whose tracks are not known."""
         if frame in self._views:
             return self._views[frame]
-        keyframe, none = self._keyframes[frame], self._accepted.open_tracks.at(np.zeros(0, np.int64))
+        keyframe = next(one for one in self._accepted.keyframes if one.frame == frame)
+        none = self._accepted.open_tracks.at(np.zeros(0, np.int64))
         return replace(none, frame=frame, timestamp_s=keyframe.timestamp_s, name=keyframe.name)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from slam_init.config import MapConfig
 from slam_init.types.arrays import Floats, Ints
 from slam_init.types.frame import Observations
-from slam_init.types.history import History, common_tracks
+from slam_init.types.history import History
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,8 +41,7 @@ def seen_by(views: Sequence[Observations], track_ids: Ints) -> tuple[Floats, Flo
 
 def table_of(reference: Observations, current: Observations, further: list[Observations]) -> TrackTable:
     """Gather the tracks that a pair has in common, in the pair and in further views."""
-    i, _ = common_tracks(reference, current)
-    track_ids = reference.track_ids[i]
+    track_ids = np.intersect1d(reference.track_ids, current.track_ids, assume_unique=True)
     views = [reference, current, *further]
     return TrackTable(tuple(view.frame for view in views), track_ids, *seen_by(views, track_ids))
 
@@ -65,21 +64,18 @@ def further_views(
     * ``later_share``: Share of the pair's tracks from which on views after it are chosen as well; by default none are.
     * Returns: Each sees at least ``min_resected`` of the tracks that the pair has in common.
     """
-    views = (*history.between(-1, reference.frame), *history.between(reference.frame, current.frame))
-    sharing = _sharing(views, reference, current, config.min_resected)
+    track_ids = np.intersect1d(reference.track_ids, current.track_ids, assume_unique=True)
+    least, later = config.min_resected, math.inf
     if later_share is not None:
-        least = max(config.min_resected, math.ceil(later_share * len(common_tracks(reference, current)[0])))
-        sharing += _sharing(history.between(current.frame, history.newest + 1), reference, current, least)
-    frames = [view.frame for view in sharing]
-    return [sharing[k] for k in _spread(frames, most, before)]
-
-
-def _sharing(
-    views: Iterable[Observations], reference: Observations, current: Observations, least: int
-) -> list[Observations]:
-    """Return the views that see at least ``least`` of the tracks that a pair has in common."""
-    pair_ids = np.intersect1d(reference.track_ids, current.track_ids, assume_unique=True)
-    return [v for v in views if np.isin(v.track_ids, pair_ids, assume_unique=True).sum() >= least]
+        later = max(least, math.ceil(later_share * len(track_ids)))
+    sharing = [
+        view
+        for view in history
+        if view.frame not in (reference.frame, current.frame)
+        and np.isin(view.track_ids, track_ids, assume_unique=True).sum()
+        >= (least if view.frame < current.frame else later)
+    ]
+    return [sharing[k] for k in _spread([view.frame for view in sharing], most, before)]
 
 
 def _spread(frames: list[int], most: int, before: Collection[int]) -> list[int]:

@@ -15,7 +15,7 @@ from slam_init.decision.map_candidates import MapCandidates, Outcome
 from slam_init.errors import SlamInitError
 from slam_init.initializer import Initializer
 from slam_init.intake import Turn
-from slam_init.mapping.map_building import map_with_views
+from slam_init.mapping.map_building import initial_map
 from slam_init.methods.two_view import TwoViewMethod, undistorted_pixels
 from slam_init.recording.recorder import Recorder
 from slam_init.types.camera import Camera
@@ -66,7 +66,7 @@ class PairInitializer(Initializer):
             attempt = self._attempts.add(outcome.attempt)
             self.recorder.attempt(attempt)
             if outcome.accepted is not None:
-                self.intake.check_gravity(outcome.accepted.map)
+                self.intake.check_gravity(outcome.accepted)
             self._maps.keep(outcome)
         if self._reference is None or (attempt is not None and attempt.verdict in _NEW_REFERENCE):
             self._refer_to(current)
@@ -152,4 +152,5 @@ class PairInitializer(Initializer):
         if not landmarks.passes():
             self._reference = None
             return Outcome(attempt.refused_at(Verdict.TOO_FEW_LANDMARKS))
-        return Outcome(attempt, map_with_views(self.history, self.history.gravities, bundle, scene))
+        views = tuple(self.history[frame] for frame in bundle.problem.frames)
+        return Outcome(attempt, initial_map(bundle, views, scene, self.history.gravities), views)

@@ -20,8 +20,7 @@ from slam_init.config import Config
 from slam_init.datasets.track_source import TrackProvider
 from slam_init.frontend.matched_tracks import make_tracker
 from slam_init.initializer import FittedPoses, Initializer
-from slam_init.mapping.resection import resect
-from slam_init.mapping.triangulation import triangulate
+from slam_init.mapping.resection import resect, triangulate
 from slam_init.mapping.views import seen_by
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations, Source, length_of

@@ -180,7 +180,7 @@ def tum_line(keyframe: Keyframe) -> str:
 
 
 def save(thing: object, folder: str | os.PathLike[str]) -> None:
-    """Write a map or a result to a folder, see :meth:`slam_init.types.savable.Savable.save`."""
+    """Write a map or a result to a folder, see :meth:`slam_init.types.initial_map.Savable.save`."""
     if isinstance(thing, InitialMap):
         with OutputFolder(folder, "run") as out:
             out.write(map_files(thing))

@@ -120,10 +120,6 @@ class History:
         for measured in (self.relative_rotations, self.gravities):
             measured.pop(frame, None)
 
-    def between(self, first: int, last: int) -> list[Observations]:
-        """List the frames strictly between two frames."""
-        return [o for f, o in sorted(self._frames.items()) if first < f < last]
-
 
 def check_lengths(name: str, bearings: Floats) -> None:
     """Raise SlamInitError where a finite bearing is not of length 1."""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass, field
+from importlib import import_module
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -15,7 +17,6 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.inertial import Gravity
 from slam_init.types.pose import Pose
-from slam_init.types.savable import Savable
 from slam_init.types.scale import Scale
 
 #: Rate of false maps by causes that no model has: posterior mean of the rate of false maps, with the prior of Jeffreys,
@@ -84,6 +85,21 @@ class ScaleUncertainty:
     def with_scale(self, variance: float) -> Self:
         """The same with a scale that is as uncertain besides."""
         return type(self)(math.sqrt(max(self.own**2 + variance, 0.0)), self.by_lens)
+
+
+class Savable:
+    """Base of what :meth:`save` writes."""
+
+    def save(self, folder: str | os.PathLike[str]) -> None:
+        """Write the files that ``slam-init run`` writes for it; ``docs/reference/files.md`` lists them.
+
+        A map is written as trajectory, points, COLMAP model, factor graph and ``handover.npz``. A result is written as
+        its maps and ``summary.json``. Either all files are replaced, or none.
+
+        * ``folder``: A folder that is new, empty, or was written by an earlier call or run.
+        """
+        # By its name: the types import no writer of files.
+        import_module("slam_init.output.results").save(self, folder)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)

@@ -23,9 +23,8 @@ from slam_init.types.evidence import (
     TwoViewEvidence,
     WindowEvidence,
 )
-from slam_init.types.initial_map import InitialMap, Keyframe, risk_in_words
+from slam_init.types.initial_map import InitialMap, Keyframe, Savable, risk_in_words
 from slam_init.types.refusal import Gate, Stage, Verdict, in_words, progress
-from slam_init.types.savable import Savable
 from slam_init.types.scale import Scale
 from slam_init.types.stopwatch import StageTimes
 

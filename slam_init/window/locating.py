@@ -9,8 +9,7 @@ import numpy as np
 
 from quest.algebra import median_in_place
 from quest.robust.kernels.refinement import refine_rotation
-from slam_init.mapping.resection import resect
-from slam_init.mapping.triangulation import triangulate
+from slam_init.mapping.resection import resect, triangulate
 from slam_init.types.arrays import Bools, Floats
 from slam_init.types.pose import Pose
 from slam_init.window.compiler import compiled, part

@@ -96,7 +96,7 @@ RULES: dict[str, Rule] = {
         "window.direction_term", "variance_by_correlation", lambda *_: 1.0
     ),
     "focal length against the stated one": Rule("decision.focal_check", "FocalCheck.check", _nothing),
-    "tracks that stay on the image": Rule("decision.window_rule", "static_tracks", lambda *_: np.zeros(0, int)),
+    "tracks that stay on the image": Rule("decision.evaluated_window", "static_tracks", lambda *_: np.zeros(0, int)),
     "depths that are known": Rule("decision.window_rule", "depth_gates", lambda *_: []),
     "the map against the motion": Rule(
         "window.risk", "WindowRisk.of_map", lambda risk, *_: risk

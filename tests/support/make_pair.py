@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from make_scene import CAMERA, CONFIG, history_of
+from make_scene import CAMERA, CONFIG
 
 from quest.estimate import RelativePose
-from slam_init.decision.two_views import MatchedPair, match_pair, pose_at_fitting_threshold
+from slam_init.decision.two_views import MatchedPair, pose_at_fitting_threshold
 from slam_init.frontend.keyframes import PairPreview, preview_pairs
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
@@ -18,7 +18,7 @@ def preview_of(observations: Sequence[Observations], camera: Camera = CAMERA) ->
 
 def matched(observations: Sequence[Observations], camera: Camera = CAMERA) -> MatchedPair:
     """The matches of the first and the last frame."""
-    return match_pair(history_of(observations), preview_of(observations, camera), observations[-1])
+    return MatchedPair(preview_of(observations, camera), observations[0], observations[-1])
 
 
 def estimated(observations: Sequence[Observations], camera: Camera = CAMERA) -> RelativePose:

@@ -126,7 +126,7 @@ def mirrored(view):
         (lambda views, camera, poses: (poses, [views[0].pixels], camera), "no Observations"),
         (lambda views, camera, poses: (poses, None, camera), "slam_init.Observations"),
         (lambda views, camera, poses: ({"3": poses[3]}, views, camera), "an integer"),
-        (lambda views, camera, poses: ({3: "pose"}, views, camera), "no matrix"),
+        (lambda views, camera, poses: ({3: "pose"}, views, camera), "type str: give world_from_cam"),
         (lambda views, camera, poses: (poses, views, camera, "config"), "slam_init.Config"),
     ],
 )

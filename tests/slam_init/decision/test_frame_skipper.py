@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from slam_init.decision.frame_skipper import FrameSkipper
+from slam_init.decision.window_rule import FrameSkipper
 
 
 def window(views, total=1.0, sigma_deg=1.0):

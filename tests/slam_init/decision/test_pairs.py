@@ -9,9 +9,8 @@ from make_pair import estimated, matched, preview_of
 from make_scene import CAMERA, CONFIG, cloud, observe
 
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.decision.rotation_only import with_established_reason
 from slam_init.decision.screening import screen
-from slam_init.decision.two_views import pose_at_fitting_threshold, refuse_rotation
+from slam_init.decision.two_views import pose_at_fitting_threshold, refuse_two_views, with_established_reason
 from slam_init.frontend.keyframes import PairPreview
 from slam_init.types.pose import Pose
 from slam_init.types.refusal import GateName, Stage, Verdict, at_most
@@ -88,10 +87,10 @@ def test_the_outlier_threshold_is_widened_for_noisy_tracks():
 
 def test_a_rotation_is_pure_rotation_and_one_within_the_noise_is_a_static_camera(rotating):
     assert rotating.kind == "rotation"
-    attempt = refuse_rotation(CAMERA, CONFIG, Attempt((0, 1), Verdict.ACCEPTED), rotating)
+    attempt = refuse_two_views(CAMERA, CONFIG, Attempt((0, 1), Verdict.ACCEPTED), rotating)
     assert (attempt.verdict, attempt.stage) == (Verdict.PURE_ROTATION, Stage.MOTION)
     within_noise = rotation_from_vector(np.array([0.0, 0.1 / CAMERA.focal_px, 0.0]))
-    static = refuse_rotation(CAMERA, CONFIG, Attempt((0, 1), Verdict.ACCEPTED), replace(rotating, R=within_noise))
+    static = refuse_two_views(CAMERA, CONFIG, Attempt((0, 1), Verdict.ACCEPTED), replace(rotating, R=within_noise))
     assert (static.verdict, static.stage) == (Verdict.STATIC_CAMERA, Stage.MOTION)
     assert [gate.name for gate in static.failed_gates] == [GateName.ROTATION_PX]
 

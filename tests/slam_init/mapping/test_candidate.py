@@ -8,7 +8,7 @@ from make_scene import CAMERA, CONFIG, cloud, history_of, observe
 
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.bundle.problem import BundleFailure
-from slam_init.mapping.candidate import map_of_poses
+from slam_init.mapping.map_building import map_of_poses
 from slam_init.mapping.views import further_views, table_of
 from slam_init.types.pose import Pose
 

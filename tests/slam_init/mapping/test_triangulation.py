@@ -7,8 +7,7 @@ from make_map import make_poses
 from make_scene import CAMERA, cloud, observe
 
 from quest.geometry.quaternion import rotation_angle, rotation_from_vector
-from slam_init.mapping.resection import resect
-from slam_init.mapping.triangulation import triangulate
+from slam_init.mapping.resection import resect, triangulate
 from slam_init.types.pose import Pose
 
 seeds = st.integers(0, 2**32 - 1)
