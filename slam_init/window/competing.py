@@ -19,7 +19,7 @@ from slam_init.types.evidence import Margin
 from slam_init.window.arguments import Limits
 from slam_init.window.hypotheses import FAR_BEHIND, WindowHypotheses
 from slam_init.window.joint_fit import fit_window
-from slam_init.window.levels import OBJECTS_MOVE, SHARE_OF_OBJECTS, UNDECIDED, WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
+from slam_init.window.levels import OBJECTS_MOVE, UNDECIDED, WRONG_DIRECTION_DEG, WRONG_ROTATION_DEG
 from slam_init.window.motion import FittedMotion
 from slam_init.window.state import Priors
 from slam_init.window.uncertainty import ExpandedFit, at_any_time, expand_for_evidence, places_of
@@ -45,10 +45,7 @@ def competing_term(
     margins = [_margin(hypotheses, best, other) for other in others]
 
     probability = sum(
-        max(
-            _competing_probability(hypotheses, other, margin, with_fits=with_fits),
-            _competing_by_objects(hypotheses, best, other),
-        )
+        _competing_probability(hypotheses, other, margin, with_fits=with_fits)
         * _wrong_if_right(best, other, spread_deg)
         for other, margin in zip(others, margins, strict=True)
     )
@@ -67,7 +64,6 @@ def competing_odds(hypotheses: WindowHypotheses) -> list[float]:
             for of_all in (False, True)
         )
         probability = OBJECTS_MOVE * without + (1 - OBJECTS_MOVE) * of_all
-        probability = max(probability, _competing_by_objects(hypotheses, best, other))
         odds.append(probability / (1 - probability))
     return odds
 
@@ -83,17 +79,6 @@ def _margin(hypotheses: WindowHypotheses, best: FittedMotion, other: FittedMotio
     # Such votes are symmetric about zero, so those against the best motion give their sum; real votes are left out.
     against = 0.5 * np.minimum(votes, 0.0)
     return Margin(ahead, ahead / max(float(np.linalg.norm(against)), 1e-9))
-
-
-def _competing_by_objects(hypotheses: WindowHypotheses, best: FittedMotion, other: FittedMotion) -> float:
-    """Probability that the competing motion is right, and that the few tracks off the plane lie on moving objects."""
-    used = hypotheses.tracks.anchor >= 0
-    # Points beyond the horizon of the competing motion's plane are on the plane: they do not move.
-    on_plane = used & best.fit.state.on_plane
-    if not hypotheses.planar or on_plane.sum() < (1 - SHARE_OF_OBJECTS) * used.sum():
-        return 0.0
-    votes = 0.5 * hypotheses.votes(best, other)[on_plane]
-    return OBJECTS_MOVE / (1 + math.exp(min(float(votes.sum()), _FAR_BEHIND_NATS)))
 
 
 def _competing_probability(

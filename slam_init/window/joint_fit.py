@@ -192,26 +192,6 @@ def costs_off_plane(fit: JointFit) -> Floats:
     return _costs_off_plane(equations, state, _measured(fit.tracks, state))
 
 
-def information_off_plane(fit: JointFit) -> Floats:
-    """How well the distances of the tracks of a plane would be known with a distance for each, at the same poses.
-
-    Shapes: returns (T,).
-
-    * Returns: Squared ratio of the distance to its standard deviation; 0 for a track off the plane or behind a camera.
-    """
-    state, tracks = fit.state, fit.tracks
-    if state.plane is None:
-        return np.zeros(len(state.rays))
-    inverse = state.distances_by_plane(tracks.anchor)
-    on_plane = state.on_plane & (tracks.anchor >= 0) & (inverse > 0)
-    equations = WindowEquations(tracks, state, fit.priors)
-    nowhere = np.zeros(len(inverse), bool)
-    free = replace(state, on_plane=nowhere, inverse_distances=np.where(on_plane, inverse, 0.0))
-    equations.build(free, hold=False)
-    variance = np.maximum(equations.track_covariances[:, 2, 2], 1e-300)
-    return np.asarray(np.where(on_plane, inverse**2 / variance, 0.0))
-
-
 def _optimized(equations: WindowEquations, state: WindowState, limits: Limits) -> JointFit:
     """Levenberg-Marquardt from a state."""
     state, cost, steps, given_up = equations.optimized(state, limits)

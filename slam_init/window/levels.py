@@ -189,13 +189,6 @@ PLANE_SIGMAS = 2.5
 #: Class: level.
 VARIATION_SIGMAS = 1.5
 
-#: A depth variation of a fifth of the distances would show by this number of standard deviations, else nothing is known
-#: of a plane. The poses follow a smooth depth variation and hide most of it: of 12 simulated corridors at baselines of
-#: .03 and .05 of the depth those that looked like planes had 19 at most; 12 walls and 12 level flights had 40 or more
-#: once they were accepted.
-#: Class: measured.
-OBSERVABLE_VARIATION, OBSERVABLE_SIGMAS, LARGEST_GAIN = 0.2, 20.0, 9.0
-
 #: Least share of the tracks that a plane holds.
 #: Class: level.
 LEAST_ON_PLANE = 0.5

@@ -1,7 +1,6 @@
 """The plane that the matches of a motion lie on, and whether the points of a window do.
 
-A plane is assumed only where it is observable: a depth variation would show in the tracks, and no depth variation
-shows.
+A plane is assumed only where no depth variation shows.
 """
 
 from __future__ import annotations
@@ -13,14 +12,11 @@ import numpy as np
 
 from slam_init.types.arrays import Floats
 from slam_init.window.arguments import Limits
-from slam_init.window.joint_fit import costs_off_plane, information_off_plane
+from slam_init.window.joint_fit import costs_off_plane
 from slam_init.window.kernel import OFF_PLANE_COST
 from slam_init.window.levels import (
-    LARGEST_GAIN,
     LEAST_ON_PLANE,
     LEAST_TRACKS,
-    OBSERVABLE_SIGMAS,
-    OBSERVABLE_VARIATION,
     PLANE_SIGMAS,
     VARIATION_SIGMAS,
 )
@@ -57,28 +53,19 @@ def plane_of_motion(R: Floats, t: Floats, m: Floats, n: Floats) -> Floats:
 def is_plane(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> bool:
     """Whether the points of a fit lie on its plane.
 
-    * Returns: True if a depth variation would show, and distances of their own gain nothing: neither at the poses of
-      the fit, nor where the poses follow.
+    * Returns: True if distances of their own gain nothing: neither at the poses of the fit, nor where the poses follow.
     """
     return _fits_plane(tracks, fitted) and not _leaves_plane(tracks, fitted, priors)
 
 
 def _fits_plane(tracks: WindowTracks, fitted: FittedMotion) -> bool:
-    """Whether the points of a fit lie on its plane: a depth variation would show, and free distances gain nothing."""
+    """Whether the plane of a fit holds many of its points, and free distances gain nothing."""
     on_plane = fitted.fit.state.on_plane & (tracks.anchor >= 0)
     count = int(on_plane.sum())
-    is_large = count >= max(LEAST_TRACKS, LEAST_ON_PLANE * float((tracks.anchor >= 0).sum()))
-    if not is_large or not _observes_plane(fitted):
+    if count < max(LEAST_TRACKS, LEAST_ON_PLANE * float((tracks.anchor >= 0).sum())):
         return False
     gain = fitted.fit.track_costs - costs_off_plane(fitted.fit)
     return float(gain[on_plane].sum()) <= _chance(count, PLANE_SIGMAS)
-
-
-def _observes_plane(fitted: FittedMotion) -> bool:
-    """Whether a depth variation of a fifth of the distances would lower the cost far beyond chance."""
-    information = information_off_plane(fitted.fit)
-    gains = np.minimum(OBSERVABLE_VARIATION**2 * information, LARGEST_GAIN)
-    return float(gains.sum()) >= OBSERVABLE_SIGMAS * math.sqrt(2 * max(int((information > 0).sum()), 1))
 
 
 def _leaves_plane(tracks: WindowTracks, fitted: FittedMotion, priors: Priors) -> bool:

@@ -125,18 +125,6 @@ def test_a_room_that_is_proposed_with_a_plane_is_fitted_without_one():
 # -- gain over the rotation-only camera -----------------------------------------------------------
 
 
-@pytest.mark.parametrize("scene", ["wall", "corridor"])
-def test_where_a_depth_variation_would_not_show_nothing_is_held_on_a_plane(scene):
-    """With little parallax the points of any scene lie near a plane, within the noise."""
-    source, views = window_of(scene, 2, 3, baseline=0.01, noise_px=0.7)
-    motions = [
-        replace(motion, plane=motion.plane if motion.plane is not None else np.array([0.0, 0.0, 0.1]))
-        for motion in motions_of(source.camera, views, kind="planar")
-    ]
-    found = fit_hypotheses(gather_tracks(source.camera, views, 0.7), motions, PRIORS)
-    assert not found.planar
-
-
 def of_rotation_only_camera(seed, **options):
     """The hypotheses of a sideways translation where the camera only rotates."""
     source, views = window_of("rotation", seed, 6, **options)
