@@ -1,4 +1,4 @@
-"""Samples of RANSAC: how many are needed; drawn uniformly, or from a growing subset of the best matches.
+"""Samples of RANSAC: how many are needed, and their choice: uniform, or from a growing subset of the best matches.
 
 References
 ----------

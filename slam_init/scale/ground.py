@@ -186,8 +186,8 @@ def _jackknife(plane: _Plane, seen: InverseDepths) -> float:
         return np.asarray(np.searchsorted(borders, values))
 
     parts = _PARTS * thirds(seen.rays[:, 0]) + thirds(seen.rays[:, 1])
-    rests = (plane.inliers & (parts != part) for part in np.unique(parts[plane.inliers]))
-    fits = (_fitted(plane.k, seen, plane.waves_rad, rest) for rest in rests)
+    others = (plane.inliers & (parts != part) for part in np.unique(parts[plane.inliers]))
+    fits = (_fitted(plane.k, seen, plane.waves_rad, other) for other in others)
     logs = np.array([math.log(float(np.linalg.norm(k))) for k in fits])
     return (len(logs) - 1) / len(logs) * float(np.sum((logs - logs.mean()) ** 2))
 
