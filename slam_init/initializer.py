@@ -9,13 +9,15 @@ stage          what it does
 ``track``      :mod:`slam_init.intake` checks the image and follows the tracks; one history holds their rays
 ``pairs``      :mod:`slam_init.frontend.keyframes` previews the pairs of the frame with earlier ones, the candidates
 ``evaluate``   :mod:`slam_init.decision.screening` refuses the frame if no pair shows enough tracks or motion; else
-               :mod:`slam_init.decision.window_rule` evaluates the window: the pair and further views
+               :mod:`slam_init.decision.window_rule` evaluates the window: the pair and further views. After windows
+               that were far from a map it leaves some frames out
 ``two_view``   inside ``evaluate``: :mod:`quest` proposes motions from the best pair
 ``map``        inside ``evaluate``: all views are fitted for each motion. :mod:`slam_init.window.risk` states the risk
                that the best one is wrong. :mod:`slam_init.decision.evaluated_window` names the reason, and the lens to
                go on with. :mod:`slam_init.decision.window_map` builds the map of an accepted motion, or of the two
                motions that the views do not decide between. :mod:`slam_init.decision.depths` asks whether a tracker
-               can go on from its landmarks
+               can go on from its landmarks, :mod:`slam_init.decision.focal_check` whether the tracks contradict the
+               stated focal length
 ``refine``     in place of ``pairs`` and ``evaluate`` once a map is accepted: :mod:`slam_init.decision.map_candidates`
                locates the frame in the map, which grows
 =============  ======================================================================================================
@@ -273,7 +275,7 @@ class Initializer:
         return self.status
 
     def _screen_and_evaluate(self, pairs: list[PairPreview], current: Observations) -> Outcome | None:
-        """Evaluate a frame; None without an attempt: no pair is worth trying, and no earlier motion goes on."""
+        """Evaluate a frame; None where it is left out, or no pair is worth trying and no earlier motion goes on."""
         refused = screen(self.camera, self.config, current, pairs, self.intake.masked)
         if refused is not None:
             return Outcome(refused)

@@ -164,7 +164,7 @@ class Intake:
         gravity: Gravity | None = None,
     ) -> None:
         """Add the tracks of the next frame to the history."""
-        self.history.add(current, revised)
+        self.history.add(current, revised)  # the tracker has put those of an image there already
         self._source = self._source or "tracks"
         if gravity is not None:
             self.history.gravities[current.frame] = gravity

@@ -52,7 +52,7 @@ MORE = {
         "_NEAR_SIGMAS": "level",
         "_FAR_SIGMAS": "level",
         "_FAVOURED_DEVIATE": "level",
-        "RATIO_MADS": "assumption",
+        "_RATIO_MADS": "assumption",
     },
 }
 #: Places of the numbers, in the order of the page.

@@ -47,7 +47,7 @@ class UsageError(SlamInitError):
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line, reported by :func:`main` like all others."""
+    """A parser whose errors are one line, reported by :func:`slam_init.cli.main.main` like all others."""
 
     # The signature of argparse has overloads that say nothing more.
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:

@@ -211,7 +211,8 @@ class EvaluatedWindow:
     def _reason(self, max_risk: float) -> tuple[Verdict, str | None]:
         """The verdict and the advice: no translation if it is not significant, else the largest term of the risk."""
         planar, risk = self.hypotheses.planar, self.risk
-        # A rotation with a wrong focal length looks like a plane with two motions: then neither motion may be right.
+        # A rotation with a wrong focal length looks like a plane with two motions: then neither motion may be right. So
+        # an ambiguous plane is the reason only where the risk of a rotation alone would be accepted.
         largest = max_risk if planar and risk.competing >= risk.direction else UNDECIDED
         if risk.rotation > largest or risk.rotation >= max(risk.competing, risk.direction):
             noise_px = self.hypotheses.tracks.noise_px

@@ -50,6 +50,7 @@ def screen(
         at_least(GateName.MOTION_PX, motion_px, noise_px, Verdict.STATIC_CAMERA),
         *([rotation] if share < LEAST_PARALLAX_SHARE else []),
     )
+    # Accepted until a gate refuses it.
     attempt = Attempt((pair.reference, pair.current), Verdict.ACCEPTED, preview=pair.evidence)
     for stage, gates in ((Stage.MATCHES, matches), (Stage.MOTION, motion)):
         attempt = attempt.with_gates(gates)

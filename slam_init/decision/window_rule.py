@@ -125,6 +125,7 @@ class WindowRule:
         if preview is None or not (chosen or lives_on):
             return None
         views = self._views(preview, current)
+        # Accepted until a gate or a rule refuses it.
         attempt = Attempt(
             frames=(preview.reference, preview.current),
             verdict=Verdict.ACCEPTED,
@@ -138,6 +139,7 @@ class WindowRule:
             outcome = Outcome(attempt.refused_at(Verdict.PURE_ROTATION, Stage.MOTION))
         else:
             outcome = self._propose_and_fit(chosen, views, attempt, stopwatch)
+        # A pure rotation without evidence of its own is not enough translation yet.
         return replace(outcome, attempt=with_established_reason(self._history.camera, outcome.attempt))
 
     def end(self) -> FreeFocal | None:

@@ -10,9 +10,9 @@ from enum import StrEnum
 # To add a reason, add a line here: the value goes to ``summary.json``, and the advice is shown to the person who moves
 # the camera. A gate or a rule of ``slam_init.decision`` then names the reason: ``screening`` before two views,
 # ``two_views`` for a pair (a reason of :mod:`quest` has the name of its member), ``_reason`` of ``evaluated_window``
-# for a window, ``depths`` and ``_accept_or_refuse`` of ``window_rule`` for a map. The check of the stated focal length
-# names the reason of a whole run (``AttemptLog``). ``VERDICT_COLORS`` of ``slam_init.pictures.drawing`` gives it a
-# colour. The page of the reasons is made from this list.
+# for a window, ``depths`` and ``window_rule`` for a map. The check of the stated focal length names the reason of a
+# window that would have a map, and that of a whole run (``AttemptLog``). ``VERDICT_COLORS`` of
+# ``slam_init.pictures.drawing`` gives it a colour. The page of the reasons is made from this list.
 class Verdict(StrEnum):
     """The verdict on a frame: accepted, or the reason of the refusal.
 

@@ -55,12 +55,13 @@ EVEN_ODDS = 0.5
 #: Class: measured.
 CHANCE_GAIN = 0.9
 
-#: Tracks off the plane that are fewer than this share lie on one thing or two, which move with this probability. Both
-#: are assumptions: one scene in twenty has such an object, and a quarter of the tracks is more than a moving object or
-#: two hold. A moving object votes for the motion that its own resembles: of 30 simulated walls with 30 % of the tracks
-#: on moving objects, two had a false map, by the votes of 22 and of 53 such tracks against those of 250 on the plane.
+#: A quarter of the tracks is more than a moving object or two hold before a camera that rotates and zooms.
 #: Class: assumption.
-SHARE_OF_OBJECTS, OBJECTS_MOVE = 0.25, 0.05
+SHARE_OF_OBJECTS = 0.25
+
+#: One scene in twenty has a moving object that fills the region with the largest vote.
+#: Class: assumption.
+OBJECTS_MOVE = 0.05
 
 #: Two fits nearer than this are one: an order below what makes a map wrong.
 #: Class: definition.

@@ -16,7 +16,7 @@ causes add their probabilities:
   scene at rest (:mod:`~slam_init.window.other_motion`).
 * **floor**: what is not modelled.
 
-A window is evaluated at each frame: tails hold for any stopping time (:func:`.uncertainty.at_any_time`).
+Windows are evaluated at nearly each frame: tails hold for any stopping time (:func:`.uncertainty.at_any_time`).
 ``docs/explanation/risk.md`` derives all of it.
 """
 

@@ -15,8 +15,8 @@ With the unit vector ``u`` along the translation ``t`` of the pair ::
 
 The covariance of such functions does not depend on which baseline is held.
 
-**Tails.** A window is evaluated at each frame, and the first one with a small risk is accepted. Two kinds of terms have
-to be distinguished.
+**Tails.** Windows are evaluated at nearly each frame, and the first one with a small risk is accepted. Two kinds of
+terms have to be distinguished.
 
 * **A posterior probability** is right at any time at which one stops. It is a conditional expectation of "the map is
   wrong", so that its mean over all accepted maps is the share of the wrong ones, whatever the rule of stopping

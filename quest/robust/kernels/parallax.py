@@ -160,8 +160,8 @@ def depths_and_parallax(m: Floats, n: Floats, R: Floats, t: Floats, inliers: Boo
 
     Shapes: ``m, n`` (N, 3), ``R, t`` (3, 3), ``inliers`` (N,), returns ``depths`` (2, N).
 
-    * Returns ``depths``: Depths in camera 1 and camera 2, see
-      :func:`quest.geometry.epipolar.depths_along_epipolar_lines`; NaN for the other matches.
+    * Returns ``depths``: Depths in camera 1 and camera 2, see :func:`quest.geometry.epipolar.depths_from_pose`; NaN for
+      the other matches.
     """
     depths, angles, count = np.empty((2, len(m))), np.empty(len(m)), 0
     for i in range(len(m)):

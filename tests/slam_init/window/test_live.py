@@ -1,4 +1,4 @@
-"""Laws of the hypotheses that live: frames carry them, and a better motion replaces a local optimum."""
+"""Laws of the hypotheses that live: frames carry them until no motion locates the pair."""
 
 from dataclasses import replace
 
