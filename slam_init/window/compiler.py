@@ -11,7 +11,8 @@ from quest.jit import compiler_of, inlined
 from slam_init.lenses.compiler import FOLDER as LENSES
 from slam_init.types.arrays import Floats
 
-#: Sums may be reordered: so a processor makes several lanes of a sum at once.
+#: Sums may be reordered: so a processor makes several lanes of a sum at once. The loops have no powers: numba compiles
+#: a power once for all loops of a process, and its last digits would depend on which loop comes first.
 compiled = compiler_of(Path(__file__).parent, LENSES, reorders_sums=True)
 #: For what only other loops call.
 part = compiler_of(Path(__file__).parent, LENSES, reorders_sums=True, part=True)

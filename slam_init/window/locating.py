@@ -145,7 +145,8 @@ def align_with_first(bearings: Floats, R: Floats) -> None:
                 square = 0.0
                 for q in range(3):
                     turned = tried[q, 0] * m[i, 0] + tried[q, 1] * m[i, 1] + tried[q, 2] * m[i, 2]
-                    square += (n[i, q] - turned) ** 2
+                    aside = n[i, q] - turned
+                    square += aside * aside
                 left[i] = np.sqrt(square)
             median = median_in_place(left[:count])
             if median < least:

@@ -92,7 +92,7 @@ def hold_length(normal: Floats, t: Floats, view: int, layout: Layout) -> None:
         return
     at, along = layout.field + layout.block * (view - 1) + 3, t[view]
     stiffness = max(1.0, normal[at, at] + normal[at + 1, at + 1] + normal[at + 2, at + 2])
-    weight = _GAUGE * stiffness / max(along[0] ** 2 + along[1] ** 2 + along[2] ** 2, 1e-300)
+    weight = _GAUGE * stiffness / max(along[0] * along[0] + along[1] * along[1] + along[2] * along[2], 1e-300)
     for p in range(3):
         for q in range(3):
             normal[at + p, at + q] += weight * along[p] * along[q]
