@@ -223,10 +223,10 @@ class WindowRule:
         if self._other.probability > FLOOR:
             hypotheses = replace(hypotheses, other_before=self._other)
         max_risk = self._config.acceptance.max_risk
-        risk = risk_of(hypotheses, max_risk)
-        # The camera that rotates and zooms takes as long as all other terms.
-        if risk.total <= max_risk:
-            risk = with_zooming_rotation(hypotheses, risk)
+        risk = _complete_risk(hypotheses, max_risk)
+        if risk.total <= max_risk and (better := self._live.with_better_motion(hypotheses)) is not None:
+            hypotheses, risk = better, _complete_risk(better, max_risk)
+            self._live.keep(hypotheses)
         if risk.seeks_objects:
             self._other = risk.other
         return hypotheses, risk
@@ -278,6 +278,12 @@ class WindowRule:
         if is_known or not self._shutter.adopt(self._history, significant_readout_s(risk.lens)):
             return pair
         return self._views(pair.preview, self._history[pair.current.frame]).pair
+
+
+def _complete_risk(hypotheses: WindowHypotheses, max_risk: float) -> WindowRisk:
+    """The risk of the best hypothesis, with the camera that rotates and zooms where all other terms are small."""
+    risk = risk_of(hypotheses, max_risk)
+    return with_zooming_rotation(hypotheses, risk) if risk.total <= max_risk else risk
 
 
 class FrameSkipper:

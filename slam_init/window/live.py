@@ -12,8 +12,9 @@ from slam_init.types.camera import Camera
 from slam_init.types.frame import Observations
 from slam_init.types.inertial import RelativeRotation
 from slam_init.types.lens import CurrentLens
-from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_of_pair
-from slam_init.window.motion import Motion
+from slam_init.window.hypotheses import WindowHypotheses, fit_hypotheses, motions_at_focal, motions_of_pair, with_plane
+from slam_init.window.levels import LARGEST_VOTE
+from slam_init.window.motion import Motion, fit_motion
 from slam_init.window.state import Priors
 from slam_init.window.tracks import gather_tracks
 
@@ -101,11 +102,36 @@ class LiveHypotheses:
         if 2 * gain < freedom:
             self._motions, self._proposed, self._rotations = [], [], hypotheses.rotations
             return hypotheses
-        self._keep(hypotheses)
+        self.keep(hypotheses)
         self._proposed = []
         return hypotheses
 
-    def _keep(self, hypotheses: WindowHypotheses) -> None:
+    def with_better_motion(self, hypotheses: WindowHypotheses) -> WindowHypotheses | None:
+        """The hypotheses with the motions of the pair at the noise of the window, where one explains the tracks better.
+
+        A pair proposes its motions at its own noise, before further views are known. On film of poor quality all of
+        them may lead to a local optimum.
+        """
+        tracks, best = hypotheses.tracks, hypotheses.motions[0]
+        with single_threaded():
+            motions = [one for one in motions_at_focal(hypotheses, 0.0) if not one.is_near(best.motion)]
+            if hypotheses.planar:
+                motions = [with_plane(one, tracks, hypotheses.bearings) for one in motions]
+            fits = [fit_motion(tracks, one, hypotheses.priors) for one in motions]
+            # By more than one track may vote: less is chance, or another end of the same optimum.
+            better = [
+                one.motion for one in fits
+                if len(one.rows) == len(best.rows) and one.fit.cost < best.fit.cost - LARGEST_VOTE
+            ]  # fmt: skip
+            if not better:
+                return None
+            motions = [*better, *(one.motion for one in hypotheses.motions)]
+            again = fit_hypotheses(tracks, motions, hypotheses.priors, hypotheses.rotations)
+        if again is None:
+            return None
+        return replace(again, other_before=hypotheses.other_before, overlay=hypotheses.overlay)
+
+    def keep(self, hypotheses: WindowHypotheses) -> None:
         """Go on with the motions of hypotheses, but for those that the tracks vote against."""
         best = hypotheses.motions[0]
         # By their votes, not by their costs: a few tracks on a moving object cost as much as they are far off.

@@ -1,4 +1,4 @@
-"""Laws of the hypotheses that live: frames carry them until no motion locates the pair."""
+"""Laws of the hypotheses that live: frames carry them, and a better motion replaces a local optimum."""
 
 from dataclasses import replace
 
@@ -58,3 +58,12 @@ def test_a_pair_without_translation_proposes_nothing():
     live = LiveHypotheses()
     live.propose(replace(pose, t=np.zeros(3), alternatives=()), (0, 5), rays1, rays2, 0.7)
     assert not live
+
+
+def test_a_better_motion_of_the_pair_takes_the_place_of_a_local_optimum():
+    source = point_source("wall", 0, baseline=0.4)
+    hypotheses = hypotheses_of(source.camera, window(list(source.observations()), 5), PRIORS)
+    assert LiveHypotheses().with_better_motion(hypotheses) is None
+    second = replace(hypotheses, motions=hypotheses.motions[1:])
+    better = LiveHypotheses().with_better_motion(second)
+    assert is_motion_of(source, better.motions[0], 1, 5)
