@@ -80,9 +80,11 @@ def test_an_edit_of_a_called_loop_renews_the_machine_code_of_its_callers(copied_
     """numba alone compares a function with its own file, and keeps the machine code where a called file changes."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "machine_code")}
     code = (
-        "import numpy as np; from quest.robust.kernels.refinement import move;"
-        "R, t = np.eye(3), np.array([0.6, 0.0, 0.8]);"
-        "move(np.eye(3), t, np.array([0.1, 0.2, 0.3, 0.0, 0.0]), R, t.copy()); print(np.trace(R))"
+        "import numpy as np; from quest.robust.kernels.refinement import refine;"
+        "X = np.random.default_rng(0).uniform(-1, 1, (20, 3)) + [0, 0, 4];"
+        "m, n = (one / np.linalg.norm(one, axis=1, keepdims=True) for one in (X, X + [1, 0, 0]));"
+        "R, t = np.eye(3), np.array([0.8, 0.6, 0.0]);"
+        "refine(m, n, np.ones(20, bool), R, t, 1.0, 1); print(np.trace(R))"
     )
     before = run(code, cwd=copied_package.parent, env=environment)
     module = copied_package / "algebra.py"

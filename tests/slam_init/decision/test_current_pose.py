@@ -68,7 +68,7 @@ def test_the_deviation_knows_that_a_wall_has_two_motions():
     _, statuses, truth = poses(point_source("wall", 0, baseline=0.3, views=40))
     errors = errors_deg(statuses, truth)
     assert errors.max() > 1
-    assert np.all(errors < 2 * np.array([status.pose.rotation_sigma_deg for status in statuses[1:]]))
+    assert np.all(errors < 3 * np.array([status.pose.rotation_sigma_deg for status in statuses[1:]]))
 
 
 def test_after_a_cut_there_is_no_pose_and_the_first_camera_stays_the_first():
