@@ -44,9 +44,10 @@ from slam_init.methods.external_run import run_program
 from slam_init.output.folder import writing
 from slam_init.recording.recorder import Recorder
 from slam_init.system.regular_file import check_inside, read_regular
-from slam_init.types.arrays import Image
+from slam_init.types.arrays import Floats, Image
 from slam_init.types.camera import Camera
 from slam_init.types.frame import Frame, Observations
+from slam_init.types.inertial import Gravity
 from slam_init.types.initial_map import InitialMap, Keyframe
 from slam_init.types.pose import Trajectory
 from slam_init.types.refusal import REASONS, Verdict
@@ -89,14 +90,25 @@ class ExternalInitializer(Initializer):
         """Result up to now: before :meth:`finish`, that there is no map yet."""
         return super().result if self._finished is None else self._finished
 
-    def process(self, image: Image | Frame, timestamp_s: float | None = None, **__: object) -> Status:
+    def process(
+        self,
+        image: Image | Frame,
+        timestamp_s: float | None = None,
+        *,
+        mask: Image | None = None,
+        gravity: Gravity | None = None,
+        rotation: Floats | None = None,
+        rotation_sigma_rad: float = 1e-3,
+    ) -> Status:
         """Write the next frame to the folder of the program.
 
         Shapes: ``image`` (H, W).
 
         * Returns: Without a map. Frames beyond the limit of the configuration are not taken. A mask, gravity and a
-          rotation are not given to the program.
+          rotation are refused, since the program does not get them.
         """
+        if not (mask is None and gravity is None and rotation is None):
+            raise SlamInitError(f"{self._command.label} is an external program: give it no mask, gravity or rotation")
         import cv2
 
         if self._finished is not None or self.frames_read >= self._limits.max_frames:

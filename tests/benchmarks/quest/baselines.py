@@ -12,7 +12,7 @@ from quest.errors import InputError
 from quest.geometry.epipolar import as_matches, tangent_basis
 from quest.geometry.homography import decompose_homography
 from quest.geometry.quaternion import quaternion_from_matrix
-from quest.paper.quest6 import rotation_alone
+from quest.paper.quest6 import with_rotation_alone
 
 Floats = NDArray[np.float64]
 
@@ -103,21 +103,6 @@ def rotations_of_essential(E: Floats) -> Floats:
     return np.where(known[..., None, None], quaternion_from_matrix(R), np.nan)
 
 
-def _finish(q: Floats, m: Floats, n: Floats, single: bool) -> Floats:
-    """Bring candidates into the form that a solver returns.
-
-    For a rotation-only camera every translation fits and the essential matrix is not determined. The rotation that
-    turns m into n (:func:`quest.paper.quest6.rotation_alone`) then replaces the candidates.
-
-    Shapes: ``q`` (B, K, 4), ``m, n`` (B, N, 3), returns (B, K, 4).
-    """
-    rotation = rotation_alone(m, n)
-    rotation_only = np.isfinite(rotation[:, 0])
-    q[rotation_only] = np.nan
-    q[rotation_only, 0] = rotation[rotation_only]
-    return q[0][np.isfinite(q[0, :, 0])] if single else q
-
-
 def _equations(nodes: tuple[Floats, Floats], basis: Floats) -> Floats:
     """The coefficients of the constraints, without symbolic algebra: interpolated from the values at fixed points."""
     points, inverse = nodes
@@ -143,7 +128,7 @@ def five_point(m: ArrayLike, n: ArrayLike) -> Floats:
     basis = np.einsum("kl,blij->bkij", _MIXING, _null_space(m, n, 4))
     equations = _equations(_NODES_OF_FOUR, basis)
     leading = equations[..., :10]
-    # Singular without translation, see `_finish`. No other singular scene is known.
+    # Singular without translation, see `with_rotation_alone`. No other singular scene is known.
     regular = np.linalg.cond(leading) < 1 / np.finfo(float).eps
     leading = np.where(regular[:, None, None], leading, np.eye(10))
     cubics = -np.linalg.solve(leading, equations[..., 10:])
@@ -155,7 +140,7 @@ def five_point(m: ArrayLike, n: ArrayLike) -> Floats:
     # (x, y, z, 1) up to a factor; the scale of E is free.
     E = np.einsum("bke,bkij->beij", vectors[:, 6:].real, basis)
     E = np.where(real[..., None, None], E, np.nan)
-    return _finish(rotations_of_essential(E).reshape(len(m), 20, 4), m, n, single)
+    return with_rotation_alone(rotations_of_essential(E).reshape(len(m), 20, 4), m, n, single)
 
 
 def six_point(m: ArrayLike, n: ArrayLike) -> Floats:
@@ -179,7 +164,7 @@ def six_point(m: ArrayLike, n: ArrayLike) -> Floats:
     monomials = np.linalg.svd(_equations(_NODES_OF_THREE, basis))[2][:, -1]
     pivot = np.argmax(np.abs(monomials[:, _RATIOS[np.arange(3), np.arange(3)]]), axis=1)
     xyz = np.take_along_axis(monomials, _RATIOS[pivot], axis=1)
-    return _finish(rotations_of_essential(np.einsum("bk,bkij->bij", xyz, basis)), m, n, single)
+    return with_rotation_alone(rotations_of_essential(np.einsum("bk,bkij->bij", xyz, basis)), m, n, single)
 
 
 def seven_point(m: ArrayLike, n: ArrayLike) -> Floats:
@@ -200,7 +185,7 @@ def seven_point(m: ArrayLike, n: ArrayLike) -> Floats:
     values = np.linalg.det(np.tensordot(_PENCIL_NODES, pencil, axes=(1, 1)).swapaxes(0, 1))
     c, s = np.moveaxis(_roots(values @ _PENCIL_COEFFICIENTS.T), -1, 0)
     E = c[..., None, None] * pencil[:, None, 0] + s[..., None, None] * pencil[:, None, 1]
-    return _finish(rotations_of_essential(E).reshape(len(m), 6, 4), m, n, single)
+    return with_rotation_alone(rotations_of_essential(E).reshape(len(m), 6, 4), m, n, single)
 
 
 def _roots(form: Floats) -> Floats:
@@ -236,7 +221,7 @@ def eight_point(m: ArrayLike, n: ArrayLike) -> Floats:
       :func:`quest.paper.quest6`.
     """
     m, n, single = _as_samples(m, n, at_least=8)
-    return _finish(rotations_of_essential(_null_space(m, n, 1)[:, 0]), m, n, single)
+    return with_rotation_alone(rotations_of_essential(_null_space(m, n, 1)[:, 0]), m, n, single)
 
 
 def homography(m: ArrayLike, n: ArrayLike) -> Floats:
@@ -259,4 +244,4 @@ def homography(m: ArrayLike, n: ArrayLike) -> Floats:
         if np.linalg.cond(H) < 1 / _SINGULAR:
             for k, (R, _, _) in enumerate(decompose_homography(H, rays)):
                 found[k] = quaternion_from_matrix(R)
-    return _finish(q, m, n, single)
+    return with_rotation_alone(q, m, n, single)
