@@ -20,8 +20,9 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from slam_init.calibration.formats import camera_of_content, check_centre, content_of_text
+from slam_init.calibration.formats import camera_of_content, content_of_text
 from slam_init.calibration.metadata import focal_from_metadata, photograph_facts, size_remedy
+from slam_init.calibration.models import check_centre
 from slam_init.calibration.values import at_place, parse_arrays, parse_yaml
 from slam_init.errors import CalibrationError
 from slam_init.system.regular_file import check_inside, read_regular, user_path

@@ -21,7 +21,8 @@ from pathlib import Path
 
 import numpy as np
 
-from slam_init.calibration.formats import COLMAP_PARAMETERS, NUMBERED, parse_colmap
+from slam_init.calibration.formats import parse_colmap
+from slam_init.calibration.models import COLMAP_PARAMETERS, NUMBERED
 from slam_init.calibration.values import at_place
 from slam_init.datasets.posed_images import common_camera
 from slam_init.datasets.text import Row, numbers, pose_from_quaternion, read_lines, read_rows
