@@ -301,7 +301,8 @@ def align_patches(
     at, sums, step = np.empty(UNKNOWNS), np.empty(UNKNOWNS), np.empty(UNKNOWNS)
     for n in range(len(slots)):
         slot, remains = slots[n], np.inf
-        at[:6], at[6:] = places[n], brightness[slot]
+        for p in range(UNKNOWNS):
+            at[p] = places[n, p] if p < 6 else brightness[slot, p - 6]
         for _ in range(_STEPS):
             if not is_inside(at, width, height):
                 remains = np.inf
@@ -314,7 +315,7 @@ def align_patches(
                 for q in range(UNKNOWNS):
                     step[p] += inverses[slot, p, q] * sums[q]
                 square -= sums[p] * step[p]
-            at[6:] += step[6:]
+            at[6], at[7] = at[6] + step[6], at[7] + step[7]
             if not at[7] >= _LEAST_NOISE:
                 remains = np.inf
                 break
@@ -325,9 +326,12 @@ def align_patches(
             follow_inverse(at, step)
             if step[0] * step[0] + step[1] * step[1] < _CONVERGED:
                 break
-        left[n] = remains
-        if np.isfinite(remains) and np.isfinite(at.sum()):
-            places[n] = at[:6]
+        left[n], total = remains, 0.0
+        for p in range(UNKNOWNS):
+            total += at[p]
+        if np.isfinite(remains) and np.isfinite(total):
+            for p in range(6):
+                places[n, p] = at[p]
     return left
 
 
@@ -344,12 +348,20 @@ def distribution_of_maps(places: Floats, maps: Floats, variances: Floats) -> tup
     count = len(places)
     basis, means, scatter = np.ones((count, 3)), np.empty((count, 4)), np.zeros(4)
     for p in range(2):
-        spread = max(places[:, p].std(), 1.0)
-        basis[:, 1 + p] = (places[:, p] - places[:, p].mean()) / spread
+        total, square = 0.0, 0.0
+        for i in range(count):
+            total += places[i, p]
+        mean = total / count
+        for i in range(count):
+            square += (places[i, p] - mean) * (places[i, p] - mean)
+        spread = max(np.sqrt(square / count), 1.0)
+        for i in range(count):
+            basis[i, 1 + p] = (places[i, p] - mean) / spread
     weights, squares, normal, line = np.empty(count), np.empty(count), np.empty((3, 3)), np.empty(3)
     for q in range(4):
         errors = median_in_place(variances[:, q].copy())
-        weights[:] = 1.0 / variances[:, q]
+        for i in range(count):
+            weights[i] = 1.0 / variances[i, q]
         for _ in range(_ROUNDS):
             normal[:], line[:] = 0.0, 0.0
             for i in range(count):
