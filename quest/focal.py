@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from quest.descent import descend
 from quest.errors import InputError, as_floats, as_pixels, as_positive
 from quest.estimate import estimate_relative_pose, refine_relative_pose
 from quest.geometry.epipolar import tangent_basis
@@ -54,6 +55,8 @@ _ROUNDING_PX = 1e-9
 _SETTLED = 1e-4
 #: Largest step of an unknown: in radians, or of the logarithm of the focal length.
 _LONGEST_STEP = 0.3
+#: First damping of the steps, and the largest one.
+_DAMPING, _MOST_DAMPING = 1e-4, 1e4
 #: Smallest ratio of the eigenvalues of the information, scaled to a diagonal of ones, with which it determines the
 #: focal length: rounding errors of the derivatives are smaller by a thousand.
 _LEAST_INFORMATION = 1e-11
@@ -188,26 +191,29 @@ class _Pixels:
         """Damped steps of re-weighted least squares."""
         use = self._in_front(motion)
         low_px, high_px = self.size_px * _SWEEP[0], self.size_px * _SWEEP[-1]
-        r, J = self._derivatives(motion, use)
-        value, damping = float(log_likelihoods(r, scale_px).sum()), 1e-4
-        for _ in range(_STEPS):
+
+        def evaluated(motion: _Motion) -> tuple[tuple[_Motion, Floats, Floats], float]:
+            r, J = self._derivatives(motion, use)
+            return (motion, r, J), -float(log_likelihoods(r, scale_px).sum())
+
+        def step(at: tuple[_Motion, Floats, Floats], damping: float) -> tuple[tuple[_Motion, Floats, Floats], float]:
+            (R, t, focal_px, _), r, J = at
             weight = weights(r, scale_px)
             A, g = J.T @ (J * weight[:, None]), J.T @ (weight * r)
+            if not np.trace(A) > 0:
+                return at, inf
             A[np.diag_indices(6)] += damping * np.diag(A) + 1e-12 * np.trace(A)
-            step = -np.linalg.solve(A, g) if np.trace(A) > 0 else np.zeros(6)
-            step /= max(1.0, float(np.abs(step).max()) / _LONGEST_STEP)
-            t = motion.t + tangent_basis(motion.t) @ step[3:5]
-            focal_px = min(max(motion.focal_px * float(np.exp(step[5])), low_px), high_px)
-            moved = _Motion(rotation_from_vector(step[:3]) @ motion.R, t / np.linalg.norm(t), focal_px)
-            r_new, J_new = self._derivatives(moved, use)
-            gain = float(log_likelihoods(r_new, scale_px).sum()) - value
-            if gain >= 0:
-                motion, r, J, value, damping = moved, r_new, J_new, value + gain, 0.1 * damping
-                if gain < _SETTLED:
-                    break
-            else:
-                damping = max(10 * damping, 1e-6)
-        return motion
+            move = -np.linalg.solve(A, g)
+            move /= max(1.0, float(np.abs(move).max()) / _LONGEST_STEP)
+            t = t + tangent_basis(t) @ move[3:5]
+            focal_px = min(max(focal_px * float(np.exp(move[5])), low_px), high_px)
+            return evaluated(_Motion(rotation_from_vector(move[:3]) @ R, t / np.linalg.norm(t), focal_px))
+
+        ended, _ = descend(
+            *evaluated(motion), step, steps=_STEPS, damping=_DAMPING, most_damping=_MOST_DAMPING,
+            least_decrease=_SETTLED,
+        )  # fmt: skip
+        return ended[0]
 
     def sigma_of_log(self, focal_px: float, pose: RelativePose) -> float:
         """Standard deviation of the logarithm of the focal length; infinite where the residuals do not determine it.

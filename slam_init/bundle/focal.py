@@ -12,8 +12,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from quest.descent import descend
 from slam_init.bundle.covariances import at_projections, inverse_of_poses, shared_equations
-from slam_init.bundle.least_squares import descend, minimize, stepped, with_lenses
+from slam_init.bundle.least_squares import minimize, stepped, with_lenses
 from slam_init.bundle.problem import BundleFit, BundleProblem
 from slam_init.bundle.reprojection import is_undistorted_first
 from slam_init.config import MapConfig

@@ -11,12 +11,12 @@ pixels by the square of the residual over the focal length: by 0.002 px for 1 px
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple, TypeAlias, TypeVar
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from quest.descent import descend
 from quest.geometry.quaternion import rotation_from_vector
 from slam_init.bundle.graph import PoseTerms
 from slam_init.bundle.problem import BundleProblem
@@ -27,10 +27,6 @@ from slam_init.types.arrays import Floats, Ints
 from slam_init.types.camera import Camera
 from slam_init.types.pose import Pose
 
-State = TypeVar("State")
-
-#: Levenberg-Marquardt: factor of the damping after a step that fails, and its inverse after one that lowers the cost.
-_FACTOR = 10.0
 #: Levenberg-Marquardt with the numbers of gtsam: first damping, its largest value, and the absolute decrease of the
 #: error below which the iterations end.
 _DAMPING, _MOST_DAMPING, _LEAST_DECREASE = 1e-5, 1e5, 1e-5
@@ -141,43 +137,6 @@ def minimize(
     if not errors[-1] < _WRONG:
         raise RuntimeError("bundle adjustment diverged: a landmark is behind a camera, or the error is not finite")
     return _at_state(problem, state), [noise_px * math.sqrt(2 * error / len(problem.views)) for error in errors]
-
-
-def descend(
-    state: State,
-    cost: float,
-    step: Callable[[State, float], tuple[State, float]],
-    *,
-    steps: int,
-    damping: float,
-    most_damping: float,
-    least_decrease: float,
-    tolerance: float = 0.0,
-) -> tuple[State, list[float]]:
-    """Go down from a state by Levenberg and Marquardt's damped loop, whatever the unknowns are.
-
-    * ``step``: The state after a step with some damping, and its cost; infinite where the step has no solution.
-    * ``steps``: Largest number of steps.
-    * ``damping``: Of the first step.
-    * ``tolerance, least_decrease``: The steps end where one lowers the cost by a smaller share, or by less.
-    * Returns: The last state, and the costs at the start and after each step.
-    """
-    costs = [cost]
-    for _ in range(steps):
-        moved, lower = state, math.inf
-        while damping <= most_damping:
-            moved, lower = step(state, damping)
-            # At the optimum a step changes the cost by rounding only. It need not be tried again.
-            if lower - cost <= tolerance * cost:
-                break
-            damping *= _FACTOR
-        if not lower <= cost:
-            break
-        gain, cost, state, damping = cost - lower, lower, moved, damping / _FACTOR
-        costs.append(cost)
-        if gain <= max(tolerance * (cost + gain), least_decrease):
-            break
-    return state, costs
 
 
 def by_landmark(problem: BundleProblem, noise_px: float) -> Observed:

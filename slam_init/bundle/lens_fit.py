@@ -22,8 +22,9 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from quest.descent import descend
 from quest.geometry.quaternion import rotation_from_vector
-from slam_init.bundle.least_squares import CAUCHY, descend
+from slam_init.bundle.least_squares import CAUCHY
 from slam_init.bundle.problem import MEDIAN_SQUARE
 from slam_init.types.arrays import Bools, Floats, Ints
 from slam_init.types.camera import Camera
