@@ -30,6 +30,7 @@ from slam_init.compare.trials import Settings, Trial, error_row, run_trial
 from slam_init.errors import SlamInitError
 from slam_init.methods.external_command import is_external
 from slam_init.output.folder import writing
+from slam_init.system.user_code import place_of
 
 DASK = "dask:"
 #: Time for tracking a sequence: enough for an hour of video at 30 frames per second.
@@ -179,7 +180,7 @@ def _trial(trial: Trial, settings: Settings) -> TrialRow:
     except BaseException as error:  # raised by the method, sys.exit too: the trial counts as an error
         if isinstance(error, MemoryError) or "Insufficient memory" in str(error) or "bad_alloc" in str(error):
             os._exit(_EXHAUSTED)  # OpenCV and C++ extensions do not raise MemoryError
-        text = str(error) if isinstance(error, SlamInitError) else f"{type(error).__name__}: {error}"
+        text = str(error) if isinstance(error, SlamInitError) else f"{type(error).__name__}: {error}{place_of(error)}"
         row = error_row(trial, settings, text)
     # The memory of this process is not that of an external program.
     return row if is_external(trial.method) else replace(row, peak_memory_mb=_peak_memory_mb())
