@@ -9,10 +9,16 @@ and exits with code 2.
 from __future__ import annotations
 
 import re
+import sysconfig
+from pathlib import Path
+from traceback import extract_tb
 
 # Control characters, line separators, halves of surrogate pairs, and marks that turn the direction of the text. A file
 # name may hold any of them, and with them a message could look like another one.
 _NOT_PLAIN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+
+# How the names of files begin that are not the user's: of this package, of Python, and of what is installed.
+_OF_OTHERS = ("<", str(Path(__file__).parent), *map(sysconfig.get_path, ("stdlib", "purelib", "platlib")))
 
 # Longest message. A path may have 4096 characters and stands at the start.
 _LONGEST = 10_000
@@ -33,6 +39,23 @@ def plain_line(text: str) -> str:
         Python: ``\n``, ``\x1b``, ``\u202e``. All other characters stay.
     """
     return _NOT_PLAIN.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+
+
+def place_of(error: BaseException) -> str:
+    """Name the innermost line of the user's own code that an error passed.
+
+    Parameters
+    ----------
+    error : BaseException
+        Raised by a method, a matcher or a reader of the user.
+
+    Returns
+    -------
+    str
+        A space, then the place, as in ``(my_method.py:14)``; empty where the error passed no such line.
+    """
+    own = [at for at in extract_tb(error.__traceback__) if not at.filename.startswith(_OF_OTHERS)]
+    return f" ({Path(own[-1].filename).name}:{own[-1].lineno})" if own else ""
 
 
 class SlamInitError(Exception):

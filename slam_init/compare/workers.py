@@ -27,10 +27,9 @@ from slam_init.compare.replay import replay, tracks_digest
 from slam_init.compare.rows import TrialRow
 from slam_init.compare.sources import ComparedSource, open_compared
 from slam_init.compare.trials import Settings, Trial, error_row, run_trial
-from slam_init.errors import SlamInitError
+from slam_init.errors import SlamInitError, place_of
 from slam_init.methods.external_command import is_external
 from slam_init.output.folder import writing
-from slam_init.system.user_code import place_of
 
 DASK = "dask:"
 #: Time for tracking a sequence: enough for an hour of video at 30 frames per second.

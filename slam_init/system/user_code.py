@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import sys
-import sysconfig
 from hashlib import blake2b
 from importlib import import_module
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from traceback import extract_tb
 from types import ModuleType
 from typing import Any
 
-#: Folders of code that is not the user's: this package, Python, and what is installed.
-_OF_OTHERS = {
-    Path(__file__).resolve().parents[1],
-    *(Path(sysconfig.get_path(name)).resolve() for name in ("stdlib", "purelib", "platlib")),
-}
+from slam_init.errors import place_of
 
 
 def attribute_of(text: str) -> Any:
@@ -27,27 +21,14 @@ def attribute_of(text: str) -> Any:
     """
     place, _, attribute = text.rpartition(":")
     module = _module_of(Path(place)) if place.endswith(".py") else import_module(place)
-    try:
-        return getattr(module, attribute)
-    except AttributeError:
-        raise AttributeError(f"{place} has no attribute {attribute!r}") from None
+    if not hasattr(module, attribute):
+        raise AttributeError(f"{place} has no attribute {attribute!r}")
+    return getattr(module, attribute)
 
 
 def described_error(error: BaseException) -> str:
     """What an error of the user's code says, and where, in one line. An error without a text is named by its type."""
     return (" ".join(str(error).split()) or type(error).__name__) + place_of(error)
-
-
-def place_of(error: BaseException) -> str:
-    """The innermost line of the user's code that an error passed, as ``(my_method.py:14)``; empty where there is none.
-
-    A space stands before it.
-    """
-    lines = [(Path(at.filename), at.lineno) for at in extract_tb(error.__traceback__)]
-    own = [
-        (path, line) for path, line in lines if path.is_file() and not _OF_OTHERS.intersection(path.resolve().parents)
-    ]
-    return f" ({own[-1][0].name}:{own[-1][1]})" if own else ""
 
 
 def _module_of(file: Path) -> ModuleType:
