@@ -52,10 +52,10 @@ def place_of(error: BaseException) -> str:
     Returns
     -------
     str
-        A space, then the place, as in ``(my_method.py:14)``; empty where the error passed no such line.
+        A space, then the place, as in ``at my_method.py:14``; empty where the error passed no such line.
     """
     own = [at for at in extract_tb(error.__traceback__) if not at.filename.startswith(_OF_OTHERS)]
-    return f" ({Path(own[-1].filename).name}:{own[-1].lineno})" if own else ""
+    return f" at {Path(own[-1].filename).name}:{own[-1].lineno}" if own else ""
 
 
 class SlamInitError(Exception):

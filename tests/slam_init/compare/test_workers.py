@@ -33,8 +33,8 @@ def test_each_kind_of_failure_is_an_error_of_its_own_trial():
     source = describe_sources(SOURCES[:1])[0]
     causes = {
         "stella": None,
-        "failing_methods:Raises": "RuntimeError: no such thing as a pose (failing_methods.py:14)",
-        "failing_methods:Exits": "SystemExit: 3 (failing_methods.py:19)",
+        "failing_methods:Raises": "RuntimeError: no such thing as a pose at failing_methods.py:14",
+        "failing_methods:Exits": "SystemExit: 3 at failing_methods.py:19",
         "failing_methods:Aborts": "the process died (SIGABRT)",
         "failing_methods:EatsMemory": "more than 400 MB of memory",
     }
