@@ -55,7 +55,7 @@ _ROUNDING_PX = 1e-9
 _SETTLED = 1e-4
 #: Largest step of an unknown: in radians, or of the logarithm of the focal length.
 _LONGEST_STEP = 0.3
-#: First damping of the steps, and the largest one.
+#: First damping of the steps, and the largest one, with which a step is a ten thousandth of that without.
 _DAMPING, _MOST_DAMPING = 1e-4, 1e4
 #: Smallest ratio of the eigenvalues of the information, scaled to a diagonal of ones, with which it determines the
 #: focal length: rounding errors of the derivatives are smaller by a thousand.

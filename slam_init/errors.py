@@ -8,6 +8,7 @@ and exits with code 2.
 
 from __future__ import annotations
 
+import os
 import re
 import sysconfig
 from pathlib import Path
@@ -16,9 +17,6 @@ from traceback import extract_tb
 # Control characters, line separators, halves of surrogate pairs, and marks that turn the direction of the text. A file
 # name may hold any of them, and with them a message could look like another one.
 _NOT_PLAIN = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
-
-# How the names of files begin that are not the user's: of this package, of Python, and of what is installed.
-_OF_OTHERS = ("<", str(Path(__file__).parent), *map(sysconfig.get_path, ("stdlib", "purelib", "platlib")))
 
 # Longest message. A path may have 4096 characters and stands at the start.
 _LONGEST = 10_000
@@ -54,7 +52,10 @@ def place_of(error: BaseException) -> str:
     str
         A space, then the place, as in ``at my_method.py:14``; empty where the error passed no such line.
     """
-    own = [at for at in extract_tb(error.__traceback__) if not at.filename.startswith(_OF_OTHERS)]
+    # Of others are the folders of this package, of Python, and of what is installed, and code without a file.
+    folders = (Path(__file__).parent, *map(sysconfig.get_path, ("stdlib", "purelib", "platlib")))
+    others = ("<", *(f"{folder}{os.sep}" for folder in folders))
+    own = [at for at in extract_tb(error.__traceback__) if not at.filename.startswith(others)]
     return f" at {Path(own[-1].filename).name}:{own[-1].lineno}" if own else ""
 
 

@@ -15,6 +15,7 @@ from quest.jit import compiler_of, inlined
 from slam_init.frontend.patch_size import SIDE_PX, UNKNOWNS, WIDE
 from slam_init.types.arrays import Bools, Floats, Floats32, Image, Ints, Ints32, Pairs
 
+#: The loops hold no sums, deviations and copies of slices: for four of these numba compiled 46 functions more.
 compiled = compiler_of(Path(__file__).parent)
 
 #: Pixels from the centre of a patch to its border.
