@@ -75,7 +75,7 @@ class _UnsolvableError(Exception):
 
 
 #: What ends an adjustment: too few observations, and how gtsam and numpy report singular systems.
-_FAILURES = (_UnsolvableError, RuntimeError, np.linalg.LinAlgError)
+FAILURES = (_UnsolvableError, RuntimeError, np.linalg.LinAlgError)
 
 
 def adjust(
@@ -97,17 +97,17 @@ def adjust(
     held = config.refine_focal and needs_virtual_cameras(camera)
     refined, lens = config.refine_focal and not held, lens_prior(camera, config)
     try:
-        start = _with_unit_depth(problem)
+        start = with_unit_depth(problem)
         first = camera_with_focal_factor(camera, focal_factor) if config.refine_focal else camera
-        fit = _with_held_camera(first, start, config, poses_known=poses_known)
+        fit = with_held_camera(first, start, config, poses_known=poses_known)
         if refined:
             fit = adjust_focal(camera, fit, config)
-            fit = fit._replace(problem=_with_unit_depth(fit.problem))
+            fit = fit._replace(problem=with_unit_depth(fit.problem))
         stated = _with_known_depths(_stated(fit, config, lens), config, camera if refined else None)
         if problem.prior is not None:
             stated = _weighed_against_poses(stated, config)
         solution = _solution(stated, start, camera)
-    except _FAILURES as error:
+    except FAILURES as error:
         # Where the tracks contradict known poses, the recipe for poses that are not known may still find a map.
         return adjust(camera, problem, config, focal_factor) if poses_known else _failure(error)
     focal_sigma = float(np.sqrt(stated.found.lens[0, 0])) * solution.camera.fx / camera.fx if refined else None
@@ -168,7 +168,7 @@ def solution_of(camera: Camera, problem: BundleProblem, config: MapConfig) -> Bu
     lens = lens_prior(camera, config)
     try:
         return _solution(_stated(BundleFit(camera, problem, ()), config, lens), problem, camera)
-    except _FAILURES as error:
+    except FAILURES as error:
         return _failure(error)
 
 
@@ -256,7 +256,7 @@ def _scale_uncertainty(depth_sigmas: Floats, stretched: Floats) -> ScaleUncertai
     return ScaleUncertainty(float(np.sqrt(np.sum(shared[:-LENS] ** 2) + weights**2 @ own)), shared[-LENS:])
 
 
-def _with_held_camera(camera: Camera, start: BundleProblem, config: MapConfig, *, poses_known: bool) -> BundleFit:
+def with_held_camera(camera: Camera, start: BundleProblem, config: MapConfig, *, poses_known: bool) -> BundleFit:
     """Adjust poses and landmarks: with a robust kernel, then without outliers in least squares.
 
     * ``poses_known``: Whether the poses are those of a robust estimate. Only the points are fitted robustly then.
@@ -265,16 +265,16 @@ def _with_held_camera(camera: Camera, start: BundleProblem, config: MapConfig, *
     start = with_lenses(camera, start)
     if poses_known:
         points = fit_points(start, config.noise_px)
-        return _least_squares(camera, points, (_rms_px(start, camera),), config, _FEW_ITERATIONS)
+        return without_outliers(camera, points, (_rms_px(start, camera),), config, _FEW_ITERATIONS)
     if not (np.isfinite(start.points).all() and np.isfinite(start.pixels).all()):
         raise _UnsolvableError("a coordinate of a landmark or of a pixel is not finite")
     ahead = _solvable(_in_front(start, camera))
     # The robust stage only has to identify the outliers; the least-squares stage reaches the full precision.
     robust, errors = minimize(ahead, config.noise_px, iterations=8, tolerance=1e-3, robust=True)
-    return _least_squares(camera, robust, tuple(errors), config, _ITERATIONS)
+    return without_outliers(camera, robust, tuple(errors), config, _ITERATIONS)
 
 
-def _least_squares(
+def without_outliers(
     camera: Camera, robust: BundleProblem, errors: tuple[float, ...], config: MapConfig, iterations: int
 ) -> BundleFit:
     """The least-squares fit without the outliers of a robust fit."""
@@ -295,7 +295,7 @@ def _least_squares(
 def _settled(camera: Camera, problem: BundleProblem, noise_px: float, iterations: int) -> BundleFit:
     """The optimum in least squares, without the points that it moved behind a camera; its median depth is 1."""
     polished, errors = minimize(problem, noise_px, iterations=iterations, tolerance=1e-5)
-    return BundleFit(camera, _solvable(_in_front(_with_unit_depth(polished), camera)), tuple(errors))
+    return BundleFit(camera, _solvable(_in_front(with_unit_depth(polished), camera)), tuple(errors))
 
 
 def _in_front(problem: BundleProblem, camera: Camera) -> BundleProblem:
@@ -309,7 +309,7 @@ def _rms_px(problem: BundleProblem, camera: Camera) -> float:
     return float(np.sqrt(np.nanmean(squares))) if np.isfinite(squares).any() else np.inf
 
 
-def _with_unit_depth(problem: BundleProblem) -> BundleProblem:
+def with_unit_depth(problem: BundleProblem) -> BundleProblem:
     """The problem with a median depth of 1 in the first view."""
     depths = problem.world_from_cam[0].inverse().apply(problem.points)[:, 2]
     depths = depths[np.isfinite(depths) & (depths > 0)]

@@ -37,7 +37,7 @@ from slam_init.types.camera import Camera
 from slam_init.types.correlated_errors import orthonormal_polynomials
 from slam_init.types.lens import CALIBRATED_SIGMA, MAX_FOCAL_SIGMA, UNKNOWN_PRINCIPAL_SIGMA, LensPrior, k1_sigma
 
-#: Parameters of the lens, and of the field of a view, among the shared errors.
+#: Parameters of the lens, and of the field of a view, among the shared errors. A fit of the lens has a k2 besides.
 LENS, FIELD = 4, 12
 
 
@@ -101,7 +101,7 @@ class SharedEquations(NamedTuple):
     of_points: Floats
     #: (6 K, S)
     coupling: Floats
-    #: (K, 16, 16) Products of lens and field of a view, before the elimination.
+    #: (K, 16, 16) Products of lens and field of a view, before the elimination; (K, 5, 5) without fields.
     own: Floats
     #: (S,) and (L, 6 K): the gradient by the shared errors, and the scores of the landmarks: their parts in that by the
     #: poses.
@@ -227,12 +227,18 @@ def causes_of_poses(found: SharedEquations, errors: ErrorModel, covariance: Floa
 
 
 def shared_equations(
-    camera: Camera, problem: BundleProblem, noise_px: float, measured: BundleProblem | None = None
+    camera: Camera,
+    problem: BundleProblem,
+    noise_px: float,
+    measured: BundleProblem | None = None,
+    *,
+    fields: bool = True,
 ) -> SharedEquations:
     """The equations of poses and shared errors.
 
     * ``problem``: Of :func:`at_projections`.
     * ``measured``: The same problem with what was measured; by default there are no residuals.
+    * ``fields``: Whether the views have fields. Without them the lens has its k2 besides.
     """
     from slam_init.bundle.kernel import derivatives
 
@@ -241,13 +247,19 @@ def shared_equations(
     by_pose, by_point = derivatives(*state, *observed[:3])
     left = np.zeros((len(problem.pixels), 2)) if measured is None else _residuals(problem, measured)
     by_lens, left = (one[observed.order] / noise_px for one in (lens_derivatives(camera, problem), left))
-    places = orthonormal_polynomials(camera, problem.pixels)[observed.order]
-    # A field moves a pixel along both coordinates, as the principal point does, by the sum of six polynomials each.
-    by_field = by_lens[:, :, 1:3, None] * places[:, None, None]
-    errors = np.concatenate([by_lens, by_field.reshape(len(left), 2, FIELD)], axis=2)
-    size, landmarks = LENS + FIELD * views, np.repeat(np.arange(count), np.diff(observed.starts))
-    columns = np.broadcast_to(np.arange(LENS + FIELD), (len(left), LENS + FIELD)).copy()
-    columns[:, LENS:] += FIELD * observed.views[:, None]
+    if fields:
+        places = orthonormal_polynomials(camera, problem.pixels)[observed.order]
+        # A field moves a pixel along both coordinates, as the principal point does, by the sum of six polynomials each.
+        by_field = by_lens[:, :, 1:3, None] * places[:, None, None]
+        errors = np.concatenate([by_lens, by_field.reshape(len(left), 2, FIELD)], axis=2)
+        lens, field = LENS, FIELD
+    else:
+        x = problem.virtual[observed.order, 2, :2] / problem.virtual[observed.order, 2, 2:]
+        by_k2 = np.sum(x * x, axis=1)[:, None, None] * by_lens[:, :, LENS - 1 :]
+        errors, lens, field = np.concatenate([by_lens, by_k2], axis=2), LENS + 1, 0
+    size, landmarks = lens + field * views, np.repeat(np.arange(count), np.diff(observed.starts))
+    columns = np.broadcast_to(np.arange(lens + field), (len(left), lens + field)).copy()
+    columns[:, lens:] += field * observed.views[:, None]
     rows = 3 * landmarks[:, None] + np.arange(3)
     of_points = _summed(
         size * rows[:, :, None] + columns[:, None], np.swapaxes(by_point, 1, 2) @ errors, 3 * count * size
@@ -256,14 +268,14 @@ def shared_equations(
     gradient = _summed(columns, np.einsum("mji,mj->mi", errors, left), size)
     poses = 6 * (views * landmarks + observed.views)[:, None] + np.arange(6)
     scores = _summed(poses, np.einsum("mji,mj->mi", by_pose, left), 6 * views * count).reshape(count, -1)
-    coupling, own = np.zeros((views, 6, size)), np.zeros((views, LENS + FIELD, LENS + FIELD))
+    coupling, own = np.zeros((views, 6, size)), np.zeros((views, lens + field, lens + field))
     with single_threaded():
         equations = equations_of(observed, terms, state)
         for view in range(views):
             of_view = np.flatnonzero(observed.views == view)
-            flat = errors[of_view].reshape(-1, LENS + FIELD)
+            flat = errors[of_view].reshape(-1, lens + field)
             own[view] = flat.T @ flat
-            at = np.r_[:LENS, LENS + FIELD * view : LENS + FIELD * (view + 1)]
+            at = np.r_[:lens, lens + field * view : lens + field * (view + 1)]
             coupling[view][:, at] = by_pose[of_view].reshape(-1, 6).T @ flat
         of_points = forward_substituted(equations.roots, of_points.reshape(count, 3, size))
         solved = forward_substituted(equations.roots, solved)

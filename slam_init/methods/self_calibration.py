@@ -15,7 +15,8 @@ from itertools import chain
 
 import numpy as np
 
-from slam_init.bundle.lens_fit import Matches, fit_lens
+from slam_init.bundle.lens_fit import fit_lens
+from slam_init.bundle.problem import BundleProblem
 from slam_init.config import Config
 from slam_init.datasets.track_source import TrackProvider
 from slam_init.frontend.matched_tracks import make_tracker
@@ -47,7 +48,7 @@ _MATCHER, _MOST_TRACKS, _LEAST_VIEWS, _LEAST_POINTS = "sift", 3000, 6, 100
 _MOST_VIEWS = 30
 #: Outlier threshold of a view before the lens is known, in pixels: an unknown lens leaves several.
 _RESECTION_PX = 8.0
-#: Least share of the observations within three deviations of a fit: a wrong motion or a scene that moves leaves fewer.
+#: Least share of the observations that are no outliers of a fit: a wrong motion or a scene that moves leaves fewer.
 _LEAST_INLIERS = 0.6
 
 
@@ -204,16 +205,16 @@ def by_all_frames(
             tracker.history.put(source.observed(frame, begun))
         else:
             tracker.track(frame)
-    matches = _located_matches(list(tracker.history), poses, begun)
-    found = None if matches is None else fit_lens(matches, begun, camera)
+    located = _located(list(tracker.history), poses, begun)
+    found = None if located is None else fit_lens(located, begun, camera)
     if found is None or found.inliers < _LEAST_INLIERS or found.focal_sigma > _SIGNIFICANT_SIGMA:
         return None
     last = start + count - 1
     return StretchEstimate(start, last, found.focal_px, found.focal_sigma, found.k1, found.k1_sigma, found.k2)
 
 
-def _located_matches(views: Sequence[Observations], poses: dict[int, Pose], camera: Camera) -> Matches | None:
-    """The tracks of all frames that those of some known poses locate, with a start of their points.
+def _located(views: Sequence[Observations], poses: dict[int, Pose], camera: Camera) -> BundleProblem | None:
+    """The frames that those of some known poses locate, with a start of the points of their tracks.
 
     * ``poses``: Cam_from_world of some frames; others join.
     """
@@ -237,13 +238,11 @@ def _located_matches(views: Sequence[Observations], poses: dict[int, Pose], came
     if len(rows) < _LEAST_VIEWS:
         return None
     points = triangulate([pose.inverse() for pose in known], bearings[rows])
-    R, t = np.array([pose.R for pose in known]), np.array([pose.t for pose in known])
     seen = np.isfinite(bearings[rows, :, 0])
-    depths = np.einsum("kj,tj->kt", R[:, 2], np.nan_to_num(points)) + t[:, 2:]
-    good = np.isfinite(points).all(axis=1) & (seen.sum(axis=0) >= 3) & ((depths > 0) | ~seen).all(axis=0)
+    ahead = [np.sum(pose.apply(points) * bearings[row], axis=1) > 0 for pose, row in zip(known, rows, strict=True)]
+    good = np.isfinite(points).all(axis=1) & (seen.sum(axis=0) >= 3) & (ahead | ~seen).all(axis=0)
     if good.sum() < _LEAST_POINTS:
         return None
-    X = np.column_stack([points[good], np.ones(int(good.sum()))])
     at, of = np.nonzero(seen[:, good])
-    X /= np.linalg.norm(X, axis=1)[:, None]
-    return Matches(at, of, pixels[rows][:, good][at, of], R, t, X)
+    cameras = tuple(pose.inverse() for pose in known)
+    return BundleProblem(tuple(poses), cameras, points[good], track_ids[good], at, of, pixels[rows][:, good][at, of])
