@@ -72,7 +72,7 @@ def fit_lens(problem: BundleProblem, start: Camera, prior: Camera) -> LensEstima
       is an unknown of the fit, and no part of the result.
     * Returns: None where the views do not determine it.
     """
-    config, unknowns = MapConfig(), _unknowns(start, prior)
+    config, unknowns = MapConfig(), unknowns_of_lens(start, prior)
     at, camera = np.zeros(len(unknowns.mean)), unknowns.camera_at(np.zeros(len(unknowns.mean)))
     try:
         fit = with_held_camera(camera, with_unit_depth(problem), config, poses_known=False)
@@ -98,7 +98,7 @@ def fit_lens(problem: BundleProblem, start: Camera, prior: Camera) -> LensEstima
     )
 
 
-def _unknowns(start: Camera, prior: Camera) -> LensUnknowns:
+def unknowns_of_lens(start: Camera, prior: Camera) -> LensUnknowns:
     """The unknowns, relative to the camera of the start."""
 
     def parameters(camera: Camera) -> Floats:

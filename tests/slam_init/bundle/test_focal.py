@@ -1,6 +1,7 @@
 """The focal length as an unknown of bundle adjustment: accuracy, prior, and failed steps."""
 
 from dataclasses import replace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ from make_scene import CAMERA, cloud, plane, problem
 
 from slam_init.bundle import focal
 from slam_init.bundle.adjustment import adjust
-from slam_init.bundle.focal import camera_with_focal_factor
+from slam_init.bundle.focal import camera_with_focal_factor, lens_equations
+from slam_init.bundle.least_squares import minimize, with_lenses
+from slam_init.bundle.lens_fit import unknowns_of_lens
 from slam_init.bundle.problem import BundleSolution
 
 
@@ -49,23 +52,25 @@ def test_without_rotation_the_focal_length_and_its_uncertainty_are_those_of_the_
     assert narrow.focal_factor_sigma == pytest.approx(0.01, rel=0.05)
 
 
-def failing_from(call, count):
-    """A function that fails as gtsam does, from the given call on."""
-    calls = []
-
-    def wrapped(*args, **kwargs):
-        calls.append(args)
-        if len(calls) >= count:
-            raise RuntimeError("Indeterminant linear system")
-        return call(*args, **kwargs)
-
-    return wrapped
-
-
 def test_if_all_steps_of_the_focal_length_fail_the_stated_one_is_kept(monkeypatch):
     rng = np.random.default_rng(0)
     noisy = problem(CAMERA, cloud(rng), ROTATING, 0.2, rng)
-    monkeypatch.setattr(focal, "minimize", failing_from(focal.minimize, 2))
+    monkeypatch.setattr(focal, "stepped", Mock(side_effect=RuntimeError("Indeterminant linear system")))
     solution = adjust(CAMERA, noisy, FOCAL)
     assert isinstance(solution, BundleSolution)
     assert solution.focal_factor == 1
+
+
+def test_the_gradient_by_all_unknowns_of_a_lens_is_that_of_the_error_at_the_optima_of_poses_and_points():
+    rng = np.random.default_rng(0)
+    noisy, at = problem(CAMERAS["radtan"], cloud(rng), ROTATING, 0.3, rng), np.array([0.01, 2.0, -1.0, 0.02, -0.01])
+    unknowns = unknowns_of_lens(CAMERAS["radtan"], replace(CAMERA, focal_sigma=0.05))
+
+    def optimum(at):
+        fitted, errors = minimize(with_lenses(unknowns.camera_at(at), noisy), 0.3, iterations=50, tolerance=0.0)
+        pulls = (at - unknowns.mean) / unknowns.sigmas
+        return fitted, 0.5 * len(noisy.views) * (errors[-1] / 0.3) ** 2 + 0.5 * pulls @ pulls
+
+    steps = np.diag([1e-3, 0.1, 0.1, 1e-3, 1e-3])
+    numeric = [(optimum(at + one)[1] - optimum(at - one)[1]) / (2 * one.sum()) for one in steps]
+    np.testing.assert_allclose(lens_equations(unknowns, at, optimum(at)[0], 0.3).gradient, numeric, rtol=0.01)

@@ -42,23 +42,16 @@ def expected(R, t, m, n):
 
 @laws
 @given(seed=SEEDS, angle_rad=st.sampled_from([0.0, 1e-3, 0.1, 2.0]))
-def test_residuals_are_those_of_the_epipolar_geometry(seed, angle_rad):
+def test_residuals_and_score_are_those_of_the_epipolar_geometry(seed, angle_rad):
     R, t, m, n = matches_of_all_kinds(seed)
     R, t = disturbed(R, t, seed, angle_rad)
     expected_r2, behind = expected(R, t, m, n)
     r2 = kernels.residuals_of_model(m, n, as_model(R, t), THRESHOLD_RAD)
     assert np.sqrt(r2[~behind]) == pytest.approx(np.sqrt(expected_r2[~behind]), rel=1e-9, abs=1e-12)
     assert (np.isinf(r2) == behind).all()
-
-
-@laws
-@given(seed=SEEDS, angle_rad=st.sampled_from([0.0, 1e-3, 0.1, 2.0]))
-def test_the_score_is_the_truncated_sum_of_squares_in_front_of_both_cameras(seed, angle_rad):
-    R, t, m, n = matches_of_all_kinds(seed)
-    R, t = disturbed(R, t, seed, angle_rad)
-    r2, behind = expected(R, t, m, n)
-    near = (r2 < THRESHOLD_RAD**2) & ~behind
-    cost = np.where(near, r2, THRESHOLD_RAD**2).sum()
+    # The score is the truncated sum of squares in front of both cameras.
+    near = (expected_r2 < THRESHOLD_RAD**2) & ~behind
+    cost = np.where(near, expected_r2, THRESHOLD_RAD**2).sum()
     assert score(m, n, R, t, THRESHOLD_RAD, np.inf) == (pytest.approx(cost, rel=1e-9), near.sum())
     problem, model = PoseProblem(m, n, THRESHOLD_RAD), as_model(R, t)
     assert costs_of(problem, model[None]) == pytest.approx([cost], rel=1e-9)
