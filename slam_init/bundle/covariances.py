@@ -30,6 +30,8 @@ from slam_init.bundle.least_squares import (
     with_lenses,
 )
 from slam_init.bundle.problem import BundleProblem
+from slam_init.bundle.reprojection import is_undistorted_first
+from slam_init.bundle.virtual_cameras import needs_virtual_cameras
 from slam_init.config import MapConfig
 from slam_init.system.linear_algebra import single_threaded
 from slam_init.types.arrays import Bools, Floats, Ints
@@ -90,7 +92,11 @@ class MapCovariances(NamedTuple):
 
 
 class SharedEquations(NamedTuple):
-    """The equations of poses and shared errors, points eliminated."""
+    """The equations of poses and shared errors, points eliminated.
+
+    There are S shared errors: log focal length, principal point (2) and k1 of the lens; then the fields of the views,
+    12 K coefficients, or without fields the k2 of a pinhole or radial-tangential lens.
+    """
 
     observed: Observed
     #: by_pose, by_point: (M, 2, 6) and (M, 2, 3) Derivatives of the residuals.
@@ -99,12 +105,12 @@ class SharedEquations(NamedTuple):
     equations: Equations
     #: (L, 3, S) ``C^-1 V``.
     of_points: Floats
-    #: (6 K, S)
+    #: (6 K, S) Of poses and shared errors.
     coupling: Floats
     #: (K, 16, 16) Products of lens and field of a view, before the elimination; (K, 5, 5) without fields.
     own: Floats
     #: (S,) and (L, 6 K): the gradient by the shared errors, and the scores of the landmarks: their parts in that by the
-    #: poses.
+    #: poses, whose other part is the gradient of ``equations``: that of the terms of the poses alone.
     gradient: Floats
     scores: Floats
 
@@ -305,9 +311,11 @@ def lens_derivatives(camera: Camera, projected: BundleProblem) -> Floats:
     across, rays = projected.virtual[:, :2], projected.virtual[:, 2]
     found = camera.differentiated(rays)
     principal = np.broadcast_to(np.eye(2), (len(across), 2, 2))
-    by_lens = np.concatenate(
-        [(found.pixels - (camera.cx, camera.cy))[..., None], principal, found.by_k1[..., None]], axis=2
-    )
+    by_focal = (found.pixels - (camera.cx, camera.cy))[..., None]
+    if is_undistorted_first(camera) and not needs_virtual_cameras(camera):
+        # Another focal length leaves the undistorted pixels as they are.
+        by_focal = found.by_point[:, :, :2] @ rays[:, :2, None]
+    by_lens = np.concatenate([by_focal, principal, found.by_k1[..., None]], axis=2)
     # The shortest move of the ray that takes the pixel back: a ray does not move along itself.
     seen: Bools = np.asarray(np.isfinite(found.pixels[:, 0]))
     J = np.where(seen[:, None, None], found.by_point, np.eye(2, 3))

@@ -1,9 +1,9 @@
 """Adjusts the lens, whose unknowns all views share and have a prior, by Newton's method.
 
-A map without a calibration has one such unknown, the focal length. fx and fy keep their ratio, and all other parameters
-of the camera are held. The images of a camera that does not rotate do not determine the focal length: a longer lens
-sees a scene that is stretched along the optical axis in the same way. In this case the result is that of the prior, and
-the standard deviation is that of the prior as well.
+A map without a calibration has one such unknown, the focal length. fx and fy keep their ratio, and the distortion is
+held (:func:`camera_with_focal_factor`). The images of a camera that does not rotate do not determine the focal length:
+a longer lens sees a scene that is stretched along the optical axis in the same way. In this case the result is that of
+the prior, and the standard deviation is that of the prior as well.
 """
 
 from __future__ import annotations
@@ -37,7 +37,10 @@ _State: TypeAlias = tuple[Floats, BundleFit]
 
 
 class LensUnknowns(NamedTuple):
-    """Unknowns that make a camera: the logarithm of the focal length alone, or with principal point, k1 and k2."""
+    """Unknowns that make a camera: the logarithm of the focal length, or besides principal point (pixels), k1 and k2.
+
+    There are S of them, 1 or 5, in the order of the columns of :class:`slam_init.bundle.covariances.SharedEquations`.
+    """
 
     camera_at: Callable[[Floats], Camera]
     #: mean, sigmas: (S,) Of the prior.
@@ -108,8 +111,8 @@ def adjust_lens(unknowns: LensUnknowns, start: Floats, fit: BundleFit, noise_px:
             problem, more = minimize(with_lenses(camera, moved), noise_px, iterations=15, tolerance=1e-6)
         except (RuntimeError, CalibrationError, np.linalg.LinAlgError):
             return state, math.inf  # the poses are not determined, or the step is too long
-        if not np.isfinite(problem.residuals(camera)).all():
-            return state, math.inf
+        if not (np.isfinite(problem.residuals(camera)).all() and np.isfinite(problem.virtual).all()):
+            return state, math.inf  # the lens does not see a landmark or a pixel, whose error would be left out
         after = before._replace(camera=camera, problem=problem, errors=(*before.errors, *more))
         return (at + lens, after), error_of(at + lens, more[-1])
 
@@ -126,10 +129,12 @@ def lens_equations(unknowns: LensUnknowns, at: Floats, problem: BundleProblem, n
     found = shared_equations(camera, at_projections(camera, problem), noise_px, problem, fields=False)
     follows = -inverse_of_poses(found.equations.information) @ found.coupling[:, :size]
     of_points, weights = found.of_points[:, :, :size].reshape(-1, size), 1 / unknowns.sigmas**2
+    # The tracks pull the poses, and so does what is known of the poses besides.
+    of_poses = found.scores.sum(axis=0) + found.equations.gradient
     information = found.own.sum(axis=0)[:size, :size] - of_points.T @ of_points
     return LensEquations(
         information + found.coupling[:, :size].T @ follows + np.diag(weights),
-        found.gradient[:size] + follows.T @ found.scores.sum(axis=0) + weights * (at - unknowns.mean),
+        found.gradient[:size] + follows.T @ of_poses + weights * (at - unknowns.mean),
         follows,
         found,
     )

@@ -44,7 +44,7 @@ _MODEL_SIGMA = 0.03
 #: Parts of the image (columns, rows) whose errors are independent.
 #: Class: assumption.
 _REGIONS = (4, 3)
-#: How often lens and outliers are found anew, until the noise changes by less than a twentieth.
+#: How often the lens is fitted and further outliers are left out, until the noise changes by less than a twentieth.
 _ROUNDS, _NOISE_TOLERANCE = 6, 0.05
 _ITERATIONS = 15
 
@@ -60,7 +60,7 @@ class LensEstimate:
     k1: float
     k1_sigma: float
     k2: float
-    #: Share of the observations that are no outliers.
+    #: Share of the observations in the fit: of landmarks with parallax, and no outliers.
     inliers: float
 
 
@@ -68,8 +68,7 @@ def fit_lens(problem: BundleProblem, start: Camera, prior: Camera) -> LensEstima
     """Fit the lens of all views.
 
     * ``start``: The camera by which the poses of the problem were found, without distortion but k1 and k2.
-    * ``prior``: What is known before, with ``focal_sigma``. The principal point stays the one of its images, so that it
-      is an unknown of the fit, and no part of the result.
+    * ``prior``: What is known before, with ``focal_sigma``. The principal point is fitted too, and not returned.
     * Returns: None where the views do not determine it.
     """
     config, unknowns = MapConfig(), unknowns_of_lens(start, prior)
@@ -83,8 +82,11 @@ def fit_lens(problem: BundleProblem, start: Camera, prior: Camera) -> LensEstima
             before, noise_px = noise_px, fit.problem.noise_px(fit.problem.residuals(fit.camera), config)
             if abs(math.log(noise_px / before)) < _NOISE_TOLERANCE:
                 break
+        at, fit = adjust_lens(unknowns, at, fit, noise_px)
         variances = _variances(unknowns, at, fit.problem, noise_px)
     except FAILURES:
+        return None
+    if not np.isfinite(variances).all():
         return None
     pulls = (at - unknowns.mean) / unknowns.sigmas
     sigmas = _OPTIMISM * np.sqrt(variances * (1 + float(pulls @ pulls) / PULL_FREEDOM))
@@ -117,7 +119,7 @@ def unknowns_of_lens(start: Camera, prior: Camera) -> LensUnknowns:
 
 
 def _variances(unknowns: LensUnknowns, at: Floats, problem: BundleProblem, noise_px: float) -> Floats:
-    """Those (S,) of the unknowns at the optimum, where the scores of the regions sum to zero."""
+    """Those (S,) of the unknowns at the optimum, where the scores of the regions sum to what the prior pulls."""
     found = lens_equations(unknowns, at, problem, noise_px)
     covariance = np.linalg.inv(found.information)
     camera = unknowns.camera_at(at)

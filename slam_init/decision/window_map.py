@@ -77,7 +77,7 @@ class WindowMaps:
         bundle, _ = self._true_to_motion(self.window.risk.total, EVEN_ODDS)
         if not isinstance(bundle, BundleSolution):
             return None
-        return ProvisionalMap(self.built(bundle, self.risk_of(bundle).total))
+        return ProvisionalMap(self.built(bundle, self.risk_of_map(bundle).total))
 
     def built(self, bundle: BundleSolution, risk: float | None = None) -> InitialMap:
         """The map of an adjusted bundle, with what the window knows of its camera."""
@@ -98,7 +98,7 @@ class WindowMaps:
         """The observations of the keyframes of a map."""
         return tuple(self._views[frame] for frame in bundle.problem.frames)
 
-    def risk_of(self, bundle: BundleSolution) -> WindowRisk:
+    def risk_of_map(self, bundle: BundleSolution) -> WindowRisk:
         """The risk of an adjusted map, whose pair may be away from the motion of the window.
 
         Bundle adjustment holds the lens of a calibration, and does not know that points lie on a plane, nor the error
@@ -124,11 +124,11 @@ class WindowMaps:
         """
         frames, risk = self.window.certain_frames(of_view), self.window.risk
         bundle, table = self._without_moved_views(frames, of_view)
-        if not isinstance(bundle, BundleSolution) or self.risk_of(bundle).total <= of_pair:
+        if not isinstance(bundle, BundleSolution) or self.risk_of_map(bundle).total <= of_pair:
             return bundle, table
         prior = PosePrior(*np.radians([risk.directions.rotation_sigma_deg, risk.directions.sigma_deg]).tolist())
         bundle, table = self._without_moved_views(frames, of_view, prior)
-        if not isinstance(bundle, BundleSolution) or not of_pair < self.risk_of(bundle).total <= EVEN_ODDS:
+        if not isinstance(bundle, BundleSolution) or not of_pair < self.risk_of_map(bundle).total <= EVEN_ODDS:
             return bundle, table
         bundle, table = self._without_moved_views(frames, of_view, prior.times(_HELD))
         return (restated(bundle, prior, self._config.map) if isinstance(bundle, BundleSolution) else bundle), table

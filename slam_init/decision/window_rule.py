@@ -1,9 +1,10 @@
 """The decision on a frame: by the risk that the map of the best hypothesis is wrong, and by the depths of this map.
 
-quest proposes motions from the pairs that the keyframe manager chooses. From then on the motions live: each further
-frame joins their joint fit, and the risk is stated again. What follows from a window is a function of it
-(:mod:`slam_init.decision.evaluated_window`). A map is built for an accepted motion, for the two motions of an undecided
-plane or of the scene and a large object, or on request (:mod:`slam_init.decision.window_map`).
+quest proposes motions from the pairs that the keyframe manager chooses. A motion is the poses of the views of a window,
+with their lens, and a plane where there is one (:class:`slam_init.window.motion.Motion`). From then on the motions
+live: each further frame joins their joint fit, and the risk is stated again. What follows from a window is a function
+of it (:mod:`slam_init.decision.evaluated_window`). A map is built for an accepted motion, for the two motions of an
+undecided plane or of the scene and a large object, or on request (:mod:`slam_init.decision.window_map`).
 """
 
 from __future__ import annotations
@@ -95,7 +96,7 @@ class WindowRule:
         self._focal_check = FocalCheck()
         self._skipper = FrameSkipper()
         self._threshold_rad = config.two_view.threshold_px / history.camera.focal_px
-        self._reference: int | None = None
+        self._proposed_from: int | None = None
         self._only_rotated = False
         # The maps of the last evaluated window.
         self._last: WindowMaps | None = None
@@ -119,7 +120,8 @@ class WindowRule:
         last = None if self._last is None else self._last.window
         if self._skipper.count_and_skip(max((pair.direction_score for pair in pairs), default=0.0), last):
             return None
-        preview = chosen or next((pair for pair in pairs if pair.reference == self._reference), None)
+        # Without a pair to try, earlier motions go on from the reference of the last proposal.
+        preview = chosen or next((pair for pair in pairs if pair.reference == self._proposed_from), None)
         # Without further views, an earlier motion has only the reference in common with the window.
         lives_on = bool(self._live) and self._third_view
         if preview is None or not (chosen or lives_on):
@@ -139,7 +141,7 @@ class WindowRule:
             outcome = Outcome(attempt.refused_at(Verdict.PURE_ROTATION, Stage.MOTION))
         else:
             outcome = self._propose_and_fit(chosen, views, attempt, stopwatch)
-        # A pure rotation without evidence of its own is not enough translation yet.
+        # "Pure rotation" stays the reason only where the tracks show that the camera merely rotates.
         return replace(outcome, attempt=with_established_reason(self._history.camera, outcome.attempt))
 
     def end(self) -> FreeFocal | None:
@@ -166,7 +168,7 @@ class WindowRule:
     ) -> Outcome:
         """Propose motions where a pair was chosen, and evaluate all that are known."""
         if chosen is not None:
-            camera, pair, self._reference = self._history.camera, views.pair, chosen.reference
+            camera, pair, self._proposed_from = self._history.camera, views.pair, chosen.reference
             with stopwatch("two_view"):
                 pose, self._threshold_rad = self._propose_pose(camera, self._config, pair)
             attempt = replace(attempt, two_view=pose_evidence(camera, pose))
@@ -208,6 +210,7 @@ class WindowRule:
         if outcome.accepted is not None and free is not None and free.contradicts:
             refused = outcome.attempt.refused_at(Verdict.WRONG_FOCAL_LENGTH, Stage.MAP)
             outcome = Outcome(refused, lens=window.next_lens)
+        # The motions follow the lens here, and the history in :class:`slam_init.initializer.Initializer`.
         self._live.change_lens(window.lens, outcome.lens or window.lens)
         return replace(outcome, motion=window.motion, margin=risk.margin)
 
@@ -253,7 +256,7 @@ class WindowRule:
         attempt = replace(attempt, map=evidence).with_gates(on_map)
         if not all(gate.passes() for gate in on_map):
             return Outcome(attempt.refused_by(Stage.MAP, on_map), lens=lens)
-        risk = maps.risk_of(bundle)
+        risk = maps.risk_of_map(bundle)
         if risk.total > self._config.acceptance.max_risk:
             failure = f"the adjusted motion differs from that of the window: risk {risk.total:.2g}"
             attempt = replace(attempt, map=MapEvidence(failure=failure))

@@ -41,7 +41,7 @@ from slam_init.window.levels import (
     WRONG_ROTATION_DEG,
 )
 from slam_init.window.locating import align_views, locate_views
-from slam_init.window.motion import FittedMotion, Motion, OtherMotion, difference_deg, farthest_deg, fit_motion
+from slam_init.window.motion import FittedMotion, Motion, OtherMotion, farthest_deg, fit_motion
 from slam_init.window.tracks import WindowTracks
 from slam_init.window.uncertainty import places_of
 
@@ -138,27 +138,15 @@ def _proposed(search: _Search) -> OtherMotion:
     pose = estimate_relative_pose(rays[first, both], rays[second, both], threshold_rad=threshold_rad)
     if not isinstance(pose, RelativePose):
         return OtherMotion()
-    frames, moving = (tracks.frames[first], tracks.frames[second]), np.flatnonzero(both)[pose.inliers]
+    moving = np.flatnonzero(both)[pose.inliers]
     start = replace(hypotheses.motions[0].motion, plane=None, points=None)
     # Tracks of one plane have two motions.
     proposed: list[Hypothesis | RelativePose] = [pose, *pose.alternatives]
-    poses = [{frames[0]: Pose.identity(), frames[1]: Pose(one.R, one.t)} for one in proposed if np.any(one.t)]
-    fits = [_fitted_to(hypotheses, replace(start, cam_from_world=one), moving) for one in poses]
-    weighed = [_weighed(search, one) for one in fits if one is not None]
-    weighed = weighed or [_unlocated(search, frames, Pose(pose.R, pose.t), moving)]
-    return max(weighed, key=lambda other: other.probability)
-
-
-def _unlocated(search: _Search, frames: tuple[int, int], pose: Pose, moving: Ints) -> OtherMotion:
-    """A motion whose tracks do not locate the reference, weighed by the two views that propose it."""
-    hypotheses, best = search.hypotheses, search.hypotheses.motions[0].motion.cam_from_world
-    (first, second), others = frames, hypotheses.tracks.track_ids[moving]
-    if len(others) < LEAST_TRACKS or not pose.t.any() or first not in best or second not in best:
-        return OtherMotion(0.0, others)
-    rotation_deg, direction_deg = difference_deg(best[second] @ best[first].inverse(), pose)
-    if rotation_deg < search.same_rotation_deg and direction_deg < search.same_direction_deg:
-        return OtherMotion(0.0, others)
-    return OtherMotion(_probability(hypotheses, np.isin(np.arange(len(search.rest)), moving)), others)
+    frame1, frame2 = tracks.frames[first], tracks.frames[second]
+    poses = [{frame1: Pose.identity(), frame2: Pose(one.R, one.t)} for one in proposed if np.any(one.t)]
+    fits = [_fitted_to(hypotheses, replace(start, cam_from_world=pair), moving) for pair in poses]
+    weighed = [_weighed(search, fit) for fit in fits if fit is not None]
+    return max(weighed, key=lambda other: other.probability, default=OtherMotion())
 
 
 def _rotation(search: _Search) -> OtherMotion:
