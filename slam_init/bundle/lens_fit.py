@@ -7,7 +7,7 @@ that do not drift. Unknown are the poses, the points, the focal length, two coef
 the principal point. The lens has a prior.
 
 Robustness and elimination are those of the map (:mod:`slam_init.bundle.adjustment`, :mod:`slam_init.bundle.focal`). The
-better the lens, the lower the noise that the residuals show, and the more outliers it tells. The deviations are the
+better the lens, the lower the noise of the residuals, and the more of them are outliers. The deviations are the
 larger of two: by the curvature of the cost, and by the scatter of the scores of the regions of the image (White 1980),
 which knows errors that neighbours share.
 """
