@@ -271,13 +271,13 @@ def with_held_camera(camera: Camera, start: BundleProblem, config: MapConfig, *,
     ahead = _solvable(_in_front(start, camera))
     # The robust stage only has to identify the outliers; the least-squares stage reaches the full precision.
     robust, errors = minimize(ahead, config.noise_px, iterations=8, tolerance=1e-3, robust=True)
-    return without_outliers(camera, robust, tuple(errors), config, _ITERATIONS)
+    return without_outliers(camera, robust, tuple(errors), config)
 
 
 def without_outliers(
-    camera: Camera, robust: BundleProblem, errors: tuple[float, ...], config: MapConfig, iterations: int
+    camera: Camera, robust: BundleProblem, errors: tuple[float, ...], config: MapConfig, iterations: int = _ITERATIONS
 ) -> BundleFit:
-    """The least-squares fit without the outliers of a robust fit."""
+    """The least-squares fit without the outliers of a fit."""
     residuals = robust.residuals(camera)
     noise_px = robust.robust_noise_px(residuals, config)
     if noise_px > _WORST_NOISE * config.noise_px:

@@ -46,7 +46,6 @@ _MODEL_SIGMA = 0.03
 _REGIONS = (4, 3)
 #: How often the lens is fitted and further outliers are left out, until the noise changes by less than a twentieth.
 _ROUNDS, _NOISE_TOLERANCE = 6, 0.05
-_ITERATIONS = 15
 
 
 @dataclass(frozen=True)
@@ -72,13 +71,13 @@ def fit_lens(problem: BundleProblem, start: Camera, prior: Camera) -> LensEstima
     * Returns: None where the views do not determine it.
     """
     config, unknowns = MapConfig(), unknowns_of_lens(start, prior)
-    at, camera = np.zeros(len(unknowns.mean)), unknowns.camera_at(np.zeros(len(unknowns.mean)))
+    at = np.zeros(len(unknowns.mean))
     try:
-        fit = with_held_camera(camera, with_unit_depth(problem), config, poses_known=False)
-        noise_px = fit.problem.noise_px(fit.problem.residuals(camera), config)
+        fit = with_held_camera(unknowns.camera_at(at), with_unit_depth(problem), config, poses_known=False)
+        noise_px = fit.problem.noise_px(fit.problem.residuals(fit.camera), config)
         for _ in range(_ROUNDS):
             at, fit = adjust_lens(unknowns, at, fit, noise_px)
-            fit = without_outliers(fit.camera, fit.problem, (), config, _ITERATIONS)
+            fit = without_outliers(fit.camera, fit.problem, (), config)
             before, noise_px = noise_px, fit.problem.noise_px(fit.problem.residuals(fit.camera), config)
             if abs(math.log(noise_px / before)) < _NOISE_TOLERANCE:
                 break
